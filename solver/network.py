@@ -1,0 +1,443 @@
+"""The description of a network: frozen dataclasses, their units and allowed ranges, and validation.
+
+Everything here is in SI. Every number that a user may change is a *quantity*: a dataclass field that carries a
+:class:`Quantity`. The variables of the FMU, the keys of the network file, the error messages and the batch
+parameters of the solver all follow from these fields, so a new one is added here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .wall import ELASTIC_LAWS, VISCOUS_LAWS
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a number is: unit, allowed range, and how tools should show it.
+
+    unit, display : unit in SI and the unit people read it in (as pint and FMI display units spell it).
+    low, high : allowed range, both ends included unless ``open_low``.
+    nominal : typical magnitude, for the FMU's ``nominal`` attribute.
+    tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
+    """
+
+    unit: str
+    description: str
+    low: float
+    high: float
+    nominal: float = 1.0
+    display: str | None = None
+    open_low: bool = False
+    tunable: bool = True
+
+    def check(self, name: str, value: float) -> None:
+        """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""
+        if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
+            raise ValueError(f"{name} = {value!r}: must be a number in {self.unit_text}.")
+        below = value <= self.low if self.open_low else value < self.low
+        if not math.isfinite(value) or below or value > self.high:
+            bracket = "(" if self.open_low else "["
+            raise ValueError(
+                f"{name} = {value:g} {self.unit_text} is not allowed: {self.description} must lie in "
+                f"{bracket}{self.low:g}, {self.high:g}] {self.unit_text}; check the value and its unit."
+            )
+
+    @property
+    def unit_text(self) -> str:
+        return self.unit if self.unit != "1" else "(no unit)"
+
+
+def quantity(default: float | None, unit: str, description: str, low: float, high: float, **more: Any) -> Any:
+    """A dataclass field that carries a :class:`Quantity`; ``default`` None means the value must be given."""
+    metadata = {"quantity": Quantity(unit, description, low, high, **more)}
+    return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
+
+
+def quantities(thing: Any) -> dict[str, Quantity]:
+    """The quantities of a dataclass or of one of its instances, by field name."""
+    return {f.name: f.metadata["quantity"] for f in fields(thing) if "quantity" in f.metadata}
+
+
+@dataclass(frozen=True)
+class Fluid:
+    """Blood. Friction and convection of `momentumConserv_AQ`: C_f = friction π ν, ∂(α Q²/A)/∂x."""
+
+    rho: float = quantity(1060.0, "kg/m^3", "blood density rho", 1.0, 1e5, nominal=1e3, tunable=False)
+    nu: float = quantity(3.5e-6, "m^2/s", "kinematic viscosity nu", 0.0, 1.0, nominal=1e-6, tunable=False)
+    alpha: float = quantity(1.0, "1", "convective coefficient alpha", 0.0, 2.0, tunable=False)
+    friction: float = quantity(22.0, "1", "friction factor C_f/(pi nu)", 0.0, 1e4, nominal=10.0, tunable=False)
+
+    @property
+    def C_f(self) -> float:
+        """Skin friction coefficient C_f = friction π ν [m²/s] (`momentumConserv_AQ`; 22πν in the paper)."""
+        return self.friction * math.pi * self.nu
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One artery: geometry and wall. Symbols of the paper's Table 1 and of `eq:general`."""
+
+    name: str
+    L: float = quantity(None, "m", "length L", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False)
+    R0: float = quantity(None, "m", "radius R0 at P_ref", 1e-5, 0.2, nominal=5e-3, display="mm", tunable=False)
+    h: float = quantity(None, "m", "wall thickness h", 1e-6, 0.1, nominal=1e-3, display="mm", tunable=False)
+    E: float = quantity(None, "Pa", "Young's modulus E", 1e2, 1e10, nominal=1e6, display="MPa")
+    phi0: float = quantity(0.0, "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s")
+    phiNL: float = quantity(
+        0.0, "Pa.s^2", "nonlinear wall viscosity phiNL", -1e8, 1e8, nominal=1e4, display="kPa.s^2"
+    )
+    ENL: float = quantity(0.0, "Pa", "nonlinear elastic modulus ENL", -1e10, 1e10, nominal=1e4, display="MPa")
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Vessels that meet at one point: ΣQ = 0, and P + k (ρ/2)(Q/A)² equal in all of them.
+
+    ``k`` = 0 joins the static pressure (the paper), 1 the total pressure. A junction is named after its first inflowing segment.
+    """
+
+    inflow: tuple[str, ...]
+    outflow: tuple[str, ...]
+    k: float = quantity(0.0, "1", "pressure kept at the junction, k (0 static ... 1 total)", 0.0, 1.0)
+
+    @property
+    def name(self) -> str:
+        return self.inflow[0] if self.inflow else "(no inflow)"
+
+
+def _venous_pressure(description: str) -> Any:
+    pressure = Quantity("Pa", description, -1e5, 1e6, nominal=1e3, display="mmHg")
+    return field(default=0.0, kw_only=True, metadata={"quantity": pressure})
+
+
+@dataclass(frozen=True)
+class Outlet:
+    """The end of a segment. Subclasses state the relation between the total pressure P and the flow Q there."""
+
+    segment: str
+    P_venous: float = _venous_pressure("venous pressure P_venous")
+
+
+@dataclass(frozen=True)
+class Reflection(Outlet):
+    """Q = A_e w(A_e) (1 - R_t)/(1 + R_t), A_e = elastic⁻¹(P - P_venous), w = ∫ c/A dA from A0 (4 (c - c0) for the β-law)."""
+
+    R_t: float = quantity(None, "1", "reflection coefficient R_t", -0.999, 1.0)
+
+
+@dataclass(frozen=True)
+class Windkessel(Outlet):
+    """Three-element Windkessel: P = P_C + R1 Q, C dP_C/dt = Q - (P_C - P_venous)/R2."""
+
+    R1: float = quantity(None, "Pa.s/m^3", "proximal resistance R1", 0.0, 1e15, nominal=1e8, display="mmHg.s/mL")
+    C: float = quantity(None, "m^3/Pa", "compliance C", 1e-16, 1.0, nominal=1e-9, display="mL/mmHg")
+    R2: float = quantity(None, "Pa.s/m^3", "distal resistance R2", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL")
+
+
+@dataclass(frozen=True)
+class Resistance(Outlet):
+    """Pure resistance: P - P_venous = R Q."""
+
+    R: float = quantity(None, "Pa.s/m^3", "resistance R", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL")
+
+
+@dataclass(frozen=True)
+class Pressure(Outlet):
+    """Prescribed pressure: P = P_venous."""
+
+    P_venous: float = _venous_pressure("prescribed pressure P_venous")
+
+
+OUTLETS: tuple[type[Outlet], ...] = (Reflection, Windkessel, Resistance, Pressure)
+
+
+@dataclass(frozen=True)
+class Site:
+    """A place where pressure, flow and radius are reported: ``position`` is x/L along the segment."""
+
+    name: str
+    segment: str
+    position: float = quantity(0.5, "1", "position x/L", 0.0, 1.0, tunable=False)
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """Where flow enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine."""
+
+    segment: str
+    Q_max: float = quantity(55e-6, "m^3/s", "peak inflow Q_max", 0.0, 1.0, nominal=1e-4, display="mL/s")
+    T: float = quantity(0.5, "s", "period T", 1e-3, 100.0)
+
+    def Q(self, t: np.ndarray | float) -> np.ndarray:
+        """Inflow Q(t) [m³/s] at times t [s], any shape."""
+        # the phase is reduced first: sin(2π t/T) after many beats loses digits
+        return self.Q_max * np.maximum(0.0, np.sin(2 * np.pi * np.mod(np.asarray(t, float) / self.T, 1.0)))
+
+
+@dataclass(frozen=True)
+class Network:
+    """A network of arteries, checked when it is made.
+
+    eta : Poisson's ratio of the walls. P_ref : pressure at which R = R0. P_0 : uniform pressure at the start.
+    elastic_law, viscous_law : names from :mod:`solver.wall`.
+    Raises ValueError, one sentence that names the thing, its value, what is allowed and what to do.
+    """
+
+    name: str
+    segments: tuple[Segment, ...]
+    inlet: Inlet
+    junctions: tuple[Junction, ...] = ()
+    outlets: tuple[Outlet, ...] = ()
+    sites: tuple[Site, ...] = ()
+    fluid: Fluid = Fluid()
+    eta: float = quantity(0.5, "1", "Poisson's ratio eta", 0.0, 0.5, tunable=False)
+    P_ref: float = quantity(
+        0.0, "Pa", "reference pressure P_ref", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False
+    )
+    P_0: float = quantity(
+        0.0, "Pa", "uniform start pressure P_0", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False
+    )
+    elastic_law: str = "beta"
+    viscous_law: str = "quadratic"
+    reference: str = ""
+
+    NETWORK_GROUP: ClassVar[str] = "network"
+
+    def __post_init__(self) -> None:
+        _check_network(self)
+
+    # --- numbers by name: these names are the FMU's -------------------------------------------------------------
+
+    def owners(self) -> Iterator[tuple[str, Any]]:
+        """Every object that has parameters, with the prefix of its variables: ``fluid``, ``AA``, ``CA.outlet`` …"""
+        yield self.NETWORK_GROUP, self
+        yield "fluid", self.fluid
+        for segment in self.segments:
+            yield segment.name, segment
+        for outlet in self.outlets:
+            yield f"{outlet.segment}.outlet", outlet
+
+    def parameters(self) -> dict[str, float]:
+        """All parameters by variable name (``AA.E``, ``CA.outlet.R_t``, ``fluid.rho``, ``network.P_ref``), SI values."""
+        return {
+            f"{prefix}.{key}": getattr(owner, key) for prefix, owner in self.owners() for key in quantities(owner)
+        }
+
+    def parameter_quantities(self) -> dict[str, Quantity]:
+        """The :class:`Quantity` of every parameter, by variable name."""
+        return {f"{prefix}.{key}": q for prefix, owner in self.owners() for key, q in quantities(owner).items()}
+
+    def with_parameters(self, values: Mapping[str, float]) -> Network:
+        """The same network with some parameters replaced. Raises ValueError for a name or value that is not allowed."""
+        check_parameters(self, values)
+
+        def changed(prefix: str, owner: Any) -> Any:
+            mine = {key: float(values[f"{prefix}.{key}"]) for key in quantities(owner) if f"{prefix}.{key}" in values}
+            return replace(owner, **mine) if mine else owner
+
+        return replace(
+            changed(self.NETWORK_GROUP, self),
+            fluid=changed("fluid", self.fluid),
+            segments=tuple(changed(s.name, s) for s in self.segments),
+            outlets=tuple(changed(f"{o.segment}.outlet", o) for o in self.outlets),
+        )
+
+    def segment(self, name: str) -> Segment:
+        """The segment of that name (KeyError if there is none)."""
+        for segment in self.segments:
+            if segment.name == name:
+                return segment
+        raise KeyError(name)
+
+
+def check_parameters(network: Network, values: Mapping[str, Any]) -> None:
+    """Raise ValueError unless every name is a parameter of the network and every value (scalar or array) is allowed."""
+    known = network.parameter_quantities()
+    for name, value in values.items():
+        if name not in known:
+            raise ValueError(f"{name}: not a parameter of network {network.name}; {_suggest(name, known)}")
+        flat = np.asarray(value)
+        if flat.dtype.kind not in "fiu":
+            raise ValueError(f"{name} = {value!r}: must be a number in {known[name].unit_text}.")
+        for single in flat.ravel():
+            known[name].check(name, float(single))
+    for segment in network.segments:
+        phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
+        phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
+        if np.any((phi0 == 0.0) & (phiNL != 0.0)):
+            raise ValueError(_nonlinear_without_linear(segment.name))
+
+
+# --- plain data: what the FMU carries -----------------------------------------------------------------------------
+
+
+def to_dict(network: Network) -> dict[str, Any]:
+    """The network as nested dicts, lists, strings and SI floats (JSON-ready); :func:`from_dict` inverts it exactly."""
+
+    def plain(owner: Any, skip: Iterable[str] = ()) -> dict[str, Any]:
+        result = {f.name: getattr(owner, f.name) for f in fields(owner) if f.name not in skip}
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in result.items()}
+
+    nested = ("segments", "junctions", "outlets", "sites", "fluid", "inlet")
+    return {
+        **plain(network, nested),
+        "fluid": plain(network.fluid),
+        "inlet": plain(network.inlet),
+        "segments": [plain(s) for s in network.segments],
+        "junctions": [plain(j) for j in network.junctions],
+        "outlets": [{"condition": type(o).__name__, **plain(o)} for o in network.outlets],
+        "sites": [plain(s) for s in network.sites],
+    }
+
+
+def from_dict(data: Mapping[str, Any]) -> Network:
+    """The network of a :func:`to_dict` result."""
+    conditions = {kind.__name__: kind for kind in OUTLETS}
+    plain = {key: value for key, value in data.items() if not isinstance(value, (list, dict))}
+
+    def outlet(entry: Mapping[str, Any]) -> Outlet:
+        return conditions[entry["condition"]](**{k: v for k, v in entry.items() if k != "condition"})
+
+    return Network(
+        **plain,
+        fluid=Fluid(**data["fluid"]),
+        inlet=Inlet(**data["inlet"]),
+        segments=tuple(Segment(**s) for s in data["segments"]),
+        junctions=tuple(Junction(tuple(j["inflow"]), tuple(j["outflow"]), j["k"]) for j in data["junctions"]),
+        outlets=tuple(outlet(o) for o in data["outlets"]),
+        sites=tuple(Site(**s) for s in data["sites"]),
+    )
+
+
+# --- validation ---------------------------------------------------------------------------------------------------
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_RESERVED = {"inlet", "fluid", "network", "time", "outlet"}
+
+
+def _check_network(network: Network) -> None:
+    _check_names("network", [network.name], reserved=set())
+    _check_names("segment", [s.name for s in network.segments])
+    _check_names("site", [s.name for s in network.sites])
+    if not network.segments:
+        raise ValueError(f"network {network.name}: it has no segments; give at least one.")
+    _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
+    _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
+    for prefix, owner in _all_owners(network):
+        for key, quantity_ in quantities(owner).items():
+            quantity_.check(f"{prefix}.{key}", getattr(owner, key))
+    for segment in network.segments:
+        if segment.phi0 == 0.0 and segment.phiNL != 0.0:
+            raise ValueError(_nonlinear_without_linear(segment.name))
+    _check_references(network)
+    _check_topology(network)
+
+
+def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
+    yield from network.owners()
+    yield "inlet", network.inlet
+    for junction in network.junctions:
+        yield f"junction {junction.name}", junction
+    for site in network.sites:
+        yield f"site {site.name}", site
+
+
+def _nonlinear_without_linear(segment: str) -> str:
+    return (
+        f"{segment}.phiNL is not 0 although {segment}.phi0 = 0 Pa.s: the nonlinear viscosity needs phi0 > 0 "
+        f"(its law contains phiNL/phi0); set {segment}.phiNL to 0 or give {segment}.phi0."
+    )
+
+
+def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) -> None:
+    for name in names:
+        if not isinstance(name, str) or not _NAME.match(name):
+            raise ValueError(
+                f"{kind} name {name!r}: must start with a letter and hold only letters, digits and _; rename it."
+            )
+        if name in reserved:
+            raise ValueError(f"{kind} name {name!r} is reserved ({', '.join(sorted(reserved))}); rename it.")
+        if names.count(name) > 1:
+            raise ValueError(f"{kind} {name}: the name occurs {names.count(name)} times; names must be unique.")
+
+
+def _check_law(key: str, name: str, laws: Mapping[str, Any]) -> None:
+    if name not in laws:
+        raise ValueError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
+
+
+def _suggest(name: str, known: Iterable[str]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
+    return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
+
+
+def _check_references(network: Network) -> None:
+    names = [s.name for s in network.segments]
+    mentions = [(f"junction {j.name}", s) for j in network.junctions for s in (*j.inflow, *j.outflow)]
+    mentions += [(f"site {s.name}", s.segment) for s in network.sites]
+    mentions += [(f"outlet {o.segment}", o.segment) for o in network.outlets]
+    mentions += [("inlet", network.inlet.segment)]
+    for where, segment in mentions:
+        if segment not in names:
+            raise ValueError(f"{where}: there is no segment {segment!r}; {_suggest(segment, names)}")
+
+
+def _check_topology(network: Network) -> None:
+    """One root, every end joined to exactly one thing, every segment reachable from the inlet."""
+    starts: dict[str, list[str]] = {s.name: [] for s in network.segments}
+    ends: dict[str, list[str]] = {s.name: [] for s in network.segments}
+    starts[network.inlet.segment].append("the inlet")
+    for junction in network.junctions:
+        if not junction.inflow or not junction.outflow:
+            there = ", ".join(junction.inflow + junction.outflow) or "nothing"
+            raise ValueError(
+                f"junction of {there}: it has no partner; name at least one segment that flows in and one that flows out."
+            )
+        for name in junction.inflow:
+            ends[name].append(f"junction {junction.name}")
+        for name in junction.outflow:
+            starts[name].append(f"junction {junction.name}")
+    for outlet in network.outlets:
+        ends[outlet.segment].append("an outlet condition")
+    roots = [name for name, at in starts.items() if not at]
+    if roots:
+        raise ValueError(
+            f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
+            f"{network.inlet.segment}; let a junction flow into it or remove it."
+        )
+    for name, at in ends.items():
+        if not at:
+            raise ValueError(
+                f"segment {name}: its downstream end has neither junction nor outlet; give one (for example R_t = 0)."
+            )
+    for which, joined in (("upstream", starts), ("downstream", ends)):
+        for name, at in joined.items():
+            if len(at) > 1:
+                raise ValueError(
+                    f"segment {name}: its {which} end is joined twice ({' and '.join(at)}); keep one of them."
+                )
+    _check_reachable(network)
+
+
+def _check_reachable(network: Network) -> None:
+    reached = {network.inlet.segment}
+    grew = True
+    while grew:
+        new = {s for j in network.junctions if reached & {*j.inflow, *j.outflow} for s in (*j.inflow, *j.outflow)}
+        grew = not new <= reached
+        reached |= new
+    for segment in network.segments:
+        if segment.name not in reached:
+            raise ValueError(
+                f"segment {segment.name}: it cannot be reached from the inlet of {network.inlet.segment}; "
+                f"join it with a junction or remove it."
+            )

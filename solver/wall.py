@@ -1,0 +1,157 @@
+"""The arterial wall: elastic laws, Kelvin–Voigt viscosity and its nonlinear forms.
+
+The wall is written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 and strain rate
+ε̇ = ∂A/∂t / (2 A0 s). The transmural pressure is (`eq:general`, `sheep_constitutive`)
+
+    P = P_ref + P_el(ε) + K_h/s σ_v(ε̇),    K_h = h/((1 - η²) R0)
+
+Two elastic laws (notes on the paper, slip 2) and three viscous stresses exist, each a small frozen object in a
+table by name. Pressure, derivative and integral of a law are tied together by tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+Array = np.ndarray
+
+# Gauss–Legendre nodes for the velocity integral: nine digits more than needed for strains up to 0.5
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+class ElasticLaw(Protocol):
+    """P_el as a function of the stretch s, for stiffness K = E h/((1 - η²) R0) [Pa] and e = E_NL/E [-]."""
+
+    name: str
+
+    def pressure(self, s: Array, K: Array, e: Array) -> Array:
+        """P_el(s) [Pa]; zero at s = 1."""
+        ...
+
+    def derivative(self, s: Array, K: Array, e: Array) -> Array:
+        """dP_el/ds [Pa]."""
+        ...
+
+    def stretch(self, P: Array, K: Array, e: Array) -> Array:
+        """s with P_el(s) = P; NaN where no wall can carry P."""
+        ...
+
+    def energy(self, s: Array, K: Array, e: Array) -> Array:
+        """∫₁ˢ P_el s ds [Pa]; 2 A0 times it is the stored energy per length ∫ P_el dA."""
+        ...
+
+
+@dataclass(frozen=True)
+class Beta:
+    """P_el = K (ε + e ε²): the network's law β(√A - √A0) of `sheep_constitutive`, β = √π E h/((1-η²) A0), K = β √A0."""
+
+    name: str = "beta"
+
+    def pressure(self, s: Array, K: Array, e: Array) -> Array:
+        strain = s - 1.0
+        return K * strain * (1.0 + e * strain)
+
+    def derivative(self, s: Array, K: Array, e: Array) -> Array:
+        return K * (1.0 + 2.0 * e * (s - 1.0))
+
+    def stretch(self, P: Array, K: Array, e: Array) -> Array:
+        p = P / K
+        return 1.0 + 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p))
+
+    def energy(self, s: Array, K: Array, e: Array) -> Array:
+        x = s - 1.0
+        return K * x * x * (0.5 + (1.0 + e) * x / 3.0 + e * x * x / 4.0)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """P_el = K (ε + e ε²)/s: the law of `sheep_pressure_radius`, E h/(1-η²) (1/R0 - 1/R) when e = 0."""
+
+    name: str = "regression"
+
+    def pressure(self, s: Array, K: Array, e: Array) -> Array:
+        strain = s - 1.0
+        return K * strain * (1.0 + e * strain) / s
+
+    def derivative(self, s: Array, K: Array, e: Array) -> Array:
+        # d/ds [(ε + e ε²)/s] = (1 + e (s² - 1))/s²
+        return K * (1.0 + e * (s * s - 1.0)) / (s * s)
+
+    def stretch(self, P: Array, K: Array, e: Array) -> Array:
+        # K (ε + e ε²) = P (1 + ε): the root that vanishes with P; none for P >= K when e = 0
+        b = K - P
+        root = b + np.sqrt(b * b + 4.0 * K * e * P)
+        return np.where(root > 0.0, 1.0 + 2.0 * P / np.where(root > 0.0, root, 1.0), np.nan)
+
+    def energy(self, s: Array, K: Array, e: Array) -> Array:
+        x = s - 1.0
+        return K * x * x * (0.5 + e * x / 3.0)
+
+
+ELASTIC_LAWS: dict[str, ElasticLaw] = {law.name: law for law in (Beta(), Regression())}
+
+
+def wave_speed(law: ElasticLaw, s: Array, K: Array, e: Array, rho: Array) -> Array:
+    """Elastic wave speed c = √(A/ρ dP/dA) = √(s/(2ρ) dP_el/ds) [m/s]; NaN where the law is not stable."""
+    return np.sqrt(s / (2.0 * rho) * law.derivative(s, K, e))
+
+
+def riemann_velocity(law: ElasticLaw, s: Array, K: Array, e: Array, rho: Array) -> Array:
+    """w = ∫ c/A dA from A0 to A0 s² [m/s], the velocity behind a simple wave.
+
+    w = ∫₁ˢ √(2 (dP_el/ds)/(ρ s)) ds, by Gauss–Legendre quadrature. Equals 4 (c - c0) for the β-law and 4 (c0 - c)
+    for the regression law, both without E_NL.
+    """
+    half = 0.5 * (s - 1.0)[..., None]
+    x = 1.0 + half * (1.0 + _NODES)
+    slope = law.derivative(x, K[..., None], e[..., None])
+    integrand = np.sqrt(2.0 * slope / (np.asarray(rho)[..., None] * x))
+    return half[..., 0] * (integrand @ _WEIGHTS)
+
+
+class ViscousLaw(Protocol):
+    """σ_v(ε̇) = φ0 ε̇ factor(r ε̇) [Pa], r = φ_NL/φ0 [s]; ``factor`` is exactly 1 where r ε̇ = 0."""
+
+    name: str
+
+    def factor(self, x: Array) -> Array:
+        """σ_v/(φ0 ε̇) at x = r ε̇."""
+        ...
+
+    def slope(self, x: Array) -> Array:
+        """dσ_v/dε̇ / φ0 at x = r ε̇: the effective viscosity, which must stay positive."""
+        ...
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """σ_v = φ0 ε̇ + φ_NL ε̇² (`eq:general`). Its effective viscosity φ0 (1 + 2 r ε̇) changes sign at ε̇ = -1/(2r)."""
+
+    name: str = "quadratic"
+
+    def factor(self, x: Array) -> Array:
+        return 1.0 + x
+
+    def slope(self, x: Array) -> Array:
+        return 1.0 + 2.0 * x
+
+
+@dataclass(frozen=True)
+class Monotone:
+    """σ_v = φ0 (e^{2rε̇} - 1)/(2r): equal to the paper's to second order, with positive effective viscosity φ0 e^{2rε̇}."""
+
+    name: str = "monotone"
+
+    def factor(self, x: Array) -> Array:
+        y = 2.0 * x
+        zero = y == 0.0
+        return np.where(zero, 1.0, np.expm1(y) / np.where(zero, 1.0, y))
+
+    def slope(self, x: Array) -> Array:
+        return np.exp(2.0 * x)
+
+
+VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Monotone())}
