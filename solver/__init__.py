@@ -1,0 +1,54 @@
+"""1D blood flow in networks of viscoelastic arteries.
+
+>>> from solver import load, simulate_periodic
+>>> beat = simulate_periodic(load("sheep"))
+>>> beat["CA.P"].max()  # Pa
+"""
+
+from .files import bundled, find_network, read_network, write_network
+from .network import (
+    Fluid,
+    Inlet,
+    Junction,
+    Network,
+    Pressure,
+    Reflection,
+    Resistance,
+    Segment,
+    Site,
+    Windkessel,
+)
+from .simulate import NotPeriodic, Waveforms, sampled_inflow, simulate, simulate_periodic
+from .staggered import NonPhysicalState, Settings, Staggered
+
+
+def load(name_or_path: str) -> Network:
+    """The network of a TOML file, or a bundled one by name ("sheep"). Raises ValueError as :func:`read_network`."""
+    return read_network(find_network(name_or_path))
+
+
+__all__ = [
+    "Fluid",
+    "Inlet",
+    "Junction",
+    "Network",
+    "NonPhysicalState",
+    "NotPeriodic",
+    "Pressure",
+    "Reflection",
+    "Resistance",
+    "Segment",
+    "Settings",
+    "Site",
+    "Staggered",
+    "Waveforms",
+    "Windkessel",
+    "bundled",
+    "find_network",
+    "load",
+    "read_network",
+    "sampled_inflow",
+    "simulate",
+    "simulate_periodic",
+    "write_network",
+]

@@ -11,7 +11,8 @@ table by name. Pressure, derivative and integral of a law are tied together by t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -43,6 +44,10 @@ class ElasticLaw(Protocol):
         """∫₁ˢ P_el s ds [Pa]; 2 A0 times it is the stored energy per length ∫ P_el dA."""
         ...
 
+    def simple_wave(self, s: Array, c0: Array) -> Array:
+        """w = ∫ c/A dA from A0 [m/s] when e = 0, in closed form; c0 is the wave speed at s = 1."""
+        ...
+
 
 @dataclass(frozen=True)
 class Beta:
@@ -64,6 +69,9 @@ class Beta:
     def energy(self, s: Array, K: Array, e: Array) -> Array:
         x = s - 1.0
         return K * x * x * (0.5 + (1.0 + e) * x / 3.0 + e * x * x / 4.0)
+
+    def simple_wave(self, s: Array, c0: Array) -> Array:
+        return 4.0 * c0 * (np.sqrt(s) - 1.0)  # 4 (c - c0)
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,9 @@ class Regression:
     def energy(self, s: Array, K: Array, e: Array) -> Array:
         x = s - 1.0
         return K * x * x * (0.5 + e * x / 3.0)
+
+    def simple_wave(self, s: Array, c0: Array) -> Array:
+        return 4.0 * c0 * (1.0 - 1.0 / np.sqrt(s))  # 4 (c0 - c)
 
 
 ELASTIC_LAWS: dict[str, ElasticLaw] = {law.name: law for law in (Beta(), Regression())}
@@ -155,3 +166,93 @@ class Monotone:
 
 
 VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Monotone())}
+
+
+@dataclass(frozen=True)
+class Wall:
+    """The walls of a set of points: laws, and coefficient arrays that broadcast against A.
+
+    A0 [m²]; K = E h/((1-η²) R0) [Pa]; e = E_NL/E; K_h = h/((1-η²) R0) [-]; phi0 [Pa·s]; r = φ_NL/φ0 [s];
+    P_ref [Pa]; rho [kg/m³]. ``nonlinear`` tells whether any r differs from 0, ``bent`` whether any e does.
+    """
+
+    elastic: ElasticLaw
+    viscous: ViscousLaw
+    A0: Array
+    K: Array
+    e: Array
+    K_h: Array
+    phi0: Array
+    r: Array
+    P_ref: Array
+    rho: Array
+    nonlinear: bool
+    bent: bool
+
+    def at(self, index: Array | slice) -> Wall:
+        """The walls at some of the points: last axis indexed."""
+        picked = {name: np.ascontiguousarray(getattr(self, name)[..., index]) for name in _WALL_ARRAYS}
+        return replace(self, **picked)
+
+    def spread(self, n: int) -> Wall:
+        """The same walls with one more axis, of n points that share a wall."""
+        return replace(
+            self, **{name: np.repeat(getattr(self, name)[..., None], n, axis=-1) for name in _WALL_ARRAYS}
+        )
+
+    @cached_property
+    def viscosity_area(self) -> Array:
+        """ν_s A = φ0 K_h/2 [Pa·s] (`sheep_constitutive`)."""
+        return self.phi0 * self.K_h / 2.0
+
+    @cached_property
+    def c0(self) -> Array:
+        """Wave speed at R0 [m/s]: c0² = K/(2ρ), 2Eh/(3ρR0) for η = 1/2."""
+        return np.sqrt(self.K / (2.0 * self.rho))
+
+    def pressure(self, A: Array, A_t: Array) -> Array:
+        """P [Pa] = P_ref + P_el + ν_s ∂A/∂t + ν_NL (∂A/∂t)² (`sheep_constitutive`), with A_t = ∂A/∂t [m²/s]."""
+        s = np.sqrt(A / self.A0)
+        P = self.elastic.pressure(s, self.K, self.e)
+        P += self.P_ref
+        viscous = self.viscosity_area * A_t / A
+        if self.nonlinear:
+            viscous = viscous * self.viscous.factor(self.r * self.strain_rate(A, A_t))
+        P += viscous
+        return P
+
+    def stiffness(self, A: Array) -> Array:
+        """dP_el/dA [Pa/m²]."""
+        s = np.sqrt(A / self.A0)
+        return self.elastic.derivative(s, self.K, self.e) / (2.0 * self.A0 * s)
+
+    def viscosity(self, A: Array, A_t: Array) -> Array:
+        """∂P/∂(∂A/∂t) [Pa·s/m²]: ν_s + 2 ν_NL ∂A/∂t for the paper's law."""
+        nu_s = self.viscosity_area / A
+        return nu_s * self.relative_viscosity(A, A_t) if self.nonlinear else nu_s
+
+    def relative_viscosity(self, A: Array, A_t: Array) -> Array:
+        """Effective viscosity dσ_v/dε̇ / φ0 [-], which must stay positive."""
+        return self.viscous.slope(self.r * self.strain_rate(A, A_t))
+
+    def strain_rate(self, A: Array, A_t: Array) -> Array:
+        """ε̇ = ∂A/∂t / (2 √(A A0)) [1/s]."""
+        return A_t / (2.0 * np.sqrt(A * self.A0))
+
+    def area(self, P: Array) -> Array:
+        """A [m²] with P_ref + P_el(A) = P; NaN where no wall can carry P."""
+        s = self.elastic.stretch(P - self.P_ref, self.K, self.e)
+        return self.A0 * s * s
+
+    def wave_speed(self, A: Array) -> Array:
+        """c [m/s] at area A."""
+        return wave_speed(self.elastic, np.sqrt(A / self.A0), self.K, self.e, self.rho)
+
+    def riemann_velocity(self, A: Array) -> Array:
+        """w = ∫ c/A dA from A0 to A [m/s], the velocity behind a simple wave."""
+        if not self.bent:
+            return self.elastic.simple_wave(np.sqrt(A / self.A0), self.c0)
+        return riemann_velocity(self.elastic, np.sqrt(A / self.A0), self.K, self.e, self.rho)
+
+
+_WALL_ARRAYS = ("A0", "K", "e", "K_h", "phi0", "r", "P_ref", "rho")

@@ -1,0 +1,108 @@
+"""Command line of the solver: ``python -m solver NETWORK``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from .files import find_network, parse_quantity, read_network
+from .network import Network
+from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
+from .staggered import NonPhysicalState, Settings
+
+_MMHG = 133.322387415
+
+
+def main(
+    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network: sheep.")],
+    out: Annotated[Path | None, typer.Option(help="Write the waveforms to this CSV file.")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help='Change a parameter, e.g. --set "CA.phi0=0 kPa*s"; repeatable.')
+    ] = None,
+    duration: Annotated[
+        str | None, typer.Option(help='Run this long from rest, e.g. "2 s"; default: beats until they repeat.')
+    ] = None,
+    dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
+    element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
+    tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
+    max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no table.")] = False,
+) -> None:
+    """Simulate a network of arteries and report pressure, flow and radius at its sites."""
+    try:
+        model = read_network(find_network(network))
+        settings = Settings(
+            dt=parse_quantity(dt, "s", "--dt"),
+            element_length=parse_quantity(element_length, "m", "--element-length"),
+        )
+        model = model.with_parameters(_assignments(model, set_ or []))
+        result = _run(model, settings, duration, tolerance, max_beats, quiet)
+        if out is not None:
+            result.to_csv(out)
+    except (ValueError, NonPhysicalState, NotPeriodic) as error:
+        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from None
+    if not quiet:
+        _show(model, result, out)
+
+
+def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
+    """{"CA.phi0": 0.0} of ["CA.phi0=0 kPa*s"]."""
+    known = network.parameter_quantities()
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f'--set {text}: must look like NAME=VALUE, for example "CA.phi0=0 kPa*s".')
+        name = name.strip()
+        unit = known[name].unit if name in known else "1"
+        values[name] = parse_quantity(value.strip(), unit, name) if name in known else 0.0
+    return values
+
+
+def _run(
+    network: Network, settings: Settings, duration: str | None, tolerance: float, max_beats: int, quiet: bool
+) -> Waveforms:
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
+        task = bar.add_task(network.name, total=1.0)
+
+        def progress(fraction: float, label: str) -> None:
+            bar.update(task, completed=fraction, description=label)
+
+        if duration is not None:
+            seconds = parse_quantity(duration, "s", "--duration")
+            return simulate(network, duration=seconds, settings=settings, progress=progress)
+        return simulate_periodic(
+            network, settings=settings, tolerance=tolerance, max_beats=max_beats, progress=progress
+        )
+
+
+def _show(network: Network, result: Waveforms, out: Path | None) -> None:
+    console = Console()
+    periodic = result.change == result.change
+    how = f"{result.beats} beats, last change {result.change:.1e}" if periodic else f"{result.time[-1]:g} s from rest"
+    table = Table(title=f"{network.name}: {how}")
+    for column in ("site", "P min [mmHg]", "P max [mmHg]", "Q max [mL/s]", "R mean [mm]"):
+        table.add_column(column, justify="left" if column == "site" else "right")
+    for site in network.sites:
+        P, Q, R = (result[f"{site.name}.{kind}"] for kind in "PQR")
+        table.add_row(
+            site.name,
+            f"{P.min() / _MMHG:.2f}",
+            f"{P.max() / _MMHG:.2f}",
+            f"{Q.max() * 1e6:.3f}",
+            f"{R.mean() * 1e3:.3f}",
+        )
+    console.print(table)
+    if out is not None:
+        console.print(f"wrote {out}", markup=False)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,233 @@
+"""From a network to flat arrays: nodes, elements, sampling operators and coefficients. The only file that knows indices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .element import Element, element, lagrange
+from .network import Network, Reflection, Resistance, Windkessel, check_parameters
+from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
+
+Array = np.ndarray
+Parameters = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Nodes are the points where segments end: node 0 is the inlet; then one per junction, then one per outlet.
+
+    start, end : (n_segments,) node at each end. outlet_segment : (n_outlets,).
+    k : (n_nodes,) weight of the kinetic pressure that the node keeps (junctions only; 0 elsewhere).
+    """
+
+    start: Array
+    end: Array
+    outlet_segment: Array
+    k: Array
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.k)
+
+    @property
+    def outlets(self) -> slice:
+        return slice(self.n_nodes - len(self.outlet_segment), self.n_nodes)
+
+
+def topology(network: Network) -> Topology:
+    """Number the nodes of a network."""
+    index = {segment.name: i for i, segment in enumerate(network.segments)}
+    start = np.zeros(len(index), int)
+    end = np.zeros(len(index), int)
+    for node, junction in enumerate(network.junctions, start=1):
+        end[[index[name] for name in junction.inflow]] = node
+        start[[index[name] for name in junction.outflow]] = node
+    outlet_segment = np.array([index[outlet.segment] for outlet in network.outlets], int)
+    end[outlet_segment] = 1 + len(network.junctions) + np.arange(len(outlet_segment))
+    k = np.array([0.0, *(junction.k for junction in network.junctions), *(0.0 for _ in network.outlets)])
+    return Topology(start, end, outlet_segment, k)
+
+
+# --- coefficients -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """The numbers of a network, or of a batch of them: leading axis B (1 when nothing is batched).
+
+    L : (B, n_segments) [m]. wall : arrays (B, n_segments). rho, C_f, alpha, P_0 : (B, 1).
+    kappa : (B, n_outlets) (1 - R_t)/(1 + R_t), 0 where the outlet does not reflect. R1, C, R2 : (B, n_outlets); a
+    plain resistance is R1 with C = ∞, a prescribed pressure R1 = 0. P_venous : (B, n_outlets) [Pa].
+    reflects, stores : (n_outlets,) which outlets are reflections, and which Windkessels.
+    """
+
+    L: Array
+    wall: Wall
+    rho: Array
+    C_f: Array
+    alpha: Array
+    P_0: Array
+    kappa: Array
+    R1: Array
+    C: Array
+    R2: Array
+    P_venous: Array
+    reflects: Array
+    stores: Array
+    batched: bool
+
+    @property
+    def B(self) -> int:
+        return self.L.shape[0]
+
+
+def batch_size(parameters: Parameters) -> int | None:
+    """Length of the parameters that are arrays, or None if all are scalars. Raises ValueError unless they agree."""
+    sizes = {name: np.shape(value) for name, value in parameters.items() if np.ndim(value)}
+    for name, shape in sizes.items():
+        if len(shape) != 1 or shape[0] == 0 or shape != next(iter(sizes.values())):
+            first = next(iter(sizes))
+            raise ValueError(
+                f"{name}: batch of shape {shape} does not fit {first} of shape {sizes[first]}; "
+                "give scalars or one-dimensional arrays of one length."
+            )
+    return next(iter(sizes.values()))[0] if sizes else None
+
+
+def coefficients(network: Network, parameters: Parameters | None = None) -> Coefficients:
+    """The coefficients of a network with some parameters replaced by numbers or by arrays of B numbers.
+
+    Raises ValueError for an unknown name, a value out of range, or arrays of different lengths.
+    """
+    parameters = dict(parameters or {})
+    check_parameters(network, parameters)
+    size = batch_size(parameters)
+    values = {**network.parameters(), **parameters}
+
+    def column(name: str) -> Array:
+        return np.broadcast_to(np.asarray(values[name], float), (size or 1,))
+
+    def table(key: str) -> Array:
+        return np.stack([column(f"{segment.name}.{key}") for segment in network.segments], axis=1)
+
+    def outlets(kind: type, key: str, otherwise: float) -> Array:
+        names = [f"{o.segment}.outlet.{key}" if isinstance(o, kind) else None for o in network.outlets]
+        return np.stack([column(n) if n else np.full(size or 1, otherwise) for n in names], axis=1)
+
+    plate = 1.0 - column("network.eta")[:, None] ** 2
+    h_over_R0 = table("h") / table("R0")
+    phi0, phiNL = table("phi0"), table("phiNL")
+    rho = column("fluid.rho")[:, None]
+    wall = Wall(
+        elastic=ELASTIC_LAWS[network.elastic_law],
+        viscous=VISCOUS_LAWS[network.viscous_law],
+        A0=np.pi * table("R0") ** 2,
+        K=table("E") * h_over_R0 / plate,
+        e=table("ENL") / table("E"),
+        K_h=h_over_R0 / plate,
+        phi0=phi0,
+        r=np.divide(phiNL, phi0, out=np.zeros_like(phi0), where=phi0 > 0.0),
+        P_ref=np.broadcast_to(column("network.P_ref")[:, None], phi0.shape),
+        rho=np.broadcast_to(rho, phi0.shape),
+        nonlinear=bool(np.any(phiNL != 0.0)),
+        bent=bool(np.any(table("ENL") != 0.0)),
+    )
+    R_t = outlets(Reflection, "R_t", 1.0)
+    return Coefficients(
+        L=table("L"),
+        wall=wall,
+        rho=rho,
+        C_f=(column("fluid.friction") * np.pi * column("fluid.nu"))[:, None],
+        alpha=column("fluid.alpha")[:, None],
+        P_0=column("network.P_0")[:, None],
+        kappa=(1.0 - R_t) / (1.0 + R_t),
+        R1=outlets(Windkessel, "R1", 0.0) + outlets(Resistance, "R", 0.0),
+        C=outlets(Windkessel, "C", np.inf),
+        R2=outlets(Windkessel, "R2", np.inf),
+        P_venous=np.stack([column(f"{o.segment}.outlet.P_venous") for o in network.outlets], axis=1),
+        reflects=np.array([isinstance(o, Reflection) for o in network.outlets], bool),
+        stores=np.array([isinstance(o, Windkessel) for o in network.outlets], bool),
+        batched=size is not None,
+    )
+
+
+
+
+# --- mesh ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Every segment cut into equal elements of one degree; element ends join at nodes (the first ones are the topology's).
+
+    segment : (n_e,) segment of each element. ends : (n_e, 2) node at the left and right end.
+    incidence : (n_nodes, 2 n_e) net inflow of each node from the flows at the element ends (left, right, left, …).
+    first, count : (n_segments,) first element and number of elements of each segment.
+    """
+
+    topology: Topology
+    element: Element
+    segment: Array
+    ends: Array
+    incidence: Array
+    first: Array
+    count: Array
+
+    @property
+    def n_nodes(self) -> int:
+        return len(self.incidence)
+
+    @property
+    def n_elements(self) -> int:
+        return len(self.segment)
+
+    @property
+    def outlet_element(self) -> Array:
+        """(n_outlets,) last element of each outlet's segment."""
+        s = self.topology.outlet_segment
+        return self.first[s] + self.count[s] - 1
+
+    def sample_gauss(self, segment: Array, position: Array) -> Array:
+        """Matrix (n_points, n_e N) that interpolates A or ∂Q/∂x at x = position · L from the N + 1 nearest points."""
+        N = self.element.N
+        W = np.zeros((len(segment), self.n_elements * N))
+        for row, (s, x) in enumerate(zip(segment, position, strict=True)):
+            m = self.count[s]
+            points = ((self.element.x_gauss + 1.0) / 2.0 + np.arange(m)[:, None]).ravel() / m
+            near = np.sort(np.argsort(np.abs(points - x), kind="stable")[: N + 1])
+            W[row, self.first[s] * N + near] = lagrange(points[near], np.array([x]))[0]
+        return W
+
+    def sample_lobatto(self, segment: Array, position: Array) -> Array:
+        """Matrix (n_points, n_e (N+1)) that evaluates Q at x = position · L."""
+        n = self.element.N + 1
+        W = np.zeros((len(segment), self.n_elements * n))
+        for row, (s, x) in enumerate(zip(segment, position, strict=True)):
+            m = int(self.count[s])
+            e = min(int(x * m), m - 1)
+            xi = 2.0 * (x * m - e) - 1.0
+            at = (self.first[s] + e) * n
+            W[row, at : at + n] = lagrange(self.element.x_lobatto, np.array([xi]))[0]
+        return W
+
+
+def build_mesh(network: Network, L: Array, element_length: float, degree: int) -> Mesh:
+    """Cut segments of length L : (n_segments,) [m] into elements no longer than ``element_length`` [m]."""
+    nodes = topology(network)
+    count = np.maximum(1, np.ceil(L / element_length - 1e-9)).astype(int)
+    first = np.cumsum(count) - count
+    segment = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(segment)) - first[segment]
+    inner = place < count[segment] - 1  # the element's right end lies inside the segment
+    ends = np.stack([nodes.start[segment], nodes.end[segment]], axis=1)
+    ends[inner, 1] = nodes.n_nodes + np.arange(inner.sum())
+    ends[np.flatnonzero(inner) + 1, 0] = ends[inner, 1]
+    incidence = np.zeros((nodes.n_nodes + inner.sum(), 2 * len(segment)))
+    at = np.arange(len(segment))
+    incidence[ends[:, 0], 2 * at] = -1.0
+    incidence[ends[:, 1], 2 * at + 1] = 1.0
+    return Mesh(nodes, element(degree), segment, ends, incidence, first, count)

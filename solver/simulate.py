@@ -1,0 +1,205 @@
+"""Run a network: a stretch of time, or beats until they repeat."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .mesh import Parameters
+from .network import Network
+from .staggered import STAGE_TIMES, Reporter, Settings, Staggered, State, output_variables, reporter
+
+Array = np.ndarray
+Inflow = Callable[[Array], Array]
+Progress = Callable[[float, str], None]
+
+
+class NotPeriodic(ArithmeticError):
+    """The beats did not repeat within the allowed number; ``beats`` and ``change`` say how far they got."""
+
+    def __init__(self, beats: int, change: float, tolerance: float) -> None:
+        self.beats, self.change = beats, change
+        super().__init__(
+            f"after {beats} beats the last still differs by {change:.2g} from the one before (tolerance {tolerance:g}); "
+            "allow more beats, start nearer to the mean pressure (network.P_0) or loosen the tolerance."
+        )
+
+
+@dataclass(frozen=True)
+class Waveforms(Mapping[str, Array]):
+    """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n) for a batch, named as the FMU's variables.
+
+    units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
+    (NaN for :func:`simulate`).
+    """
+
+    time: Array
+    values: Mapping[str, Array]
+    units: Mapping[str, str]
+    beats: float
+    change: float = math.nan
+
+    def __getitem__(self, name: str) -> Array:
+        return self.values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def member(self, i: int) -> Waveforms:
+        """One parameter set of a batch."""
+        values = {name: value[i] if value.ndim == 2 else value for name, value in self.values.items()}
+        return Waveforms(self.time, values, self.units, self.beats, self.change)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write ``time [s]`` and one column ``name [unit]`` per variable, in SI, whole or not at all.
+
+        Raises ValueError for a batch (write its members) or when the file cannot be written.
+        """
+        if any(value.ndim != 1 for value in self.values.values()):
+            raise ValueError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
+        from .files import write_whole
+
+        header = ",".join(["time [s]", *(f"{name} [{self.units[name]}]" for name in self.values)])
+        table = np.column_stack([self.time, *self.values.values()])
+        rows = "\n".join(",".join(f"{value:.12g}" for value in row) for row in table)
+        write_whole(path, f"{header}\n{rows}\n")
+
+
+def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
+    """The piecewise linear inflow through samples Q [m³/s] at times t [s] : (n,); repeated if a period [s] is given.
+
+    Raises ValueError unless both are finite, of one length, with increasing t.
+    """
+    t, Q = np.asarray(t, float), np.asarray(Q, float)
+    if t.ndim != 1 or t.shape != Q.shape or len(t) < 2:
+        raise ValueError(f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}.")
+    if not (np.isfinite(t).all() and np.isfinite(Q).all() and (np.diff(t) > 0).all()):
+        raise ValueError("inflow samples: t must increase and all values must be finite; remove gaps first.")
+    return lambda at: np.interp(at, t, Q, period=period)
+
+
+def simulate(
+    network: Network,
+    inflow: Inflow | None = None,
+    duration: float | None = None,
+    *,
+    parameters: Parameters | None = None,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Waveforms:
+    """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
+
+    inflow : Q(t) [m³/s] for an array of times; default the network's inlet. parameters : values by FMU variable name,
+    numbers or arrays of B numbers (a batch). The time grid is n·dt; the last point is the first at or after the duration.
+    Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
+    """
+    settings = settings or Settings()
+    duration = network.inlet.T if duration is None else duration
+    if not (isinstance(duration, (int, float)) and math.isfinite(duration) and duration > 0):
+        raise ValueError(f"duration = {duration!r} s: must be a positive, finite number.")
+    runner = _Runner(network, inflow, parameters, settings, settings.dt)
+    n = max(1, math.ceil(duration / settings.dt - 1e-9))
+    state, table = runner.run(runner.scheme.initial_state(), n, progress, "simulating")
+    return runner.waveforms(table, duration / network.inlet.T, math.nan)
+
+
+def simulate_periodic(
+    network: Network,
+    inflow: Inflow | None = None,
+    period: float | None = None,
+    *,
+    parameters: Parameters | None = None,
+    settings: Settings | None = None,
+    tolerance: float = 1e-5,
+    max_beats: int = 100,
+    progress: Progress | None = None,
+) -> Waveforms:
+    """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
+
+    Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
+    beat, both ends included, with time from 0. The step is the period over a whole number of steps, at most settings.dt.
+    Raises ValueError, NonPhysicalState as :func:`simulate`; NotPeriodic after ``max_beats``.
+    """
+    settings = settings or Settings()
+    period = network.inlet.T if period is None else period
+    if not (isinstance(period, (int, float)) and math.isfinite(period) and period >= settings.dt):
+        raise ValueError(f"period = {period!r} s: must be a finite number of at least one time step ({settings.dt:g} s).")
+    if not tolerance > 0.0 or max_beats < 2:
+        raise ValueError(f"tolerance = {tolerance!r} must be positive and max_beats = {max_beats!r} at least 2.")
+    n = math.ceil(period / settings.dt - 1e-9)
+    runner = _Runner(network, inflow, parameters, settings, period / n)
+    state, before, change = runner.scheme.initial_state(), None, math.inf
+    for beat in range(1, max_beats + 1):
+        label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
+        state, table = runner.run(state, n, progress, label)
+        if before is not None:
+            change = runner.change(table, before)
+            if change <= tolerance:
+                return runner.waveforms(table, beat, change)
+        before = table
+    raise NotPeriodic(max_beats, change, tolerance)
+
+
+class _Runner:
+    """The scheme, its inflow and its reporter, advanced together."""
+
+    def __init__(
+        self, network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float
+    ) -> None:
+        self.network, self.inflow, self.dt = network, inflow or network.inlet.Q, dt
+        self.scheme = Staggered(network, parameters, settings)
+        self.reporter: Reporter = reporter(self.scheme)
+
+    def run(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[State, Array]:
+        """n steps; returns the last state and the outputs (n + 1, B, n_outputs)."""
+        start = round(state.t / self.dt)
+        Q = self._flow((start + np.arange(n)[:, None] + STAGE_TIMES) * self.dt)
+        table = np.empty((n + 1, self.scheme.coefficients.B, len(self.reporter.names)))
+        table[0] = self.reporter(state)
+        every = max(1, n // 50)
+        for i in range(n):
+            state = self.scheme.step(state, self.dt, Q[i])
+            table[i + 1] = self.reporter(state)
+            if progress and (i + 1) % every == 0:
+                progress((i + 1) / n, label)
+        self.last_start = start * self.dt
+        return state, table
+
+    def _flow(self, t: Array) -> Array:
+        Q = np.asarray(self.inflow(t.ravel()), float)
+        if Q.shape != t.ravel().shape:
+            raise ValueError(f"inflow: for {t.size} times it gave shape {Q.shape}; it must give one value per time.")
+        bad = ~np.isfinite(Q)
+        if bad.any():
+            raise ValueError(f"inflow: Q = {Q[bad][0]} at t = {t.ravel()[bad][0]:g} s; all values must be finite.")
+        return Q.reshape(t.shape)
+
+    def change(self, table: Array, before: Array) -> float:
+        """Largest relative L2 difference of an output from the beat before."""
+        pulsatile = np.array([not name.endswith(".Q") for name in self.reporter.names])
+        reference = table - np.where(pulsatile, table.mean(axis=0), 0.0)
+        size = np.linalg.norm(reference, axis=0)
+        difference = np.linalg.norm(table - before, axis=0)
+        # an output that stays at zero (flow into a closed end) is measured against the largest of its kind
+        floor = np.empty_like(size)
+        for kind in "PQR":
+            same = np.array([name.endswith(f".{kind}") for name in self.reporter.names])
+            floor[:, same] = 1e-6 * size[:, same].max(axis=1, keepdims=True) if same.any() else 0.0
+        scale = np.maximum(size, floor)
+        return float(np.max(np.divide(difference, scale, out=np.zeros_like(scale), where=scale > 0.0)))
+
+    def waveforms(self, table: Array, beats: float, change: float) -> Waveforms:
+        names, units = output_variables(self.network)
+        time = np.arange(len(table)) * self.dt
+        values: dict[str, Any] = {"inlet.Q": self._flow(self.last_start + time[:, None])[:, 0]}
+        for i, name in enumerate(names):
+            values[name] = table[:, :, i].T.copy() if self.scheme.coefficients.batched else table[:, 0, i].copy()
+        return Waveforms(time, values, {"inlet.Q": "m^3/s", **dict(zip(names, units, strict=True))}, beats, change)
