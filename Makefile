@@ -1,0 +1,68 @@
+# make demo | test | check | bench | docs | clean
+#
+# Everything runs in .venv, which is made when it is missing and updated when pyproject.toml changes.
+# Another Python: make demo PYTHON=/path/to/python3
+
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+ifeq ($(origin PYTHON),undefined)
+# the first that starts: a shim may be on the path without a Python behind it
+PYTHON := $(shell for p in python3.11 python3 python; do $$p -c "" 2>/dev/null && { echo $$p; break; }; done)
+endif
+
+.PHONY: help demo test check bench docs clean
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo    build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
+	@echo "make test    run the tests"
+	@echo "make check   formatting, lint, types"
+	@echo "make bench   measure the speed"
+	@echo "make docs    write the API reference to build/docs"
+	@echo "make clean   remove .venv and everything that was built"
+
+demo: $(VENV)/installed-run
+	$(BIN)/python examples/demo.py
+
+test: $(VENV)/installed-test
+	$(BIN)/python -m pytest
+
+check: $(VENV)/installed-dev
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m mypy
+
+bench: $(VENV)/installed-run
+	$(BIN)/python benchmarks/speed.py
+
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src build_fmu
+	@echo "Open build/docs/index.html"
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .hypothesis .ruff_cache .mypy_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# --- the virtual environment: one stamp per set of dependencies ---
+
+$(BIN)/python:
+	@if [ -z "$(PYTHON)" ]; then \
+		echo "No Python found. Install Python 3.11 or newer, or say: make PYTHON=/path/to/python3"; exit 1; fi
+	@"$(PYTHON)" -c 'import sys; v = "%d.%d" % sys.version_info[:2]; sys.exit(None if sys.version_info >= (3, 11) else \
+		"$(PYTHON) is Python " + v + ", but 3.11 or newer is needed. Say: make PYTHON=/path/to/python3.11")'
+	@echo "Making $(VENV) with $(PYTHON)"
+	@"$(PYTHON)" -m venv $(VENV) || { rm -rf $(VENV); \
+		echo "$(PYTHON) could not make a virtual environment. On Debian and Ubuntu: apt-get install python3-venv"; exit 1; }
+
+$(VENV)/installed-run: pyproject.toml | $(BIN)/python
+	@echo "Installing arterial-fmu into $(VENV); the first time takes a minute or two"
+	@$(INSTALL) --editable .
+	@touch $@
+
+$(VENV)/installed-%: pyproject.toml | $(BIN)/python
+	@echo "Installing arterial-fmu[$*] into $(VENV); the first time takes a minute or two"
+	@$(INSTALL) --editable ".[$*]"
+	@touch $@ $(VENV)/installed-run
