@@ -25,7 +25,7 @@ def murray_radius(parent: Segment, siblings: Iterable[Segment]) -> float:
     rest = parent.R0**3 - sum(s.R0**3 for s in siblings)
     if rest <= 0.0:
         raise ValueError(
-            f"{_names(siblings)}.R0 = {_values(siblings, 'R0')} m: too large for Murray's law at the end of "
+            f"{' and '.join(f'{s.name}.R0 = {s.R0:g} m' for s in siblings)}: too large for Murray's law at the end of "
             f"{parent.name} with R0 = {parent.R0:g} m, which leaves no room for a further branch (sum of R0^3 must be "
             f"below {parent.R0**3:g} m^3); check the radii or leave the branch out."
         )
@@ -99,7 +99,3 @@ def reflection_coefficient(parents: Iterable[Segment], children: Iterable[Segmen
 
 def _names(segments: list[Segment]) -> str:
     return " and ".join(s.name for s in segments)
-
-
-def _values(segments: list[Segment], key: str) -> str:
-    return " and ".join(f"{getattr(s, key):g}" for s in segments)

@@ -58,14 +58,18 @@ def loads(text: str, name: str) -> Network:
 
 def write_network(network: Network, path: str | os.PathLike[str]) -> None:
     """Write ``dumps(network)`` to a file, whole or not at all. Raises ValueError if it cannot be written."""
+    write_whole(path, dumps(network))
+
+
+def write_whole(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
     path = Path(path)
     aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    text = dumps(network)
     try:
         aside.write_text(text, encoding="utf-8", newline="\n")
         os.replace(aside, path)
     except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); check the directory.") from None
+        raise ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.") from None
     finally:
         with suppress(OSError):
             aside.unlink()

@@ -312,7 +312,7 @@ def test_write_into_no_directory(tmp_path: Path) -> None:
     """A path in a directory that does not exist, or below a file, raises a sentence with the path."""
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "none" / "fork.toml", tmp_path / "file" / "fork.toml"):
-        with pytest.raises(ValueError, match=r"fork\.toml: cannot be written .* check the directory\."):
+        with pytest.raises(ValueError, match=r"fork\.toml: cannot be written .* check the path and its directory\."):
             write_network(loads(FORK, "fork"), path)
 
 
