@@ -155,8 +155,6 @@ def coefficients(network: Network, parameters: Parameters | None = None) -> Coef
     )
 
 
-
-
 # --- mesh ---------------------------------------------------------------------------------------------------------
 
 

@@ -26,6 +26,7 @@ class Quantity:
     low, high : allowed range, both ends included unless ``open_low``.
     nominal : typical magnitude, for the FMU's ``nominal`` attribute.
     tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
+    input : whether another model may drive it: an FMU input instead of a parameter.
     """
 
     unit: str
@@ -36,11 +37,16 @@ class Quantity:
     display: str | None = None
     open_low: bool = False
     tunable: bool = True
+    input: bool = False
 
     def check(self, name: str, value: float) -> None:
         """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""
         if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
             raise ValueError(f"{name} = {value!r}: must be a number in {self.unit_text}.")
+        try:
+            value = float(value)
+        except OverflowError:  # an integer beyond the largest double
+            value = math.inf
         below = value <= self.low if self.open_low else value < self.low
         if not math.isfinite(value) or below or value > self.high:
             bracket = "(" if self.open_low else "["
@@ -90,9 +96,7 @@ class Segment:
     h: float = quantity(None, "m", "wall thickness h", 1e-6, 0.1, nominal=1e-3, display="mm", tunable=False)
     E: float = quantity(None, "Pa", "Young's modulus E", 1e2, 1e10, nominal=1e6, display="MPa")
     phi0: float = quantity(0.0, "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s")
-    phiNL: float = quantity(
-        0.0, "Pa.s^2", "nonlinear wall viscosity phiNL", -1e8, 1e8, nominal=1e4, display="kPa.s^2"
-    )
+    phiNL: float = quantity(0.0, "Pa.s^2", "nonlinear wall viscosity phiNL", -1e8, 1e8, nominal=1e4, display="kPa.s^2")
     ENL: float = quantity(0.0, "Pa", "nonlinear elastic modulus ENL", -1e10, 1e10, nominal=1e4, display="MPa")
 
 
@@ -113,7 +117,7 @@ class Junction:
 
 
 def _venous_pressure(description: str) -> Any:
-    pressure = Quantity("Pa", description, -1e5, 1e6, nominal=1e3, display="mmHg")
+    pressure = Quantity("Pa", description, -1e5, 1e6, nominal=1e3, display="mmHg", input=True)
     return field(default=0.0, kw_only=True, metadata={"quantity": pressure})
 
 
@@ -226,9 +230,7 @@ class Network:
 
     def parameters(self) -> dict[str, float]:
         """All parameters by variable name (``AA.E``, ``CA.outlet.R_t``, ``fluid.rho``, ``network.P_ref``), SI values."""
-        return {
-            f"{prefix}.{key}": getattr(owner, key) for prefix, owner in self.owners() for key in quantities(owner)
-        }
+        return {f"{prefix}.{key}": getattr(owner, key) for prefix, owner in self.owners() for key in quantities(owner)}
 
     def parameter_quantities(self) -> dict[str, Quantity]:
         """The :class:`Quantity` of every parameter, by variable name."""
@@ -237,6 +239,11 @@ class Network:
     def with_parameters(self, values: Mapping[str, float]) -> Network:
         """The same network with some parameters replaced. Raises ValueError for a name or value that is not allowed."""
         check_parameters(self, values)
+        for name, value in values.items():
+            if np.ndim(value):
+                raise ValueError(
+                    f"{name}: one network holds one number, not {np.size(value)}; batches go to simulate()."
+                )
 
         def changed(prefix: str, owner: Any) -> Any:
             mine = {key: float(values[f"{prefix}.{key}"]) for key in quantities(owner) if f"{prefix}.{key}" in values}

@@ -39,23 +39,23 @@ class Waveforms(Mapping[str, Array]):
     """
 
     time: Array
-    values: Mapping[str, Array]
+    columns: Mapping[str, Array]
     units: Mapping[str, str]
     beats: float
     change: float = math.nan
 
     def __getitem__(self, name: str) -> Array:
-        return self.values[name]
+        return self.columns[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.values)
+        return iter(self.columns)
 
     def __len__(self) -> int:
-        return len(self.values)
+        return len(self.columns)
 
     def member(self, i: int) -> Waveforms:
         """One parameter set of a batch."""
-        values = {name: value[i] if value.ndim == 2 else value for name, value in self.values.items()}
+        values = {name: value[i] if value.ndim == 2 else value for name, value in self.columns.items()}
         return Waveforms(self.time, values, self.units, self.beats, self.change)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -63,12 +63,12 @@ class Waveforms(Mapping[str, Array]):
 
         Raises ValueError for a batch (write its members) or when the file cannot be written.
         """
-        if any(value.ndim != 1 for value in self.values.values()):
+        if any(value.ndim != 1 for value in self.columns.values()):
             raise ValueError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
         from .files import write_whole
 
-        header = ",".join(["time [s]", *(f"{name} [{self.units[name]}]" for name in self.values)])
-        table = np.column_stack([self.time, *self.values.values()])
+        header = ",".join(["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)])
+        table = np.column_stack([self.time, *self.columns.values()])
         rows = "\n".join(",".join(f"{value:.12g}" for value in row) for row in table)
         write_whole(path, f"{header}\n{rows}\n")
 
@@ -80,7 +80,9 @@ def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
     """
     t, Q = np.asarray(t, float), np.asarray(Q, float)
     if t.ndim != 1 or t.shape != Q.shape or len(t) < 2:
-        raise ValueError(f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}.")
+        raise ValueError(
+            f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}."
+        )
     if not (np.isfinite(t).all() and np.isfinite(Q).all() and (np.diff(t) > 0).all()):
         raise ValueError("inflow samples: t must increase and all values must be finite; remove gaps first.")
     return lambda at: np.interp(at, t, Q, period=period)
@@ -131,7 +133,9 @@ def simulate_periodic(
     settings = settings or Settings()
     period = network.inlet.T if period is None else period
     if not (isinstance(period, (int, float)) and math.isfinite(period) and period >= settings.dt):
-        raise ValueError(f"period = {period!r} s: must be a finite number of at least one time step ({settings.dt:g} s).")
+        raise ValueError(
+            f"period = {period!r} s: must be a finite number of at least one time step ({settings.dt:g} s)."
+        )
     if not tolerance > 0.0 or max_beats < 2:
         raise ValueError(f"tolerance = {tolerance!r} must be positive and max_beats = {max_beats!r} at least 2.")
     n = math.ceil(period / settings.dt - 1e-9)

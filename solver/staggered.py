@@ -130,7 +130,9 @@ class Staggered:
     Raises ValueError for parameters that are not allowed.
     """
 
-    def __init__(self, network: Network, parameters: Parameters | None = None, settings: Settings | None = None) -> None:
+    def __init__(
+        self, network: Network, parameters: Parameters | None = None, settings: Settings | None = None
+    ) -> None:
         self.network = network
         self.settings = settings or Settings()
         self.coefficients = coefficients(network, parameters)
@@ -264,8 +266,6 @@ class Staggered:
         guess_rates = 2.0 * state.rates - state.rates_before
         guess_heads = 2.0 * state.heads - state.heads_before
         rates, heads = np.empty_like(guess_rates), np.empty_like(guess_heads)
-        A_t: list[Array] = []
-        C_t: list[Array] = []
         # the last two stage values of ∂Q/∂t and H, extrapolated, leave so little to correct that one iteration is the rule
         A_t: list[Array] = []
         C_t: list[Array] = []
@@ -302,10 +302,18 @@ class Staggered:
             relative = self.wall.relative_viscosity(A, A_t)
             if not np.min(relative) > 0.0:
                 rate = self.wall.strain_rate(A, A_t).ravel()[np.argmin(relative)]
-                reason = f"the effective wall viscosity phi0 + 2 phiNL * rate turned negative at strain rate {rate:.3g} 1/s"
+                reason = (
+                    f"the effective wall viscosity phi0 + 2 phiNL * rate turned negative at strain rate {rate:.3g} 1/s"
+                )
                 self._fail(relative, t, reason, 'use viscous_law = "monotone" or a smaller |phiNL/phi0|')
         U = (Q @ self.to_gauss) / A
-        subcritical = self.wall.wave_speed(A) - np.abs(U)
+        speed = self.wall.wave_speed(A)
+        if not np.min(speed) > 0.0:
+            where = np.where(np.isnan(speed), -np.inf, speed)
+            self._fail(
+                where, t, "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or a lower pressure"
+            )
+        subcritical = speed - np.abs(U)
         if not np.min(subcritical) > 0.0:
             self._fail(subcritical, t, "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall")
         if not converged:
@@ -477,4 +485,3 @@ def output_variables(network: Network) -> tuple[tuple[str, ...], tuple[str, ...]
     for outlet in network.outlets:
         rows += [(f"{outlet.segment}.outlet.P", "Pa"), (f"{outlet.segment}.outlet.Q", "m^3/s")]
     return tuple(name for name, _ in rows), tuple(unit for _, unit in rows)
-

@@ -11,9 +11,10 @@ table by name. Pressure, derivative and integral of a law are tied together by t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,7 +27,10 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 class ElasticLaw(Protocol):
     """P_el as a function of the stretch s, for stiffness K = E h/((1 - η²) R0) [Pa] and e = E_NL/E [-]."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """The name in network files."""
+        ...
 
     def pressure(self, s: Array, K: Array, e: Array) -> Array:
         """P_el(s) [Pa]; zero at s = 1."""
@@ -64,7 +68,8 @@ class Beta:
 
     def stretch(self, P: Array, K: Array, e: Array) -> Array:
         p = P / K
-        return 1.0 + 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p))
+        s = 1.0 + 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p))
+        return np.where(s > 0.0, s, np.nan)  # below -K the vessel has collapsed
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:
         x = s - 1.0
@@ -126,7 +131,10 @@ def riemann_velocity(law: ElasticLaw, s: Array, K: Array, e: Array, rho: Array) 
 class ViscousLaw(Protocol):
     """σ_v(ε̇) = φ0 ε̇ factor(r ε̇) [Pa], r = φ_NL/φ0 [s]; ``factor`` is exactly 1 where r ε̇ = 0."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """The name in network files."""
+        ...
 
     def factor(self, x: Array) -> Array:
         """σ_v/(φ0 ε̇) at x = r ε̇."""
@@ -191,14 +199,15 @@ class Wall:
 
     def at(self, index: Array | slice) -> Wall:
         """The walls at some of the points: last axis indexed."""
-        picked = {name: np.ascontiguousarray(getattr(self, name)[..., index]) for name in _WALL_ARRAYS}
-        return replace(self, **picked)
+        return self._with(lambda array: np.ascontiguousarray(array[..., index]))
 
     def spread(self, n: int) -> Wall:
         """The same walls with one more axis, of n points that share a wall."""
-        return replace(
-            self, **{name: np.repeat(getattr(self, name)[..., None], n, axis=-1) for name in _WALL_ARRAYS}
-        )
+        return self._with(lambda array: np.repeat(array[..., None], n, axis=-1))
+
+    def _with(self, change: Callable[[Array], Array]) -> Wall:
+        changed: dict[str, Any] = {name: change(getattr(self, name)) for name in _WALL_ARRAYS}
+        return replace(self, **changed)
 
     @cached_property
     def viscosity_area(self) -> Array:

@@ -1,0 +1,180 @@
+"""Build the FMU of a network: ``python build_fmu.py [NETWORK.toml] [--out dist]``.
+
+The FMU is an ordinary pythonfmu archive with three precautions. All code lies under names that carry a hash of the
+whole content, because a process keeps the first module of a name: two FMUs never share modules. The archive is
+written with fixed dates and order, so the same input gives the same file, byte for byte. And it is written aside and
+then renamed, so that no partly written FMU is ever seen.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import re
+import sys
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from fmu_src import __version__
+from solver.files import dumps, find_network, read_network
+from solver.network import Network, to_dict
+from solver.staggered import Settings
+
+ROOT = Path(__file__).resolve().parent
+# what an FMU needs of the solver: no files, units or terminals
+SOLVER_MODULES = ("network", "wall", "element", "mesh", "staggered")
+SLAVE_MODULES = ("variables", "cosimulation", "description", "slave")
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def build(
+    network: Network,
+    out: str | os.PathLike[str] = "dist",
+    settings: Settings | None = None,
+    execution_tool: bool = True,
+) -> Path:
+    """Build ``<out>/<network.name>.fmu`` and return its path.
+
+    execution_tool : the FMI flag ``needsExecutionTool``; true as the host needs Python, but some importers refuse it.
+    Raises ValueError if the directory cannot be written.
+    """
+    settings = settings or Settings()
+    target = Path(out) / f"{network.name}.fmu"
+    resources = _resources(network, settings)
+    digest = hashlib.sha256(
+        json.dumps([sorted(resources.items()), execution_tool, version("pythonfmu")]).encode()
+    ).hexdigest()
+    name = f"arterial_{digest[:8]}"
+    with tempfile.TemporaryDirectory(prefix="arterial_build_") as folder:
+        stage = Path(folder)
+        for path, text in resources.items():
+            file = stage / path.replace("PACKAGE", f"_{name}")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+        script = stage / f"{name}.py"
+        script.write_text(_script(network.name, name, digest), encoding="utf-8")
+        archive = _pack(script, stage, execution_tool)
+        _write(archive, target)
+    return target
+
+
+def _resources(network: Network, settings: Settings) -> dict[str, str]:
+    """Everything in ``resources/`` but the slave script, by path; PACKAGE stands for the hashed package name."""
+    files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
+    for module in SOLVER_MODULES:
+        files[f"PACKAGE/solver/{module}.py"] = (ROOT / "solver" / f"{module}.py").read_text(encoding="utf-8")
+    for module in SLAVE_MODULES:
+        text = (ROOT / "fmu_src" / f"{module}.py").read_text(encoding="utf-8")
+        # inside the FMU the two packages are neighbours in one hashed package
+        files[f"PACKAGE/fmu_src/{module}.py"] = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
+    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
+    files["network.json"] = json.dumps(data, indent=1, ensure_ascii=False)
+    files["network.toml"] = dumps(network)
+    return files
+
+
+def _script(network: str, name: str, digest: str) -> str:
+    return f'''"""Slave of the arterial network {network}."""
+
+import ctypes
+
+from _{name}.fmu_src.slave import ArterialSlave
+
+# pythonfmu's wrapper runs this file at every instantiation and then drops a reference to its namespace that it does
+# not own. Where no function of the file holds one too, the namespace would be freed under the running host.
+ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
+
+
+class {_class_name(network)}(ArterialSlave):
+    code_name = "{name}"
+    content_hash = "{{{digest[:32]}}}"
+'''
+
+
+def _class_name(network: str) -> str:
+    return f"{network[0].upper()}{network[1:]}Slave"
+
+
+def _pack(script: Path, stage: Path, execution_tool: bool) -> bytes:
+    """The FMU as bytes, with fixed order and dates."""
+    from pythonfmu.builder import FmuBuilder
+
+    content = [path for path in stage.iterdir() if path != script]
+    with (
+        tempfile.TemporaryDirectory(prefix="arterial_pack_") as folder,
+        _clean_imports(),
+        redirect_stdout(io.StringIO()),
+    ):
+        built = FmuBuilder.build_FMU(
+            script,
+            dest=folder,
+            project_files=content,
+            needsExecutionTool=execution_tool,
+            canHandleVariableCommunicationStepSize=True,
+        )
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(built) as source, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
+            for item in sorted(source.namelist()):
+                info = zipfile.ZipInfo(item, _EPOCH)
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
+                packed.writestr(info, source.read(item))
+    return buffer.getvalue()
+
+
+@contextmanager
+def _clean_imports() -> Iterator[None]:
+    """Undo what the builder leaves in ``sys.path`` and ``sys.modules``; write no bytecode next to the staged files."""
+    path, modules, bytecode = list(sys.path), set(sys.modules), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True
+    try:
+        yield
+    finally:
+        sys.path[:], sys.dont_write_bytecode = path, bytecode
+        for name in set(sys.modules) - modules:
+            if name.startswith(("arterial_", "_arterial_")):
+                del sys.modules[name]
+
+
+def _write(archive: bytes, target: Path) -> None:
+    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_bytes(archive)
+        os.replace(aside, target)
+    except OSError as error:
+        raise ValueError(f"{target}: cannot be written ({error.strerror}); check the directory.") from None
+    finally:
+        with suppress(OSError):
+            aside.unlink()
+
+
+def main(
+    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")] = "sheep",
+    out: Annotated[Path, typer.Option(help="Directory of the FMU.")] = Path("dist"),
+    execution_tool: Annotated[
+        bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")
+    ] = True,
+) -> None:
+    """Build the FMU of a network of arteries."""
+    try:
+        target = build(read_network(find_network(network)), out, execution_tool=execution_tool)
+    except ValueError as error:
+        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from None
+    Console().print(f"wrote {target} ({target.stat().st_size / 1024:.0f} kB)", markup=False, highlight=False)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,98 @@
+"""What pythonfmu leaves out of modelDescription.xml: units, ranges, initial unknowns, dependencies."""
+
+from __future__ import annotations
+
+import math
+from xml.etree.ElementTree import Element, SubElement
+
+from .variables import Variable
+
+# SI base units of each unit in the tables of quantities, and the display units with display = factor · SI
+_BASE_UNITS: dict[str, dict[str, int]] = {
+    "m": {"m": 1},
+    "s": {"s": 1},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+    "Pa.s": {"kg": 1, "m": -1, "s": -1},
+    "Pa.s^2": {"kg": 1, "m": -1},
+    "m^3/s": {"m": 3, "s": -1},
+    "m^2/s": {"m": 2, "s": -1},
+    "kg/m^3": {"kg": 1, "m": -3},
+    "Pa.s/m^3": {"kg": 1, "m": -4, "s": -1},
+    "m^3/Pa": {"m": 4, "s": 2, "kg": -1},
+    "1": {},
+}
+_MMHG = 133.322387415  # conventional millimetre of mercury [Pa]
+_DISPLAY_UNITS: dict[str, dict[str, float]] = {
+    "m": {"cm": 1e2, "mm": 1e3},
+    "s": {"ms": 1e3},
+    "Pa": {"mmHg": 1 / _MMHG, "MPa": 1e-6},
+    "Pa.s": {"kPa.s": 1e-3},
+    "Pa.s^2": {"kPa.s^2": 1e-3},
+    "m^3/s": {"mL/s": 1e6},
+    "Pa.s/m^3": {"mmHg.s/mL": 1e-6 / _MMHG},
+    "m^3/Pa": {"mL/mmHg": 1e6 * _MMHG},
+}
+
+
+def complete(root: Element, table: tuple[Variable, ...]) -> Element:
+    """Add to the description that pythonfmu made of the same variables, and return it."""
+    root.attrib.pop("generationDateAndTime", None)  # so that the same input builds the same FMU, byte for byte
+    root.insert(list(root).index(root.find("CoSimulation")) + 1, _unit_definitions(table))  # type: ignore[arg-type]
+    for node, variable in zip(root.find("ModelVariables"), table, strict=True):  # type: ignore[arg-type]
+        if variable.quantity is not None:
+            _add_range(node[0], variable)
+    structure = root.find("ModelStructure")
+    assert structure is not None
+    for child in list(structure):
+        structure.remove(child)
+    outputs, unknowns = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
+    for index, variable in enumerate(table, start=1):
+        if variable.causality == "output":
+            # an output changes only by a step: no direct feedthrough from any input
+            SubElement(outputs, "Unknown", index=str(index), dependencies="", dependenciesKind="")
+            sources = _initial_sources(variable.name, table)
+            kinds = " ".join(["dependent"] * len(sources))
+            SubElement(
+                unknowns, "Unknown", index=str(index), dependencies=" ".join(map(str, sources)), dependenciesKind=kinds
+            )
+    return root
+
+
+def _unit_definitions(table: tuple[Variable, ...]) -> Element:
+    definitions = Element("UnitDefinitions")
+    for name in sorted({v.quantity.unit for v in table if v.quantity is not None}):
+        unit = SubElement(definitions, "Unit", name=name)
+        SubElement(unit, "BaseUnit", {base: str(power) for base, power in _BASE_UNITS[name].items()})
+        for display, factor in _DISPLAY_UNITS.get(name, {}).items():
+            SubElement(unit, "DisplayUnit", name=display, factor=repr(factor))
+    return definitions
+
+
+def _add_range(real: Element, variable: Variable) -> None:
+    quantity = variable.quantity
+    assert quantity is not None
+    real.set("unit", quantity.unit)
+    if quantity.display:
+        real.set("displayUnit", quantity.display)
+    if variable.start is not None:
+        real.set("start", repr(variable.start))  # 17 digits where needed: the start value is the network's, bit for bit
+    if math.isfinite(quantity.low):
+        real.set("min", repr(float(quantity.low)))
+    if math.isfinite(quantity.high):
+        real.set("max", repr(float(quantity.high)))
+    real.set("nominal", repr(float(quantity.nominal)))
+
+
+def _initial_sources(output: str, table: tuple[Variable, ...]) -> list[int]:
+    """Indices of the parameters on which an output depends at the start: rest under P_0."""
+    place, kind = output.rsplit(".", 1)
+    if kind == "Q":
+        return []
+    # P is P_0 up to round-off through the wall law and back; R follows from it by the wall of the site's segment,
+    # which the table does not name: all walls are listed
+    names = {"network.P_0"}
+    if kind == "R":
+        names |= {"network.P_ref", "network.eta", "network.elastic_law"}
+        walls = ("R0", "h", "E", "ENL")
+        names |= {v.name for v in table if v.causality == "parameter" and v.name.rsplit(".", 1)[-1] in walls}
+    return [i for i, v in enumerate(table, start=1) if v.name in names]

@@ -1,0 +1,86 @@
+"""The variables of the FMU, derived from a network: one row each, in the order of their value references."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from solver.network import Network, Quantity
+from solver.staggered import Settings, output_variables
+from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
+
+INTERPOLATIONS = ("hold", "linear")
+INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
+# ranges of the numerical settings, as solver.staggered.Settings has them
+SETTINGS = {
+    "solver.dt": Quantity("s", "internal time step", 1e-7, 0.1, nominal=1e-3, display="ms", tunable=False),
+    "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),
+}
+_OUTPUTS = {
+    "P": Quantity("Pa", "pressure", float("-inf"), float("inf"), nominal=1e4, display="mmHg"),
+    "Q": Quantity("m^3/s", "flow", float("-inf"), float("inf"), nominal=1e-5, display="mL/s"),
+    "R": Quantity("m", "radius", 0.0, float("inf"), nominal=1e-2, display="mm"),
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One FMU variable. causality: input, output, parameter. variability: continuous, fixed, tunable.
+
+    ``quantity`` for numbers, ``choices`` for texts. ``start`` is None for outputs.
+    """
+
+    name: str
+    causality: str
+    variability: str
+    description: str
+    start: float | str | None
+    quantity: Quantity | None = None
+    choices: tuple[str, ...] = ()
+
+    def check(self, value: float | str) -> None:
+        """Raise ValueError, one sentence, unless the value is allowed."""
+        if self.quantity is not None:
+            self.quantity.check(self.name, value)  # type: ignore[arg-type]
+        elif value not in self.choices:
+            raise ValueError(f"{self.name} = {value!r}: must be one of {', '.join(self.choices)}.")
+
+
+def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]:
+    """Inputs, then parameters, then outputs of the FMU of a network."""
+    inputs = [Variable("inlet.Q", "input", "continuous", INLET_FLOW.description, 0.0, INLET_FLOW)]
+    parameters = []
+    values = network.parameters()
+    for name, quantity in network.parameter_quantities().items():
+        if quantity.input:
+            inputs.append(Variable(name, "input", "continuous", quantity.description, values[name], quantity))
+        else:
+            kind = "tunable" if quantity.tunable else "fixed"
+            parameters.append(Variable(name, "parameter", kind, quantity.description, values[name], quantity))
+    starts = {"solver.dt": settings.dt, "solver.element_length": settings.element_length}
+    for name, quantity in SETTINGS.items():
+        parameters.append(Variable(name, "parameter", "fixed", quantity.description, starts[name], quantity))
+    texts = (
+        ("network.elastic_law", "elastic law of the walls", network.elastic_law, tuple(ELASTIC_LAWS)),
+        (
+            "network.viscous_law",
+            "viscous law of the walls where phiNL is not 0",
+            network.viscous_law,
+            tuple(VISCOUS_LAWS),
+        ),
+        (
+            "inlet.interpolation",
+            "inlet.Q during a step: held, or linear from the value of the step before",
+            "hold",
+            INTERPOLATIONS,
+        ),
+    )
+    for name, description, start, choices in texts:
+        parameters.append(
+            Variable(name, "parameter", "fixed", f"{description}: {' or '.join(choices)}", start, None, choices)
+        )
+    outputs = []
+    for name in output_variables(network)[0]:
+        place, kind = name.rsplit(".", 1)
+        quantity = _OUTPUTS[kind]
+        outputs.append(Variable(name, "output", "continuous", f"{quantity.description} at {place}", None, quantity))
+    return (*inputs, *parameters, *outputs)
