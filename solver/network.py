@@ -104,7 +104,8 @@ class Segment:
 class Junction:
     """Vessels that meet at one point: ΣQ = 0, and P + k (ρ/2)(Q/A)² equal in all of them.
 
-    ``k`` = 0 joins the static pressure (the paper), 1 the total pressure. A junction is named after its first inflowing segment.
+    ``k`` = 0 joins the static pressure (the paper), 1 the total pressure. A junction is named after its first
+    inflowing segment.
     """
 
     inflow: tuple[str, ...]
@@ -131,7 +132,9 @@ class Outlet:
 
 @dataclass(frozen=True)
 class Reflection(Outlet):
-    """Q = A_e w(A_e) (1 - R_t)/(1 + R_t), A_e = elastic⁻¹(P - P_venous), w = ∫ c/A dA from A0 (4 (c - c0) for the β-law)."""
+    """Q = A_e w(A_e) (1 - R_t)/(1 + R_t), A_e = elastic⁻¹(P - P_venous), w = ∫ c/A dA from A0.
+
+    For the β-law w = 4 (c - c0), as in the paper's code."""
 
     R_t: float = quantity(None, "1", "reflection coefficient R_t", -0.999, 1.0)
 
@@ -229,7 +232,7 @@ class Network:
             yield f"{outlet.segment}.outlet", outlet
 
     def parameters(self) -> dict[str, float]:
-        """All parameters by variable name (``AA.E``, ``CA.outlet.R_t``, ``fluid.rho``, ``network.P_ref``), SI values."""
+        """All parameters by variable name (``AA.E``, ``CA.outlet.R_t``, ``fluid.rho``, ``network.P_ref``), in SI."""
         return {f"{prefix}.{key}": getattr(owner, key) for prefix, owner in self.owners() for key in quantities(owner)}
 
     def parameter_quantities(self) -> dict[str, Quantity]:
@@ -407,7 +410,8 @@ def _check_topology(network: Network) -> None:
         if not junction.inflow or not junction.outflow:
             there = ", ".join(junction.inflow + junction.outflow) or "nothing"
             raise ValueError(
-                f"junction of {there}: it has no partner; name at least one segment that flows in and one that flows out."
+                f"junction of {there}: it has no partner; "
+                "name at least one segment that flows in and one that flows out."
             )
         for name in junction.inflow:
             ends[name].append(f"junction {junction.name}")

@@ -25,14 +25,14 @@ class NotPeriodic(ArithmeticError):
     def __init__(self, beats: int, change: float, tolerance: float) -> None:
         self.beats, self.change = beats, change
         super().__init__(
-            f"after {beats} beats the last still differs by {change:.2g} from the one before (tolerance {tolerance:g}); "
+            f"after {beats} beats the last differs by {change:.2g} from the one before (tolerance {tolerance:g}); "
             "allow more beats, start nearer to the mean pressure (network.P_0) or loosen the tolerance."
         )
 
 
 @dataclass(frozen=True)
 class Waveforms(Mapping[str, Array]):
-    """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n) for a batch, named as the FMU's variables.
+    """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
 
     units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
     (NaN for :func:`simulate`).
@@ -100,7 +100,7 @@ def simulate(
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
     inflow : Q(t) [m³/s] for an array of times; default the network's inlet. parameters : values by FMU variable name,
-    numbers or arrays of B numbers (a batch). The time grid is n·dt; the last point is the first at or after the duration.
+    numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
     settings = settings or Settings()
@@ -127,7 +127,7 @@ def simulate_periodic(
     """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
 
     Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
-    beat, both ends included, with time from 0. The step is the period over a whole number of steps, at most settings.dt.
+    beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
     Raises ValueError, NonPhysicalState as :func:`simulate`; NotPeriodic after ``max_beats``.
     """
     settings = settings or Settings()

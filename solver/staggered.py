@@ -77,10 +77,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class State:
-    """Everything a step needs. A : (B, n_e, N) [m²]; Q : (B, n_e, N+1) [m³/s]; H : (B, n_nodes) [Pa]; P_C : (B, n_outlets) [Pa].
+    """Everything a step needs.
 
-    rates, heads hold the stage values (∂Q/∂t and H) of the last step, the ``_before`` ones of the step before: they start
-    the next iterations.
+    A : (B, n_e, N) [m²]; Q : (B, n_e, N+1) [m³/s]; H : (B, n_nodes) [Pa]; P_C : (B, n_outlets) [Pa].
+
+    rates, heads hold the stage values (∂Q/∂t and H) of the last step, the ``_before`` ones of the step before:
+    they start the next iterations.
     """
 
     t: float
@@ -266,7 +268,7 @@ class Staggered:
         guess_rates = 2.0 * state.rates - state.rates_before
         guess_heads = 2.0 * state.heads - state.heads_before
         rates, heads = np.empty_like(guess_rates), np.empty_like(guess_heads)
-        # the last two stage values of ∂Q/∂t and H, extrapolated, leave so little to correct that one iteration is the rule
+        # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
         A_t: list[Array] = []
         C_t: list[Array] = []
         size = np.maximum(np.abs(state.Q).max(axis=(1, 2)), np.abs(inflow[-1]))

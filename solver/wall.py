@@ -160,7 +160,7 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Monotone:
-    """σ_v = φ0 (e^{2rε̇} - 1)/(2r): equal to the paper's to second order, with positive effective viscosity φ0 e^{2rε̇}."""
+    """σ_v = φ0 (e^{2rε̇} - 1)/(2r): the paper's to second order, with effective viscosity φ0 e^{2rε̇} > 0."""
 
     name: str = "monotone"
 
