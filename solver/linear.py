@@ -1,0 +1,283 @@
+"""The network linearised at rest, one harmonic at a time: an oracle for the solvers and a first guess for fits.
+
+With P = P_0 + P', A = A_rest + A', small Q and time dependence e^{iωt}, `momentumConserv_AQ` and `sheep_constitutive`
+become in each segment
+
+    dP'/dx = -Z' Q,     Z' = (ρ/A_rest)(iω + C_f/A_rest)
+    dQ/dx = -Y' P',     Y' = iω/(dP_el/dA + iω ν_s)
+
+with waves e^{±γx}, γ² = Z'Y', and characteristic impedance Z_c² = Z'/Y'. A segment is described by the pressure and the
+flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, at resonance and for large γL alike:
+
+    P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
+
+Joined ends have one pressure and ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear wall
+viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012), with
+the Kelvin–Voigt walls of Wang, Fullana and Lagrée, Comput. Methods Biomech. Biomed. Engng 18 (2015) 1704.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .mesh import Coefficients, Parameters, Topology, coefficients, topology
+from .network import Network
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """Complex amplitudes at angular frequencies omega : (n,) [rad/s]. A batch has a leading axis B on all other arrays.
+
+    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.mesh.Topology`. Q_outlet : (n_outlets, n) [m³/s].
+    P_site [Pa], Q_site [m³/s], R_site [m] : (n_sites, n). At ω = 0 they are means: absolute pressure, whole radius.
+    """
+
+    omega: Array
+    P_node: Array
+    Q_outlet: Array
+    P_site: Array
+    Q_site: Array
+    R_site: Array
+
+
+def propagation(network: Network, omega: Array, parameters: Parameters | None = None) -> tuple[Array, Array]:
+    """Propagation constant γ = √(Z'Y') [1/m] and characteristic impedance Z_c = √(Z'/Y') [Pa·s/m³] of every segment.
+
+    omega : (n,) [rad/s], above 0. Both results are (n_segments, n), or (B, n_segments, n) for a batch of parameters.
+    The phase velocity is ω/Im γ [m/s], the attenuation Re γ [1/m].
+    Raises ValueError for ω <= 0, for a parameter that is not allowed, and for a wall that is unstable at P_0.
+    """
+    omega = _frequencies(omega)
+    if np.any(omega == 0.0):
+        raise ValueError("omega = 0 rad/s: a steady flow has no propagation constant; give frequencies above 0.")
+    c = coefficients(network, parameters)
+    _, Z, compliance = _line(network, c, omega)
+    Y = 1j * omega[:, None] * compliance
+    return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
+
+
+def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | None = None) -> Harmonics:
+    """The response of the whole network to harmonics of the inflow.
+
+    Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean where ω = 0. omega : (n,) [rad/s], not negative.
+    parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.mesh.coefficients`.
+    Raises ValueError where the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
+    loop is undetermined, or ω is a resonance without damping.
+    """
+    omega = _frequencies(omega)
+    c = coefficients(network, parameters)
+    Q = np.asarray(Q, complex)
+    if Q.ndim not in (1, 2) or Q.shape[-1:] != omega.shape or (Q.ndim == 2 and c.batched and len(Q) != c.B):
+        raise ValueError(
+            f"Q has shape {Q.shape} with {len(omega)} frequencies and a batch of {c.B}: give Q as (n,) or (B, n)."
+        )
+    batched = c.batched or Q.ndim == 2
+    nodes = topology(network)
+    A, Z, compliance = _line(network, c, omega)
+    # flows are counted in Pa, as Z_ref Q, so that all unknowns and equations have one scale
+    Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
+    L = c.L[:, None, :]
+    Z, Y = Z * L / Z_ref, 1j * omega[:, None] * compliance * L * Z_ref
+    g = np.sqrt(Z * Y)
+    conditions = _conditions(network, c, nodes, np.atleast_2d(Q), omega, Z_ref)
+    lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
+    P_mid, Q_mid = _middles(nodes, conditions, g, Z, Y, lossless)
+
+    # evaluate at the nodes, the outlets and the sites, all at once
+    _, first = _ends(nodes)
+    side, node = np.divmod(first, len(nodes.start))
+    site = np.array([[s.name for s in network.segments].index(s.segment) for s in network.sites], int)
+    segment = np.concatenate([node, nodes.outlet_segment, site])
+    ends = np.concatenate([side, np.ones(len(nodes.outlet_segment)), [s.position for s in network.sites]])
+    even, odd = _modes(g[..., segment], ends - 0.5)
+    P_mid, Q_mid = P_mid[..., segment], Q_mid[..., segment]
+    P = P_mid * even - Z[..., segment] * Q_mid * odd
+    flow = (Q_mid * even - Y[..., segment] * P_mid * odd) / Z_ref
+
+    n_nodes, n_sites = nodes.n_nodes, len(site)
+    steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
+    at_site = slice(len(segment) - n_sites, None)
+    R_rest = np.sqrt(A / np.pi)[:, None, site]
+    R = R_rest * steady + P[..., at_site] * compliance[..., site] / (2.0 * np.pi * R_rest)
+    P += c.P_0[:, None] * steady
+    parts = P[..., :n_nodes], flow[..., n_nodes : at_site.start], P[..., at_site], flow[..., at_site], R
+    return Harmonics(omega, *(_things_first(x, batched) for x in parts))
+
+
+def waveforms(network: Network, Q: Array, T: float, parameters: Parameters | None = None) -> dict[str, Array]:
+    """The periodic waveforms for n samples of inflow, evenly spaced over one period without its end.
+
+    Q : (n,) or (B, n) [m³/s]. T : period [s]. Returns arrays (n,) or (B, n) by the FMU's names: ``inlet.P`` [Pa],
+    ``<site>.P``, ``.Q`` [m³/s] and ``.R`` [m], ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
+    """
+    Q = np.asarray(Q, float)
+    if Q.ndim not in (1, 2) or Q.shape[-1] == 0 or not np.all(np.isfinite(Q)):
+        raise ValueError(f"Q of shape {Q.shape}: must hold finite samples [m^3/s] over one period, (n,) or (B, n).")
+    if not (np.isfinite(T) and T > 0.0):
+        raise ValueError(f"T = {T:g} s: the period must be positive.")
+    n = Q.shape[-1]
+    omega = 2.0 * np.pi / T * np.arange(n // 2 + 1)
+    h = solve(network, np.fft.rfft(Q, norm="forward"), omega, parameters)
+
+    def back(x: Array) -> Array:
+        # for even n the samples carry only the cosine of the last (Nyquist) harmonic: the mean of the responses at ±ω,
+        # the real part, which is what irfft takes
+        return np.fft.irfft(x, n, norm="forward")
+
+    P_node = back(h.P_node)
+    at_sites = {"P": back(h.P_site), "Q": back(h.Q_site), "R": back(h.R_site)}
+    at_outlets = {"P": P_node[..., topology(network).outlets, :], "Q": back(h.Q_outlet)}
+    result = {"inlet.P": P_node[..., 0, :]}
+    for i, site in enumerate(network.sites):
+        result |= {f"{site.name}.{key}": x[..., i, :] for key, x in at_sites.items()}
+    for i, outlet in enumerate(network.outlets):
+        result |= {f"{outlet.segment}.outlet.{key}": x[..., i, :] for key, x in at_outlets.items()}
+    return result
+
+
+# --- segments -----------------------------------------------------------------------------------------------------
+
+
+def _frequencies(omega: Array) -> Array:
+    omega = np.asarray(omega, float)
+    if omega.ndim != 1 or not np.all(np.isfinite(omega)) or np.any(omega < 0.0):
+        raise ValueError(f"omega of shape {omega.shape}: must be a list of finite angular frequencies >= 0 rad/s.")
+    return omega
+
+
+def _things_first(x: Array, batched: bool) -> Array:
+    """(B, n, things) -> (B, things, n), without B if nothing is batched."""
+    x = np.swapaxes(x, -1, -2)
+    return x if batched else x[0]
+
+
+def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array, Array]:
+    """A_rest (B, n_segments) [m²]; Z' [Pa·s/m⁴] and compliance A'/P' [m²/Pa], both (B, n, n_segments)."""
+    iw = 1j * omega[:, None]
+    with np.errstate(invalid="ignore"):
+        A = c.wall.area(c.P_0)
+        stiffness = c.wall.stiffness(A)
+    for b, i in np.argwhere(~(stiffness > 0.0)):
+        raise ValueError(
+            f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
+            f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
+        )
+    compliance = 1.0 / (stiffness[:, None] + iw * c.wall.viscosity(A, np.zeros_like(A))[:, None])
+    return A, (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None]), compliance
+
+
+def _modes(g: Array, s: Array) -> tuple[Array, Array]:
+    """e^{-g/2} cosh(g s) and e^{-g/2} sinh(g s)/g for |s| <= 1/2: exact at g = 0, no overflow however large g = γL."""
+    near, far = np.exp(-g * (0.5 - np.abs(s))), np.exp(-g * (0.5 + np.abs(s)))
+    x = 2.0 * g * np.abs(s)
+    zero = x == 0.0
+    return 0.5 * (near + far), s * near * np.where(zero, 1.0, -np.expm1(-x) / np.where(zero, 1.0, x))
+
+
+# --- the network --------------------------------------------------------------------------------------------------
+
+
+def _ends(nodes: Topology) -> tuple[Array, Array]:
+    """The node of every end of a segment, first all starts and then all ends; and one of the ends of every node."""
+    node = np.concatenate([nodes.start, nodes.end])
+    return node, np.unique(node, return_index=True)[1]
+
+
+def _conditions(
+    network: Network, c: Coefficients, nodes: Topology, Q: Array, omega: Array, Z_ref: Array
+) -> tuple[Array, Array, Array]:
+    """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
+
+    Inlet: F = Z_ref Q. Junction: F = 0. Load: P - P_venous = Z_load Q_out, Z_load = R1 + R2/(1 + iω C R2).
+    Reflection: the tangent at P_0 of Q_out = κ A_e w(A_e), A_e = elastic⁻¹(P - P_venous), whose slope is
+    κ (w + c) A_e/(ρ c²) (κ A0/(ρ c0) where A_e = A0). Raises ValueError where this leaves the mean undetermined.
+    """
+    steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
+    A_e, w, speed = _reflecting(network, c, nodes)
+    slope = c.kappa * (w + speed) * A_e / (c.rho * speed**2)
+    R2, C = np.where(c.stores, c.R2, 0.0)[:, None], np.where(c.stores, c.C, 0.0)[:, None]
+    Z_load = c.R1[:, None] + R2 / (1.0 + 1j * omega[:, None] * C * R2)
+    if np.any(omega == 0.0):
+        _check_mean(network, c, nodes, slope, int(np.sum(np.all(Z_load == 0.0, axis=(0, 1)) & ~c.reflects)))
+
+    shape = (max(c.B, len(Q)), len(omega), nodes.n_nodes)
+    a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)
+    r[..., 0] = Z_ref[..., 0] * Q
+    a[..., nodes.outlets] = np.where(c.reflects, 1.0, Z_load / Z_ref)
+    b[..., nodes.outlets] = np.where(c.reflects, slope[:, None] * Z_ref, 1.0)
+    r[..., nodes.outlets] = (
+        np.where(c.reflects, -(c.kappa * A_e * w)[:, None] * Z_ref, (c.P_venous - c.P_0)[:, None]) * steady
+    )
+    return a, b, r
+
+
+def _reflecting(network: Network, c: Coefficients, nodes: Topology) -> tuple[Array, Array, Array]:
+    """A_e, w and c at P_0 behind the outlets, (B, n_outlets); harmless numbers where an outlet does not reflect."""
+    wall = c.wall.at(nodes.outlet_segment)
+    with np.errstate(invalid="ignore"):
+        A_e = np.where(c.reflects, wall.area(c.P_0 - c.P_venous), wall.A0)
+        speed = wall.wave_speed(A_e)
+    for b, i in np.argwhere(c.reflects & ~(speed > 0.0)):
+        raise ValueError(
+            f"outlet {network.outlets[i].segment}: no stable wall carries P_0 - P_venous = "
+            f"{c.P_0[b, 0] - c.P_venous[b, i]:g} Pa; bring P_venous nearer to P_0 - P_ref."
+        )
+    return A_e, wall.riemann_velocity(A_e), speed
+
+
+def _check_mean(network: Network, c: Coefficients, nodes: Topology, slope: Array, prescribed: int) -> None:
+    if np.any(np.all(c.reflects & (slope == 0.0), axis=1)):
+        raise ValueError(
+            f"network {network.name}: all outlets are closed, so the mean pressure is undetermined; "
+            "open one (R_t below 1) or leave out omega = 0."
+        )
+    # two prescribed pressures close a loop through the ground
+    loops = len(nodes.start) - nodes.n_nodes + 1 + max(prescribed - 1, 0)
+    if loops > 0 and np.any(c.C_f == 0.0):
+        raise ValueError(
+            f"network {network.name}: without friction the mean flow round its {loops} loop(s) is undetermined; "
+            "give nu and friction above 0 or leave out omega = 0."
+        )
+
+
+def _middles(
+    nodes: Topology, conditions: tuple[Array, Array, Array], g: Array, Z: Array, Y: Array, lossless: bool
+) -> tuple[Array, Array]:
+    """e^{g/2} times P' and Z_ref Q at the middle of each segment, (B, n, n_segments): 2 unknowns a segment.
+
+    The equations are the conditions at the nodes, and one pressure for all the ends that meet at a node.
+    """
+    a, b, r = conditions
+    n = len(nodes.start)
+    even, odd = _modes(g, np.array(0.5))
+    node, first = _ends(nodes)
+    others = np.setdiff1d(np.arange(2 * n), first)
+    one = np.eye(2 * n)
+    meets = (node == np.arange(nodes.n_nodes)[:, None]).astype(float)
+    differs = one[first[node[others]]] - one[others]
+
+    def rows(ends: Array, from_P: Array, from_Q: Array) -> Array:
+        """A sum over ends of what P_mid makes equal and Q_mid makes opposite at the two ends of a segment."""
+        start, end = ends[:, :n], ends[:, n:]
+        return np.concatenate([(start + end) * from_P[..., None, :], (start - end) * from_Q[..., None, :]], axis=-1)
+
+    flow, pressure = (Y * odd, even), (even, Z * odd)
+    condition = a[..., None] * rows(meets, *flow) + b[..., None] * rows(one[first], *pressure)
+    continuity = np.broadcast_to(rows(differs, *pressure), condition.shape[:-2] + (len(others), 2 * n))
+    right = np.concatenate([r, np.zeros(r.shape[:-1] + (len(others),))], axis=-1)
+    M = np.concatenate([condition, continuity], axis=-2)
+    try:
+        x = np.linalg.solve(M, right[..., None])[..., 0]
+        singular = not np.all(np.isfinite(x)) or (lossless and np.max(np.linalg.cond(M, 1)) > 1e13)
+    except np.linalg.LinAlgError:
+        singular = True
+    if singular:
+        raise ValueError(
+            "a frequency is a resonance of elastic vessels without friction: the answer is unbounded or not unique; "
+            "give nu and friction or phi0 above 0, or move the frequency."
+        )
+    return x[..., :n], x[..., n:]
