@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver.network import Network
-from solver.staggered import STAGE_TIMES, Settings, Staggered, reporter
+from solver.staggered import INFLOW_TIMES, Settings, Staggered, reporter
 
 # communication points nearer to the grid than this part of dt count as on it
 _ON_GRID = 1e-6
@@ -73,7 +73,7 @@ class CoSimulation:
         return self.report(self.shown)[0].tolist()
 
     def _advance(self, state: Any, t: float, dt: float, pieces: list[tuple[float, float, float, float]]) -> Any:
-        inflow = np.array([_inflow(pieces, t + c * dt, _ON_GRID * dt) for c in STAGE_TIMES])
+        inflow = np.array([_inflow(pieces, t + c * dt, _ON_GRID * dt) for c in INFLOW_TIMES])
         return self.scheme.step(state, dt, inflow)
 
     def _check_time(self, t: float, h: float) -> None:

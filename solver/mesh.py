@@ -193,7 +193,7 @@ class Mesh:
         return self.first[s] + self.count[s] - 1
 
     def sample_gauss(self, segment: Array, position: Array) -> Array:
-        """Matrix (n_points, n_e N): A or ∂Q/∂x at x = position · L, interpolated from the N + 1 nearest points."""
+        """Matrix (n_points, n_e N): A or ∂Q/∂x at x = position · L from the N + 1 nearest points."""
         N = self.element.N
         W = np.zeros((len(segment), self.n_elements * N))
         for row, (s, x) in enumerate(zip(segment, position, strict=True)):

@@ -12,7 +12,7 @@ import numpy as np
 
 from .mesh import Parameters
 from .network import Network
-from .staggered import STAGE_TIMES, Reporter, Settings, Staggered, State, output_variables, reporter
+from .staggered import INFLOW_TIMES, Reporter, Settings, Staggered, State, output_variables, reporter
 
 Array = np.ndarray
 Inflow = Callable[[Array], Array]
@@ -165,7 +165,7 @@ class _Runner:
     def run(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[State, Array]:
         """n steps; returns the last state and the outputs (n + 1, B, n_outputs)."""
         start = round(state.t / self.dt)
-        Q = self._flow((start + np.arange(n)[:, None] + STAGE_TIMES) * self.dt)
+        Q = self._flow((start + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
         table = np.empty((n + 1, self.scheme.coefficients.B, len(self.reporter.names)))
         table[0] = self.reporter(state)
         every = max(1, n // 50)

@@ -259,9 +259,12 @@ class Wall:
 
     def riemann_velocity(self, A: Array) -> Array:
         """w = ∫ c/A dA from A0 to A [m/s], the velocity behind a simple wave."""
+        s = np.sqrt(A / self.A0)
+        simple = self.elastic.simple_wave(s, self.c0)
         if not self.bent:
-            return self.elastic.simple_wave(np.sqrt(A / self.A0), self.c0)
-        return riemann_velocity(self.elastic, np.sqrt(A / self.A0), self.K, self.e, self.rho)
+            return simple
+        # where e = 0 the closed form stays, so that E_NL = 0 is the model without E_NL to the last bit
+        return np.where(self.e == 0.0, simple, riemann_velocity(self.elastic, s, self.K, self.e, self.rho))
 
 
 _WALL_ARRAYS = ("A0", "K", "e", "K_h", "phi0", "r", "P_ref", "rho")
