@@ -281,7 +281,7 @@ def check_parameters(network: Network, values: Mapping[str, Any]) -> None:
     for segment in network.segments:
         phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
         phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
-        if np.any((phi0 == 0.0) & (phiNL != 0.0)):
+        if np.any(np.abs(phiNL) > _LARGEST_RATIO * phi0):
             raise ValueError(_nonlinear_without_linear(segment.name))
 
 
@@ -329,6 +329,7 @@ def from_dict(data: Mapping[str, Any]) -> Network:
 # --- validation ---------------------------------------------------------------------------------------------------
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
 _RESERVED = {"inlet", "fluid", "network", "time", "outlet"}
 
 
@@ -344,7 +345,7 @@ def _check_network(network: Network) -> None:
         for key, quantity_ in quantities(owner).items():
             quantity_.check(f"{prefix}.{key}", getattr(owner, key))
     for segment in network.segments:
-        if segment.phi0 == 0.0 and segment.phiNL != 0.0:
+        if abs(segment.phiNL) > _LARGEST_RATIO * segment.phi0:
             raise ValueError(_nonlinear_without_linear(segment.name))
     _check_references(network)
     _check_topology(network)
@@ -361,8 +362,8 @@ def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
 
 def _nonlinear_without_linear(segment: str) -> str:
     return (
-        f"{segment}.phiNL is not 0 although {segment}.phi0 = 0 Pa.s: the nonlinear viscosity needs phi0 > 0 "
-        f"(its law contains phiNL/phi0); set {segment}.phiNL to 0 or give {segment}.phi0."
+        f"{segment}.phiNL is too large for {segment}.phi0: the law contains phiNL/phi0, which must lie in "
+        f"[-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; set {segment}.phiNL to 0 or raise {segment}.phi0."
     )
 
 
@@ -419,6 +420,8 @@ def _check_topology(network: Network) -> None:
             starts[name].append(f"junction {junction.name}")
     for outlet in network.outlets:
         ends[outlet.segment].append("an outlet condition")
+    if not network.outlets:
+        raise ValueError(f"network {network.name}: it has no outlet; give one to every segment that ends freely.")
     roots = [name for name, at in starts.items() if not at]
     if roots:
         raise ValueError(

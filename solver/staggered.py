@@ -46,7 +46,7 @@ _POWERS = np.arange(4)
 _STAGE_POWERS = np.column_stack(
     [np.ones(STAGES), *(k * SDIRK3 @ SDIRK3.sum(axis=1) ** (k - 1) for k in _POWERS[1:])]
 )  # ∫ k s^(k-1) ds = s^k, by the method: exact at the end of the step
-_INFLOW_AT_STAGES = _STAGE_POWERS @ np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
+INFLOW_AT_STAGES = _STAGE_POWERS @ np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
 
 CORRECTIONS = 8  # chord iterations before the Jacobian is refreshed
 REFRESHES = 5  # fresh Jacobians before the step is given up
@@ -112,7 +112,7 @@ class State:
 
 @dataclass(frozen=True)
 class Operators:
-    """The factorised Jacobian of a stage of length τ = γ dt, linearised at areas A and rates ∂A/∂t.
+    """The factorised Jacobian of a stage of length τ = γ dt.
 
     inertia : (B, n_e, N+1) ρ w J/τ. K_inverse : (B, n_e, N+1, N+1) inverse momentum Jacobian of each element; K_left,
     K_right : (B, n_e, N+1) response of Q to the pressures at its ends. minus_G_inverse : (B, n_nodes, n_nodes), of the
@@ -205,17 +205,39 @@ class Staggered:
         if dt not in self._operators:
             if len(self._operators) >= 16:
                 self._operators.clear()
-            self._operators[dt] = self.factorise(dt, self.A_rest, np.zeros_like(self.A_rest))
+            Q = np.zeros_like(self.mass)
+            H = np.broadcast_to(self.coefficients.P_0, (self.coefficients.B, self.mesh.n_nodes))
+            self._operators[dt] = self.condense(dt, self.jacobian(GAMMA * dt, self.A_rest, Q, Q), H, None)
         return self._operators[dt]
 
-    def factorise(self, dt: float, A: Array, A_t: Array) -> Operators:
-        """Linearise the momentum at (A, A_t) : (B, n_e, N) and condense the elements onto the nodes."""
-        c, mesh, el, tau = self.coefficients, self.mesh, self.mesh.element, GAMMA * dt
-        pressure = -(tau * self.wall.stiffness(A) + self.wall.viscosity(A, A_t)) * el.w_gauss * self.minus_J_inverse
-        K = np.einsum("gi,beg,gj->beij", el.derivative, pressure, el.derivative)
-        A_end = A @ self.to_lobatto
-        diagonal = np.arange(el.N + 1)
-        K[:, :, diagonal, diagonal] += (self.mass / tau + self.friction / A_end) / A_end
+    def jacobian(self, tau: float, A: Array, Q: Array, Q_base: Array) -> Array:
+        """∂R/∂Q : (B, n_e, N+1, N+1) of the momentum residual of a stage of length τ; A follows Q."""
+        D, N = self.derivative.T, self.mesh.element.N
+        A_t, U, Q_xi = self.area_rate(Q), (Q @ self.to_gauss) / A, Q @ self.derivative
+        nu = self.wall.viscosity(A, A_t)
+        dA_t = self.minus_J_inverse[..., None] * D
+        dA = tau * dA_t
+        dU = (self.to_gauss.T - U[..., None] * dA) / A[..., None]
+        stiffness = self.wall.stiffness(A) - nu * A_t / A
+        dP = stiffness[..., None] * dA + nu[..., None] * dA_t + (2.0 * self.kinetic * U)[..., None] * dU
+        dC = Q_xi[..., None] * dU + U[..., None] * D - (U * Q_xi / A)[..., None] * dA
+        dC *= (self.kinetic / A)[..., None]
+        K = np.einsum("gi,begj->beij", self.pressure_flux, dP) + np.einsum("gi,begj->beij", self.convection, dC)
+        A_end, dA_end = A @ self.to_lobatto, np.einsum("gi,begj->beij", self.to_lobatto, dA)
+        inertia = self.mass / tau
+        K -= ((inertia * (Q - Q_base) + 2.0 * self.friction * Q / A_end) / A_end**2)[..., None] * dA_end
+        diagonal = np.arange(N + 1)
+        K[:, :, diagonal, diagonal] += (inertia + self.friction / A_end) / A_end
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            U_end = (Q / A_end)[..., -end]
+            slope = (2.0 * sign * self.end_kinetic[..., end] * U_end / A_end[..., -end])[..., None]
+            K[:, :, -end] -= slope * U_end[..., None] * dA_end[:, :, -end]
+            K[:, :, -end, -end] += slope[..., 0]
+        return K
+
+    def condense(self, dt: float, K: Array, H: Array, venous: Array | None) -> Operators:
+        """Invert the element Jacobians K and condense them onto the nodes; outlets are linearised at H : (B, n_nodes)."""
+        c, mesh, tau = self.coefficients, self.mesh, GAMMA * dt
         K_inverse = np.linalg.inv(K)
         K_left = np.ascontiguousarray(K_inverse[..., 0])
         K_right = np.ascontiguousarray(-K_inverse[..., -1])
@@ -225,7 +247,8 @@ class Staggered:
         keep = np.where(c.stores, 1.0 / (1.0 + store / c.R2), 0.0)
         give = np.where(c.stores, keep * store / c.R2, 1.0)
         impedance = c.R1 + keep * store
-        characteristic = c.rho * self.outlet_wall.wave_speed(self.outlet_wall.A0) / self.outlet_wall.A0
+        wall = self.outlet_wall
+        characteristic = c.rho * wall.c0 / wall.A0
         p_scale = np.where(c.reflects, 0.0, 1.0 / characteristic)
         node_scale = np.ones((c.B, mesh.n_nodes))
         node_scale[:, mesh.topology.outlets] = np.where(c.reflects, 1.0, impedance / characteristic)
@@ -237,7 +260,10 @@ class Staggered:
             response[:, 2 * e + 1, mesh.ends[:, column]] += K_end[..., -1]
         G = node_scale[..., None] * (mesh.incidence @ response)
         out = np.arange(mesh.n_nodes)[mesh.topology.outlets]
-        G[:, out, out] -= c.kappa / characteristic + p_scale
+        A = wall.area(H[:, mesh.topology.outlets] - (c.P_venous if venous is None else venous))
+        # d(A w)/dP = (w + c)/(dP/dA)
+        slope = c.kappa * (wall.riemann_velocity(A) + wall.wave_speed(A)) / wall.stiffness(A)
+        G[:, out, out] -= np.where(c.reflects, slope, p_scale)
         return Operators(
             dt=dt,
             tau=tau,
@@ -272,7 +298,7 @@ class Staggered:
         Raises NonPhysicalState if the result is not physical.
         """
         operators = self.operators(dt)
-        Q_in = _INFLOW_AT_STAGES @ inflow
+        Q_in = INFLOW_AT_STAGES @ inflow
         venous = self.coefficients.P_venous if P_venous is None else P_venous
         guess_rates = 2.0 * state.rates - state.rates_before
         guess_heads = 2.0 * state.heads - state.heads_before
@@ -362,7 +388,7 @@ class _Stage:
 
     def solve(self, Q: Array, H: Array, small: Array) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q changes by less than ``small`` : (B,); returns Q, H and ∂A/∂t."""
-        jacobian, done = self.operators, None
+        jacobian, done, guess = self.operators, None, (Q, H)
         for _ in range(1 + REFRESHES):
             for _ in range(CORRECTIONS):
                 Q_new, H_new = self.correct(jacobian, Q, H)
@@ -377,19 +403,26 @@ class _Stage:
                     return Q, H, self.scheme.area_rate(Q)
                 if not np.isfinite(change).all():
                     break
-            A_t = self.scheme.area_rate(Q)
-            A = self.A + self.operators.tau * A_t
-            if not np.min(A) > 0.0:
-                break
-            jacobian = self.scheme.factorise(self.operators.dt, A, A_t)
-        A_t = self.scheme.area_rate(Q)
-        self.scheme.check(self.A + self.operators.tau * A_t, A_t, Q, self.t, converged=False)
+            A, failed = self.area(Q), Q
+            if not np.min(A) > 0.0:  # thrown off: start again from the guess, with the Jacobian there
+                (Q, H), done = guess, None
+                A = self.area(Q)
+                if not np.min(A) > 0.0:
+                    break
+            K = self.scheme.jacobian(self.operators.tau, A, Q, self.Q)
+            jacobian = self.scheme.condense(self.operators.dt, K, H, self.venous)
+        A_t = self.scheme.area_rate(failed)
+        self.scheme.check(self.area(failed), A_t, failed, self.t, converged=False)
         raise AssertionError("check raises when the iteration did not converge")
 
     def charge(self, Q: Array) -> Array:
         """P_C of the Windkessels at the end of the stage."""
         Q_out = Q[:, self.scheme.mesh.outlet_element, -1]
         return self.P_0 + self.operators.charge * Q_out
+
+    def area(self, Q: Array) -> Array:
+        """A at the Gauss points at the end of the stage."""
+        return self.A + self.operators.tau * self.scheme.area_rate(Q)
 
     def correct(self, jacobian: Operators, Q: Array, H: Array) -> tuple[Array, Array]:
         """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow."""

@@ -1,0 +1,54 @@
+"""Rest and mass: exact to round-off, whatever the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver import Network, Staggered, Windkessel, simulate
+from solver.staggered import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3, State
+
+
+@pytest.mark.parametrize("P_0", [0.0, 5000.0, -500.0])
+def test_rest_stays_at_rest(sheep: Network, P_0: float) -> None:
+    """Q = 0, P = P_0 is a solution: after one beat flow, pressure and radius have moved by round-off only."""
+    venous = {f"{outlet.segment}.outlet.P_venous": P_0 for outlet in sheep.outlets}
+    beat = simulate(sheep.with_parameters({"network.P_0": P_0, **venous}), lambda t: 0.0 * t)
+    assert max(np.abs(beat[name]).max() for name in beat if name.endswith(".Q")) < 1e-17  # of 5e-5 m³/s
+    assert max(np.abs(beat[name] - P_0).max() for name in beat if name.endswith(".P")) <= 1e-12 * max(
+        abs(P_0), 1e3
+    )  # wall stiffness: 1e5 Pa
+    assert max(np.ptp(beat[name]) for name in beat if name.endswith(".R")) <= 1e-17
+
+
+def test_rest_of_a_windkessel_network(sheep: Network) -> None:
+    """With P_ref, RCR outlets and P_C at P_0 = P_venous nothing moves either."""
+    outlets = tuple(Windkessel(o.segment, 1e7, 1e-9, 1e9, P_venous=12e3) for o in sheep.outlets)
+    beat = simulate(replace(sheep, outlets=outlets, P_ref=11e3, P_0=12e3), lambda t: 0.0 * t)
+    assert max(np.abs(beat[name]).max() for name in beat if name.endswith(".Q")) < 1e-16
+
+
+@pytest.mark.parametrize("wall", ["viscous", "elastic"])
+def test_mass_over_twenty_beats(sheep: Network, wall: str) -> None:
+    """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's quadrature in time: <= 1e-12 of the volume (1e-14 measured)."""
+    parameters = None if wall == "viscous" else {f"{s.name}.phi0": 0.0 for s in sheep.segments}
+    scheme = Staggered(sheep, parameters)
+    state, dt = scheme.initial_state(), 2e-3
+    start = expected = _volume(scheme, state)
+    worst = 0.0
+    for i in range(20 * 250):
+        inflow = sheep.inlet.Q((i + INFLOW_TIMES) * dt)
+        entering = INFLOW_AT_STAGES @ inflow
+        before, state = state, scheme.step(state, dt, inflow)
+        stages = [before.Q + dt * np.tensordot(SDIRK3[j], state.rates, 1) for j in range(3)]
+        outflow = np.array([Q[0, scheme.mesh.outlet_element, -1].sum() for Q in stages])
+        expected += dt * SDIRK3[-1] @ (entering - outflow)
+        worst = max(worst, abs(_volume(scheme, state) - expected))
+    assert worst <= 1e-12 * start
+
+
+def _volume(scheme: Staggered, state: State) -> float:
+    weights = scheme.mesh.element.w_gauss / -scheme.minus_J_inverse
+    return float(np.sum(state.A * weights))
