@@ -163,7 +163,7 @@ def coefficients(network: Network, parameters: Parameters | None = None) -> Coef
 
 @dataclass(frozen=True)
 class Mesh:
-    """Every segment cut into equal elements of one degree; element ends join at nodes (the first ones are the topology's).
+    """Every segment cut into equal elements of one degree; element ends join at nodes, the first the topology's.
 
     segment : (n_e,) segment of each element. ends : (n_e, 2) node at the left and right end.
     incidence : (n_nodes, 2 n_e) net inflow of each node from the flows at the element ends (left, right, left, …).

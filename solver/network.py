@@ -281,8 +281,7 @@ def check_parameters(network: Network, values: Mapping[str, Any]) -> None:
     for segment in network.segments:
         phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
         phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
-        if np.any(np.abs(phiNL) > _LARGEST_RATIO * phi0):
-            raise ValueError(_nonlinear_without_linear(segment.name))
+        _check_ratio(segment.name, phi0, phiNL)
 
 
 # --- plain data: what the FMU carries -----------------------------------------------------------------------------
@@ -345,8 +344,7 @@ def _check_network(network: Network) -> None:
         for key, quantity_ in quantities(owner).items():
             quantity_.check(f"{prefix}.{key}", getattr(owner, key))
     for segment in network.segments:
-        if abs(segment.phiNL) > _LARGEST_RATIO * segment.phi0:
-            raise ValueError(_nonlinear_without_linear(segment.name))
+        _check_ratio(segment.name, np.asarray(segment.phi0), np.asarray(segment.phiNL))
     _check_references(network)
     _check_topology(network)
 
@@ -360,11 +358,16 @@ def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
         yield f"site {site.name}", site
 
 
-def _nonlinear_without_linear(segment: str) -> str:
-    return (
-        f"{segment}.phiNL is too large for {segment}.phi0: the law contains phiNL/phi0, which must lie in "
-        f"[-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; set {segment}.phiNL to 0 or raise {segment}.phi0."
-    )
+def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
+    """The nonlinear viscous laws contain phiNL/phi0."""
+    phi0, phiNL = (x.ravel() for x in np.broadcast_arrays(phi0, phiNL))
+    bad = np.abs(phiNL) > _LARGEST_RATIO * phi0
+    if bad.any():
+        raise ValueError(
+            f"{segment}.phiNL = {phiNL[bad][0]:g} Pa.s^2 is too large for {segment}.phi0 = {phi0[bad][0]:g} Pa.s: "
+            f"phiNL/phi0 must lie in [-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; "
+            f"set {segment}.phiNL to 0 or raise {segment}.phi0."
+        )
 
 
 def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) -> None:

@@ -236,7 +236,7 @@ class Staggered:
         return K
 
     def condense(self, dt: float, K: Array, H: Array, venous: Array | None) -> Operators:
-        """Invert the element Jacobians K and condense them onto the nodes; outlets are linearised at H : (B, n_nodes)."""
+        """Invert the element Jacobians K and condense them onto the nodes; outlets linearised at H : (B, n_nodes)."""
         c, mesh, tau = self.coefficients, self.mesh, GAMMA * dt
         K_inverse = np.linalg.inv(K)
         K_left = np.ascontiguousarray(K_inverse[..., 0])

@@ -19,7 +19,8 @@ def numbers(kind: type) -> st.SearchStrategy[dict[str, float]]:
 
 def segments(name: str) -> st.SearchStrategy[Segment]:
     def allowed(values: dict[str, float]) -> dict[str, float]:
-        return values if values["phi0"] > 0.0 else {**values, "phiNL": 0.0}
+        largest = 100.0 * values["phi0"]
+        return {**values, "phiNL": min(max(values["phiNL"], -largest), largest)}
 
     return numbers(Segment).map(lambda values: Segment(name, **allowed(values)))
 

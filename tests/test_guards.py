@@ -28,7 +28,7 @@ def test_collapse(sheep: Network) -> None:
 
 
 def test_negative_effective_viscosity(sheep: Network) -> None:
-    """φ0 + 2 φ_NL ε̇ < 0 beyond ε̇ = 1/(2|r|): the paper's law stops, naming segment, time and rate; the monotone law goes on."""
+    """φ0 + 2 φ_NL ε̇ < 0 beyond ε̇ = 1/(2|r|): the paper's law stops and says so; the monotone goes on."""
     flow = sheep.inlet.Q
     stiff = {"BT.phiNL": -1.380 * sheep.segment("BT").phi0}
     quadratic, monotone = (replace(sheep.with_parameters(stiff), viscous_law=law) for law in ("quadratic", "monotone"))

@@ -69,7 +69,10 @@ BAD_NETWORKS = {
     "text as number": (with_segment(E="1 MPa"), ["AA.E = '1 MPa'", "must be a number in Pa"]),
     "bool as number": (with_segment(E=True), ["AA.E = True", "must be a number in Pa"]),
     "None as number": (with_segment(E=None), ["AA.E = None", "must be a number in Pa"]),
-    "phiNL without phi0": (with_segment(phi0=0.0, phiNL=-1.0), ["AA.phiNL", "AA.phi0 = 0", "needs phi0 > 0", "set AA"]),
+    "phiNL without phi0": (
+        with_segment(phi0=0.0, phiNL=-1.0),
+        ["AA.phiNL", "AA.phi0 = 0", "phiNL/phi0 must lie in [-100, 100] s", "set AA"],
+    ),
     "negative density": ({"fluid": Fluid(rho=-1060.0)}, ["fluid.rho = -1060 kg/m^3", "blood density", "[1, 100000]"]),
     "Poisson's ratio": ({"eta": 0.6}, ["network.eta = 0.6 (no unit)", "Poisson's ratio", "[0, 0.5]"]),
     "period": ({"inlet": Inlet("AA", T=0.0)}, ["inlet.T = 0 s", "period T", "[0.001, 100] s"]),
@@ -192,8 +195,8 @@ BAD_PARAMETERS = {
     "NaN": ({"CA.E": 1e6, "AA.E": math.nan}, ["CA.E", "not a parameter"]),
     "text": ({"AA.E": "stiff"}, ["AA.E = 'stiff'", "must be a number in Pa"]),
     "bool": ({"AA.E": True}, ["AA.E = True", "must be a number in Pa"]),
-    "phiNL without phi0": ({"BT.phiNL": -1.0}, ["BT.phiNL", "BT.phi0 = 0", "needs phi0 > 0"]),
-    "phi0 taken away": ({"AA.phiNL": -1.0, "AA.phi0": 0.0}, ["AA.phiNL", "AA.phi0 = 0"]),
+    "phiNL without phi0": ({"BT.phiNL": -1.0}, ["BT.phiNL = -1 Pa.s^2 is too large for BT", "raise BT.phi0"]),
+    "phi0 taken away": ({"AA.phiNL": -1.0, "AA.phi0": 0.0}, ["AA.phiNL = -1", "AA.phi0 = 0 Pa.s"]),
     "one of a batch": ({"AA.E": np.array([1e6, -1.0, 2e6])}, ["AA.E = -1 Pa", "[100, 1e+10] Pa"]),
 }
 

@@ -29,14 +29,14 @@ def test_periodic_beat_repeats(sheep: Network) -> None:
 
 
 def test_windkessel_network_reaches_its_mean_pressure(sheep: Network) -> None:
-    """At periodicity the mean flow through each Windkessel is (mean P - P_venous)/(R1 + R2): to 1e-4."""
+    """The mean flow through each Windkessel is (mean P - P_venous)/(R1 + R2): to 2e-5 (measured 1e-5)."""
     outlets = tuple(Windkessel(o.segment, 1e7, 1e-9, 9e8, P_venous=500.0) for o in sheep.outlets)
-    beat = simulate_periodic(replace(sheep, outlets=outlets, P_0=10e3, P_ref=10e3), settings=QUICK)
+    beat = simulate_periodic(replace(sheep, outlets=outlets, P_0=10e3, P_ref=10e3), settings=QUICK, tolerance=1e-7)
     for outlet in outlets:
         P, Q = (beat[f"{outlet.segment}.outlet.{kind}"][:-1].mean() for kind in "PQ")
-        assert Q == pytest.approx((P - 500.0) / 9.1e8, rel=1e-4)
+        assert Q == pytest.approx((P - 500.0) / 9.1e8, rel=2e-5)
     inflow = beat["inlet.Q"][:-1].mean()
-    assert sum(beat[f"{o.segment}.outlet.Q"][:-1].mean() for o in outlets) == pytest.approx(inflow, rel=1e-4)
+    assert sum(beat[f"{o.segment}.outlet.Q"][:-1].mean() for o in outlets) == pytest.approx(inflow, rel=2e-5)
 
 
 def test_not_periodic(sheep: Network) -> None:

@@ -44,7 +44,7 @@ def test_mesh_of_the_sheep(sheep: Network) -> None:
     """Elements of at most 5 cm; one node per joined end; every flow leaves one node and enters another."""
     mesh = build_mesh(sheep, coefficients(sheep).L[0], 0.05, 3)
     counts = dict(zip([s.name for s in sheep.segments], mesh.count.tolist(), strict=True))
-    assert counts == dict(AA=1, PD=2, MD=2, DD=3, BT=1, CA=3, FA=2, VA1=4, VA2=4, VA3=4)
+    assert counts == {"AA": 1, "PD": 2, "MD": 2, "DD": 3, "BT": 1, "CA": 3, "FA": 2, "VA1": 4, "VA2": 4, "VA3": 4}
     assert mesh.n_nodes == topology(sheep).n_nodes + (mesh.n_elements - len(sheep.segments))
     np.testing.assert_array_equal(mesh.incidence.sum(axis=0), np.tile([-1.0, 1.0], mesh.n_elements))
     assert np.all(np.sort(mesh.ends, axis=1)[:, 0] != np.sort(mesh.ends, axis=1)[:, 1])

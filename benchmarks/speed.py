@@ -1,0 +1,197 @@
+"""Speed and accuracy of the solver and the FMU on the paper's sheep network: a table, and JSON on request.
+
+    python benchmarks/speed.py [--json FILE]
+
+CPU time of one thread, the best of several beats in one run; errors against the reference waveforms in tests/data
+(relative L2 of the last beat, pressures by their mean-removed norm). Nothing here is asserted: see the tests.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before NumPy is imported: one thread, so that CPU time is time
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import csv
+import json
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from build_fmu import build
+from solver import Settings, Staggered, load
+from solver.mesh import Parameters
+from solver.staggered import INFLOW_TIMES, State, reporter
+
+ROOT = Path(__file__).resolve().parents[1]
+FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
+BEATS = 6
+SHEEP = load("sheep")
+ELASTIC = {f"{segment.name}.phi0": 0.0 for segment in SHEEP.segments}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement: what, its value and unit, the target where there is one, and a note."""
+
+    what: str
+    value: float
+    unit: str
+    target: float | None = None
+    note: str = ""
+
+
+def beats(parameters: Parameters | None, settings: Settings) -> tuple[list[float], np.ndarray, tuple[str, ...]]:
+    """CPU seconds of each beat, reporting included; outputs of the last one (n + 1, B, n_outputs); their names."""
+    scheme = Staggered(SHEEP, parameters, settings)
+    report = reporter(scheme)
+    state: State = scheme.initial_state()
+    n = round(SHEEP.inlet.T / settings.dt)
+    table = np.empty((n + 1, scheme.coefficients.B, len(report.names)))
+    seconds = []
+    for beat in range(BEATS):
+        inflow = SHEEP.inlet.Q((beat * n + np.arange(n)[:, None] + INFLOW_TIMES) * settings.dt)
+        start = time.process_time()
+        table[0] = report(state)
+        for i in range(n):
+            state = scheme.step(state, settings.dt, inflow[i])
+            table[i + 1] = report(state)
+        seconds.append(time.process_time() - start)
+    return seconds, table, report.names
+
+
+def error(table: np.ndarray, names: tuple[str, ...], dt: float, file: str) -> float:
+    """Largest error of P and Q at MD and CA, at the times that the beat and the 1 ms reference share."""
+    with (ROOT / "tests" / "data" / file).open() as stream:
+        rows = list(csv.reader(stream))
+    titles = [title.split(" ")[0] for title in rows[0]]
+    reference = np.array(rows[1:], float)
+    own, every = np.arange(len(table) - 1), dt / 1e-3
+    shared = own[np.isclose(own * every % 1, 0) | np.isclose(own * every % 1, 1)]
+    worst = 0.0
+    for name in FOUR:
+        expected = reference[np.round(shared * every).astype(int), titles.index(name)]
+        value = table[shared, 0, names.index(name)]
+        scale = expected if name.endswith("Q") else expected - expected.mean()
+        worst = max(worst, float(np.linalg.norm(value - expected) / np.linalg.norm(scale)))
+    return worst
+
+
+def solver_rows() -> list[Row]:
+    """A beat to a stated error, viscoelastic and elastic; a batch against one run; the operators."""
+    rows = []
+    cases = (
+        ("viscoelastic beat, P and Q at MD and CA within 1e-3", None, Settings(dt=5e-3), "sheep_kelvin_voigt", 35.0),
+        ("viscoelastic beat, the same within 1e-4", None, Settings(dt=2.5e-3), "sheep_kelvin_voigt", 250.0),
+        ("viscoelastic beat at the default settings", None, Settings(), "sheep_kelvin_voigt", None),
+        ("elastic beat, the same within 5e-3", ELASTIC, Settings(), "sheep_elastic", 400.0),
+    )
+    for what, parameters, settings, file, target in cases:
+        seconds, table, names = beats(parameters, settings)
+        reached = error(table, names, settings.dt, f"{file}.csv")
+        rows.append(Row(what, 1e3 * min(seconds), "ms", target, f"error {reached:.1e}, dt {1e3 * settings.dt:g} ms"))
+    many = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
+    one = min(beats({name: value[0] for name, value in many.items()}, Settings())[0])
+    batch = min(beats(many, Settings())[0])
+    rows.append(Row("batch of 32 parameter sets, against one", batch / one, "x", 3.0, f"{1e3 * batch:.0f} ms a beat"))
+    scheme = Staggered(SHEEP)
+    first = best(lambda: Staggered(SHEEP).operators(1e-3)) - best(lambda: Staggered(SHEEP))
+    rows.append(Row("building the operators", 1e3 * first, "ms", 5.0))
+    scheme.operators(1e-3)
+    rows.append(Row("the same, cached", 1e3 * best(lambda: scheme.operators(1e-3)), "ms"))
+    return rows
+
+
+def best(action: Callable[[], object], repeats: int = 7) -> float:
+    """Least CPU seconds of several calls."""
+    seconds = []
+    for _ in range(repeats):
+        start = time.process_time()
+        action()
+        seconds.append(time.process_time() - start)
+    return min(seconds)
+
+
+# runs in a fresh process: what a host pays from loading the FMU to the end of the first step, and per step after that
+_FMU_RUN = """
+import json, sys, time
+import fmpy
+folder, description = fmpy.extract(sys.argv[1]), fmpy.read_model_description(sys.argv[1])
+inlet = [v.valueReference for v in description.modelVariables if v.name == "inlet.Q"]
+outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"]
+start = time.perf_counter()
+slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
+slave.setupExperiment(startTime=0.0)
+slave.enterInitializationMode()
+slave.exitInitializationMode()
+slave.setReal(inlet, [1e-6])
+slave.doStep(0.0, 1e-3)
+cold = time.perf_counter() - start
+steps = []
+for beat in range(4):
+    start = time.process_time()
+    for i in range(500):
+        slave.setReal(inlet, [5e-5 * (i % 250) / 250])
+        slave.doStep((500 * beat + i + 1) * 1e-3, 1e-3)
+    steps.append((time.process_time() - start) / 500)
+start = time.process_time()
+for i in range(1000):
+    slave.getReal(outputs)
+print(json.dumps([cold, min(steps), (time.process_time() - start) / 1000, len(outputs)]))
+"""
+
+
+def fmu_rows() -> list[Row]:
+    """Cold start in a fresh process (wall time, NumPy's import included) and a step of 1 ms."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        fmu = build(SHEEP, folder)
+        built = time.perf_counter() - start
+        runs = []
+        for _ in range(3):
+            done = subprocess.run(
+                [sys.executable, "-c", _FMU_RUN, str(fmu)], capture_output=True, text=True, check=True
+            )
+            runs.append(json.loads(done.stdout.splitlines()[-1]))
+    cold, step, get, n = (min(run[i] for run in runs) for i in range(4))
+    return [
+        Row("FMU: build", 1e3 * built, "ms"),
+        Row("FMU: cold start to the first step done, fresh process", 1e3 * cold, "ms", 1000.0, "wall time"),
+        Row("FMU: doStep of 1 ms", 1e3 * step, "ms", 0.5),
+        Row(f"FMU: getReal of {n} outputs", 1e6 * get, "us"),
+    ]
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+) -> None:
+    """Measure and print."""
+    rows = solver_rows() + fmu_rows()
+    table = Table(title=f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread")
+    for column in ("what", "measured", "target", "note"):
+        table.add_column(column, justify="right" if column in ("measured", "target") else "left")
+    for row in rows:
+        target = "" if row.target is None else f"<= {row.target:g} {row.unit}"
+        table.add_row(row.what, f"{row.value:.3g} {row.unit}", target, row.note)
+    Console(width=130).print(table)
+    text = json.dumps([asdict(row) for row in rows], indent=1)
+    print(text)
+    if json_file is not None:
+        json_file.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    typer.run(main)
