@@ -34,7 +34,9 @@ from rich.table import Table
 from build_fmu import build
 from solver import Settings, Staggered, load
 from solver.mesh import Parameters
-from solver.staggered import INFLOW_TIMES, State, reporter
+from solver.report import reporter
+from solver.sdirk import INFLOW_TIMES
+from solver.staggered import State
 
 ROOT = Path(__file__).resolve().parents[1]
 FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")

@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from .network import Fluid, Network, Segment, quantities
+from .network import Fluid, Network, Segment
+from .quantity import quantities
 
 
 def murray_radius(parent: Segment, siblings: Iterable[Segment]) -> float:

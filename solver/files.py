@@ -22,7 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .network import OUTLETS, Fluid, Inlet, Junction, Network, Outlet, Pressure, Segment, Site, quantities
+from .network import OUTLETS, Fluid, Inlet, Junction, Network, Outlet, Pressure, Segment, Site
+from .quantity import quantities
 
 _NETWORKS = Path(__file__).parent / "networks"
 _TEXTS = ("name", "reference", "elastic_law", "viscous_law")

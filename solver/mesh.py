@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from .element import Element, element, lagrange
-from .network import Network, Reflection, Resistance, Windkessel, check_parameters
+from .network import Network, Reflection, Resistance, Windkessel
+from .validation import check_parameters
 from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
 
 Array = np.ndarray

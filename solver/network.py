@@ -1,74 +1,21 @@
-"""The description of a network: frozen dataclasses, their units and allowed ranges, and validation.
+"""The description of a network: frozen dataclasses with units and allowed ranges.
 
 Everything here is in SI. Every number that a user may change is a *quantity*: a dataclass field that carries a
-:class:`Quantity`. The variables of the FMU, the keys of the network file, the error messages and the batch
+:class:`~solver.quantity.Quantity`. The variables of the FMU, the keys of the network file, the error messages and the batch
 parameters of the solver all follow from these fields, so a new one is added here and nowhere else.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from .wall import ELASTIC_LAWS, VISCOUS_LAWS
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What a number is: unit, allowed range, and how tools should show it.
-
-    unit, display : unit in SI and the unit people read it in (as pint and FMI display units spell it).
-    low, high : allowed range, both ends included unless ``open_low``.
-    nominal : typical magnitude, for the FMU's ``nominal`` attribute.
-    tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
-    input : whether another model may drive it: an FMU input instead of a parameter.
-    """
-
-    unit: str
-    description: str
-    low: float
-    high: float
-    nominal: float = 1.0
-    display: str | None = None
-    open_low: bool = False
-    tunable: bool = True
-    input: bool = False
-
-    def check(self, name: str, value: float) -> None:
-        """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""
-        if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
-            raise ValueError(f"{name} = {value!r}: must be a number in {self.unit_text}.")
-        try:
-            value = float(value)
-        except OverflowError:  # an integer beyond the largest double
-            value = math.inf
-        below = value <= self.low if self.open_low else value < self.low
-        if not math.isfinite(value) or below or value > self.high:
-            bracket = "(" if self.open_low else "["
-            raise ValueError(
-                f"{name} = {value:g} {self.unit_text} is not allowed: {self.description} must lie in "
-                f"{bracket}{self.low:g}, {self.high:g}] {self.unit_text}; check the value and its unit."
-            )
-
-    @property
-    def unit_text(self) -> str:
-        return self.unit if self.unit != "1" else "(no unit)"
-
-
-def quantity(default: float | None, unit: str, description: str, low: float, high: float, **more: Any) -> Any:
-    """A dataclass field that carries a :class:`Quantity`; ``default`` None means the value must be given."""
-    metadata = {"quantity": Quantity(unit, description, low, high, **more)}
-    return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
-
-
-def quantities(thing: Any) -> dict[str, Quantity]:
-    """The quantities of a dataclass or of one of its instances, by field name."""
-    return {f.name: f.metadata["quantity"] for f in fields(thing) if "quantity" in f.metadata}
+from .quantity import Quantity, quantities, quantity
+from .validation import check_network, check_parameters
 
 
 @dataclass(frozen=True)
@@ -218,7 +165,7 @@ class Network:
     NETWORK_GROUP: ClassVar[str] = "network"
 
     def __post_init__(self) -> None:
-        _check_network(self)
+        check_network(self)
 
     # --- numbers by name: these names are the FMU's -------------------------------------------------------------
 
@@ -267,23 +214,6 @@ class Network:
         raise KeyError(name)
 
 
-def check_parameters(network: Network, values: Mapping[str, Any]) -> None:
-    """Raise ValueError unless every name is a parameter of the network and every value (scalar or array) is allowed."""
-    known = network.parameter_quantities()
-    for name, value in values.items():
-        if name not in known:
-            raise ValueError(f"{name}: not a parameter of network {network.name}; {_suggest(name, known)}")
-        flat = np.asarray(value)
-        if flat.dtype.kind not in "fiu":
-            raise ValueError(f"{name} = {value!r}: must be a number in {known[name].unit_text}.")
-        for single in flat.ravel():
-            known[name].check(name, float(single))
-    for segment in network.segments:
-        phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
-        phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
-        _check_ratio(segment.name, phi0, phiNL)
-
-
 # --- plain data: what the FMU carries -----------------------------------------------------------------------------
 
 
@@ -323,138 +253,3 @@ def from_dict(data: Mapping[str, Any]) -> Network:
         outlets=tuple(outlet(o) for o in data["outlets"]),
         sites=tuple(Site(**s) for s in data["sites"]),
     )
-
-
-# --- validation ---------------------------------------------------------------------------------------------------
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-_LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
-_RESERVED = {"inlet", "fluid", "network", "time", "outlet"}
-
-
-def _check_network(network: Network) -> None:
-    _check_names("network", [network.name], reserved=set())
-    _check_names("segment", [s.name for s in network.segments])
-    _check_names("site", [s.name for s in network.sites])
-    if not network.segments:
-        raise ValueError(f"network {network.name}: it has no segments; give at least one.")
-    _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
-    _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
-    for prefix, owner in _all_owners(network):
-        for key, quantity_ in quantities(owner).items():
-            quantity_.check(f"{prefix}.{key}", getattr(owner, key))
-    for segment in network.segments:
-        _check_ratio(segment.name, np.asarray(segment.phi0), np.asarray(segment.phiNL))
-    _check_references(network)
-    _check_topology(network)
-
-
-def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
-    yield from network.owners()
-    yield "inlet", network.inlet
-    for junction in network.junctions:
-        yield f"junction {junction.name}", junction
-    for site in network.sites:
-        yield f"site {site.name}", site
-
-
-def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
-    """The nonlinear viscous laws contain phiNL/phi0."""
-    phi0, phiNL = (x.ravel() for x in np.broadcast_arrays(phi0, phiNL))
-    bad = np.abs(phiNL) > _LARGEST_RATIO * phi0
-    if bad.any():
-        raise ValueError(
-            f"{segment}.phiNL = {phiNL[bad][0]:g} Pa.s^2 is too large for {segment}.phi0 = {phi0[bad][0]:g} Pa.s: "
-            f"phiNL/phi0 must lie in [-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; "
-            f"set {segment}.phiNL to 0 or raise {segment}.phi0."
-        )
-
-
-def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) -> None:
-    for name in names:
-        if not isinstance(name, str) or not _NAME.match(name):
-            raise ValueError(
-                f"{kind} name {name!r}: must start with a letter and hold only letters, digits and _; rename it."
-            )
-        if name in reserved:
-            raise ValueError(f"{kind} name {name!r} is reserved ({', '.join(sorted(reserved))}); rename it.")
-        if names.count(name) > 1:
-            raise ValueError(f"{kind} {name}: the name occurs {names.count(name)} times; names must be unique.")
-
-
-def _check_law(key: str, name: str, laws: Mapping[str, Any]) -> None:
-    if name not in laws:
-        raise ValueError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
-
-
-def _suggest(name: str, known: Iterable[str]) -> str:
-    import difflib
-
-    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
-    return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
-
-
-def _check_references(network: Network) -> None:
-    names = [s.name for s in network.segments]
-    mentions = [(f"junction {j.name}", s) for j in network.junctions for s in (*j.inflow, *j.outflow)]
-    mentions += [(f"site {s.name}", s.segment) for s in network.sites]
-    mentions += [(f"outlet {o.segment}", o.segment) for o in network.outlets]
-    mentions += [("inlet", network.inlet.segment)]
-    for where, segment in mentions:
-        if segment not in names:
-            raise ValueError(f"{where}: there is no segment {segment!r}; {_suggest(segment, names)}")
-
-
-def _check_topology(network: Network) -> None:
-    """One root, every end joined to exactly one thing, every segment reachable from the inlet."""
-    starts: dict[str, list[str]] = {s.name: [] for s in network.segments}
-    ends: dict[str, list[str]] = {s.name: [] for s in network.segments}
-    starts[network.inlet.segment].append("the inlet")
-    for junction in network.junctions:
-        if not junction.inflow or not junction.outflow:
-            there = ", ".join(junction.inflow + junction.outflow) or "nothing"
-            raise ValueError(
-                f"junction of {there}: it has no partner; "
-                "name at least one segment that flows in and one that flows out."
-            )
-        for name in junction.inflow:
-            ends[name].append(f"junction {junction.name}")
-        for name in junction.outflow:
-            starts[name].append(f"junction {junction.name}")
-    for outlet in network.outlets:
-        ends[outlet.segment].append("an outlet condition")
-    if not network.outlets:
-        raise ValueError(f"network {network.name}: it has no outlet; give one to every segment that ends freely.")
-    roots = [name for name, at in starts.items() if not at]
-    if roots:
-        raise ValueError(
-            f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
-            f"{network.inlet.segment}; let a junction flow into it or remove it."
-        )
-    for name, at in ends.items():
-        if not at:
-            raise ValueError(
-                f"segment {name}: its downstream end has neither junction nor outlet; give one (for example R_t = 0)."
-            )
-    for which, joined in (("upstream", starts), ("downstream", ends)):
-        for name, at in joined.items():
-            if len(at) > 1:
-                raise ValueError(
-                    f"segment {name}: its {which} end is joined twice ({' and '.join(at)}); keep one of them."
-                )
-    _check_reachable(network)
-
-
-def _check_reachable(network: Network) -> None:
-    reached = {network.inlet.segment}
-    grew = True
-    while grew:
-        new = {s for j in network.junctions if reached & {*j.inflow, *j.outflow} for s in (*j.inflow, *j.outflow)}
-        grew = not new <= reached
-        reached |= new
-    for segment in network.segments:
-        if segment.name not in reached:
-            raise ValueError(
-                f"segment {segment.name}: it cannot be reached from the inlet of {network.inlet.segment}; "
-                f"join it with a junction or remove it."
-            )

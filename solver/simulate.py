@@ -12,7 +12,9 @@ import numpy as np
 
 from .mesh import Parameters
 from .network import Network
-from .staggered import INFLOW_TIMES, Reporter, Settings, Staggered, State, output_variables, reporter
+from .report import Reporter, output_variables, reporter
+from .sdirk import INFLOW_TIMES
+from .staggered import Settings, Staggered, State
 
 Array = np.ndarray
 Inflow = Callable[[Array], Array]

@@ -17,39 +17,17 @@ answer is continuous as φ0 → 0, and it does not ring when an input is held.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .mesh import Parameters, build_mesh, coefficients
 from .network import Network
-from .wall import Wall
+from .sdirk import GAMMA, INFLOW_AT_STAGES, SDIRK3, STAGES
+from .stage import Stage
 
 Array = np.ndarray
 
-# Alexander (1977), SIAM J. Numer. Anal. 14, 1006: γ is the root of γ³ - 3γ² + 3γ/2 - 1/6 in (1/6, 1/2).
-GAMMA = 0.43586652150845967
-SDIRK3 = np.array(
-    [
-        [GAMMA, 0.0, 0.0],
-        [(1.0 - GAMMA) / 2.0, GAMMA, 0.0],
-        [-1.5 * GAMMA**2 + 4.0 * GAMMA - 0.25, 1.5 * GAMMA**2 - 5.0 * GAMMA + 1.25, GAMMA],
-    ]
-)
-STAGES = len(SDIRK3)
-
-# The inflow of a step is given at these parts of it: a cubic, which enters the stages as the method integrates its
-# derivative. Imposing its values at the stages instead would cost the inlet pressure an order and a half (stage order).
-INFLOW_TIMES = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
-_POWERS = np.arange(4)
-_STAGE_POWERS = np.column_stack(
-    [np.ones(STAGES), *(k * SDIRK3 @ SDIRK3.sum(axis=1) ** (k - 1) for k in _POWERS[1:])]
-)  # ∫ k s^(k-1) ds = s^k, by the method: exact at the end of the step
-INFLOW_AT_STAGES = _STAGE_POWERS @ np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
-
-CORRECTIONS = 8  # chord iterations before the Jacobian is refreshed
-REFRESHES = 5  # fresh Jacobians before the step is given up
 _FLOW_FLOOR = 1e-14  # of A0 c0: updates below this are round-off of a network at rest
 
 
@@ -316,7 +294,7 @@ class Staggered:
                     A = A + weight * A_t[j]
                     Q = Q + weight * rates[j]
                     P_C = P_C + weight * C_t[j]
-                stage = _Stage(self, operators, A, Q, P_C, Q_in[i], venous, state.t + dt)
+                stage = Stage(self, operators, A, Q, P_C, Q_in[i], venous, state.t + dt)
                 Q_i, heads[i], A_t_i = stage.solve(Q + operators.tau * guess_rates[i], guess_heads[i], small)
                 A_t.append(A_t_i)
                 rates[i] = (Q_i - Q) / operators.tau
@@ -366,166 +344,3 @@ class Staggered:
         if self.coefficients.batched:
             reason += f" in parameter set {b} of the batch"
         raise NonPhysicalState(reason, name, float(place * self.coefficients.L[b, s]), t, remedy)
-
-
-class _Stage:
-    """One implicit stage: given A, Q, P_C at its base, find Q and the nodal pressures H at its end."""
-
-    def __init__(
-        self,
-        scheme: Staggered,
-        operators: Operators,
-        A: Array,
-        Q: Array,
-        P_C: Array,
-        inflow: Array,
-        venous: Array,
-        t: float,
-    ) -> None:
-        self.scheme, self.operators, self.t = scheme, operators, t
-        self.A, self.Q, self.P_C, self.inflow, self.venous = A, Q, P_C, inflow, venous
-        self.P_0 = operators.keep * P_C + operators.give * venous
-
-    def solve(self, Q: Array, H: Array, small: Array) -> tuple[Array, Array, Array]:
-        """Chord iterations from a guess until Q changes by less than ``small`` : (B,); returns Q, H and ∂A/∂t."""
-        jacobian, done, guess = self.operators, None, (Q, H)
-        for _ in range(1 + REFRESHES):
-            for _ in range(CORRECTIONS):
-                Q_new, H_new = self.correct(jacobian, Q, H)
-                change = np.abs(Q_new - Q).max(axis=(1, 2))
-                if done is not None:  # a member of a batch that has converged stays what it is alone
-                    Q_new = np.where(done[:, None, None], Q, Q_new)
-                    H_new = np.where(done[:, None], H, H_new)
-                    change = np.where(done, 0.0, change)
-                Q, H = Q_new, H_new
-                done = change <= small
-                if done.all():
-                    return Q, H, self.scheme.area_rate(Q)
-                if not np.isfinite(change).all():
-                    break
-            A, failed = self.area(Q), Q
-            if not np.min(A) > 0.0:  # thrown off: start again from the guess, with the Jacobian there
-                (Q, H), done = guess, None
-                A = self.area(Q)
-                if not np.min(A) > 0.0:
-                    break
-            K = self.scheme.jacobian(self.operators.tau, A, Q, self.Q)
-            jacobian = self.scheme.condense(self.operators.dt, K, H, self.venous)
-        A_t = self.scheme.area_rate(failed)
-        self.scheme.check(self.area(failed), A_t, failed, self.t, converged=False)
-        raise AssertionError("check raises when the iteration did not converge")
-
-    def charge(self, Q: Array) -> Array:
-        """P_C of the Windkessels at the end of the stage."""
-        Q_out = Q[:, self.scheme.mesh.outlet_element, -1]
-        return self.P_0 + self.operators.charge * Q_out
-
-    def area(self, Q: Array) -> Array:
-        """A at the Gauss points at the end of the stage."""
-        return self.A + self.operators.tau * self.scheme.area_rate(Q)
-
-    def correct(self, jacobian: Operators, Q: Array, H: Array) -> tuple[Array, Array]:
-        """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow."""
-        R = self.momentum_residual(Q, H)
-        Q_free = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
-        net = self.node_residual(Q_free, H)
-        dH = np.matmul(jacobian.minus_G_inverse, net[..., None])[..., 0]
-        at_ends = dH.take(self.scheme.mesh.ends, axis=1)
-        Q_free += jacobian.K_left * at_ends[..., :1]
-        Q_free += jacobian.K_right * at_ends[..., 1:]
-        return Q_free, H + dH
-
-    def momentum_residual(self, Q: Array, H: Array) -> Array:
-        """Weak momentum per Lobatto point : (B, n_e, N+1) [Pa]."""
-        scheme, operators = self.scheme, self.operators
-        dQ = Q @ scheme.derivative  # ∂Q/∂ξ = J ∂Q/∂x
-        A_t = dQ * scheme.minus_J_inverse
-        A = self.A + operators.tau * A_t
-        U = (Q @ scheme.to_gauss) / A
-        kinetic = scheme.kinetic * U
-        P = scheme.wall.pressure(A, A_t)
-        P += kinetic * U
-        R = P @ scheme.pressure_flux  # -∫ (P + ½ρα U²) ∂v/∂x
-        R += (kinetic * dQ / A) @ scheme.convection  # ∫ ρα (U/A) ∂Q/∂x v
-        A_end = A @ scheme.to_lobatto
-        R += (operators.inertia * (Q - self.Q) + scheme.friction * Q / A_end) / A_end
-        U_end = Q[..., scheme.both_ends] / A_end[..., scheme.both_ends]
-        flux = H.take(scheme.mesh.ends, axis=1)  # static pressure plus what the node does not keep of the kinetic one
-        flux += scheme.end_kinetic * (U_end * U_end)
-        R += flux @ scheme.end_flux
-        return R
-
-    def node_residual(self, Q: Array, H: Array) -> Array:
-        """ΣQ at the nodes; inflow at the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
-        scheme, operators = self.scheme, self.operators
-        outlets = scheme.mesh.topology.outlets
-        ends = Q[..., scheme.both_ends].reshape(len(Q), -1)
-        net = operators.node_scale * (ends @ scheme.incidence)
-        net[:, 0] += self.inflow
-        P = H[:, outlets]
-        load = operators.p_scale * (P - self.P_0)
-        if scheme.reflects:
-            wall = scheme.outlet_wall
-            A = wall.area(P - self.venous)
-            load += scheme.coefficients.kappa * A * wall.riemann_velocity(A)
-        net[:, outlets] -= load
-        return net
-
-
-# --- what is reported ---------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Reporter:
-    """Turns states into the outputs, in the order of ``names``: the FMU's variables and the columns of a result."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    report: Callable[[State], Array]
-
-    def __call__(self, state: State) -> Array:
-        """(B, n_outputs) SI values."""
-        return self.report(state)
-
-
-def reporter(scheme: Staggered) -> Reporter:
-    """Outputs of a network: inlet.P, <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
-
-    At a site A and ∂Q/∂x are interpolated and P follows from the wall law; the nodal pressures are the multipliers H.
-    """
-    network, mesh = scheme.network, scheme.mesh
-    index = {segment.name: i for i, segment in enumerate(network.segments)}
-    segment = np.array([index[site.segment] for site in network.sites], int)
-    position = np.array([site.position for site in network.sites])
-    gauss, lobatto = mesh.sample_gauss(segment, position).T, mesh.sample_lobatto(segment, position).T
-    wall: Wall = scheme.coefficients.wall.at(segment)
-    n, B = len(segment), scheme.coefficients.B
-    outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
-    names, units = output_variables(network)
-    sites = slice(1, 1 + 3 * n)
-
-    def report(state: State) -> Array:
-        result = np.empty((B, len(names)))
-        result[:, 0] = state.H[:, 0]
-        A_t = scheme.area_rate(state.Q).reshape(B, -1) @ gauss
-        A = state.A.reshape(B, -1) @ gauss
-        at_sites = result[:, sites].reshape(B, n, 3)
-        at_sites[..., 0] = wall.pressure(A, A_t)
-        at_sites[..., 1] = state.Q.reshape(B, -1) @ lobatto
-        at_sites[..., 2] = np.sqrt(A / np.pi)
-        result[:, sites] = at_sites.reshape(B, -1)
-        result[:, 1 + 3 * n :: 2] = state.H[:, outlets]
-        result[:, 2 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
-        return result
-
-    return Reporter(names, units, report)
-
-
-def output_variables(network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and SI units of the outputs of a network."""
-    rows = [("inlet.P", "Pa")]
-    for site in network.sites:
-        rows += [(f"{site.name}.P", "Pa"), (f"{site.name}.Q", "m^3/s"), (f"{site.name}.R", "m")]
-    for outlet in network.outlets:
-        rows += [(f"{outlet.segment}.outlet.P", "Pa"), (f"{outlet.segment}.outlet.Q", "m^3/s")]
-    return tuple(name for name, _ in rows), tuple(unit for _, unit in rows)

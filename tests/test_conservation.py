@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from solver import Network, Staggered, Windkessel, simulate
-from solver.staggered import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3, State
+from solver.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
+from solver.staggered import State
 
 
 @pytest.mark.parametrize("P_0", [0.0, 5000.0, -500.0])

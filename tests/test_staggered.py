@@ -10,7 +10,8 @@ import pytest
 from solver import Network, Settings, Staggered
 from solver.element import element
 from solver.mesh import build_mesh, coefficients, topology
-from solver.staggered import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3, _Stage
+from solver.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
+from solver.stage import Stage
 
 
 @pytest.mark.parametrize("N", range(1, 9))
@@ -73,7 +74,7 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str) -> None:
     for i in range(100):
         state = scheme.step(state, 1e-3, sheep.inlet.Q((i + INFLOW_TIMES) * 1e-3))
     operators = scheme.operators(1e-3)
-    stage = _Stage(scheme, operators, state.A, state.Q, state.P_C, np.array(0.0), scheme.coefficients.P_venous, state.t)
+    stage = Stage(scheme, operators, state.A, state.Q, state.P_C, np.array(0.0), scheme.coefficients.P_venous, state.t)
     random = np.random.default_rng(1)
     Q = state.Q + 1e-6 * random.normal(size=state.Q.shape)
     change = 1e-10 * random.normal(size=Q.shape)

@@ -1,0 +1,62 @@
+"""Quantities: dataclass fields that carry a unit, an allowed range and a description."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a number is: unit, allowed range, and how tools should show it.
+
+    unit, display : unit in SI and the unit people read it in (as pint and FMI display units spell it).
+    low, high : allowed range, both ends included unless ``open_low``.
+    nominal : typical magnitude, for the FMU's ``nominal`` attribute.
+    tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
+    input : whether another model may drive it: an FMU input instead of a parameter.
+    """
+
+    unit: str
+    description: str
+    low: float
+    high: float
+    nominal: float = 1.0
+    display: str | None = None
+    open_low: bool = False
+    tunable: bool = True
+    input: bool = False
+
+    def check(self, name: str, value: float) -> None:
+        """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""
+        if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
+            raise ValueError(f"{name} = {value!r}: must be a number in {self.unit_text}.")
+        try:
+            value = float(value)
+        except OverflowError:  # an integer beyond the largest double
+            value = math.inf
+        below = value <= self.low if self.open_low else value < self.low
+        if not math.isfinite(value) or below or value > self.high:
+            bracket = "(" if self.open_low else "["
+            raise ValueError(
+                f"{name} = {value:g} {self.unit_text} is not allowed: {self.description} must lie in "
+                f"{bracket}{self.low:g}, {self.high:g}] {self.unit_text}; check the value and its unit."
+            )
+
+    @property
+    def unit_text(self) -> str:
+        return self.unit if self.unit != "1" else "(no unit)"
+
+
+def quantity(default: float | None, unit: str, description: str, low: float, high: float, **more: Any) -> Any:
+    """A dataclass field that carries a :class:`Quantity`; ``default`` None means the value must be given."""
+    metadata = {"quantity": Quantity(unit, description, low, high, **more)}
+    return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
+
+
+def quantities(thing: Any) -> dict[str, Quantity]:
+    """The quantities of a dataclass or of one of its instances, by field name."""
+    return {f.name: f.metadata["quantity"] for f in fields(thing) if "quantity" in f.metadata}

@@ -1,0 +1,69 @@
+"""What is reported of a state: the outputs of the FMU and the columns of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .network import Network
+from .staggered import Staggered, State
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Reporter:
+    """Turns states into the outputs, in the order of ``names``: the FMU's variables and the columns of a result."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    report: Callable[[State], Array]
+
+    def __call__(self, state: State) -> Array:
+        """(B, n_outputs) SI values."""
+        return self.report(state)
+
+
+def reporter(scheme: Staggered) -> Reporter:
+    """Outputs of a network: inlet.P, <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
+
+    At a site A and ∂Q/∂x are interpolated and P follows from the wall law; the nodal pressures are the multipliers H.
+    """
+    network, mesh = scheme.network, scheme.mesh
+    index = {segment.name: i for i, segment in enumerate(network.segments)}
+    segment = np.array([index[site.segment] for site in network.sites], int)
+    position = np.array([site.position for site in network.sites])
+    gauss, lobatto = mesh.sample_gauss(segment, position).T, mesh.sample_lobatto(segment, position).T
+    wall = scheme.coefficients.wall.at(segment)
+    n, B = len(segment), scheme.coefficients.B
+    outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
+    names, units = output_variables(network)
+    sites = slice(1, 1 + 3 * n)
+
+    def report(state: State) -> Array:
+        result = np.empty((B, len(names)))
+        result[:, 0] = state.H[:, 0]
+        A_t = scheme.area_rate(state.Q).reshape(B, -1) @ gauss
+        A = state.A.reshape(B, -1) @ gauss
+        at_sites = result[:, sites].reshape(B, n, 3)
+        at_sites[..., 0] = wall.pressure(A, A_t)
+        at_sites[..., 1] = state.Q.reshape(B, -1) @ lobatto
+        at_sites[..., 2] = np.sqrt(A / np.pi)
+        result[:, sites] = at_sites.reshape(B, -1)
+        result[:, 1 + 3 * n :: 2] = state.H[:, outlets]
+        result[:, 2 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
+        return result
+
+    return Reporter(names, units, report)
+
+
+def output_variables(network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and SI units of the outputs of a network."""
+    rows = [("inlet.P", "Pa")]
+    for site in network.sites:
+        rows += [(f"{site.name}.P", "Pa"), (f"{site.name}.Q", "m^3/s"), (f"{site.name}.R", "m")]
+    for outlet in network.outlets:
+        rows += [(f"{outlet.segment}.outlet.P", "Pa"), (f"{outlet.segment}.outlet.Q", "m^3/s")]
+    return tuple(name for name, _ in rows), tuple(unit for _, unit in rows)

@@ -1,0 +1,119 @@
+"""One implicit stage of the staggered scheme: the weak momentum, the nodes, and the iteration that meets both."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .staggered import Operators, Staggered
+
+Array = np.ndarray
+
+CORRECTIONS = 8  # chord iterations before the Jacobian is refreshed
+REFRESHES = 5  # fresh Jacobians before the step is given up
+
+
+class Stage:
+    """One implicit stage: given A, Q, P_C at its base, find Q and the nodal pressures H at its end."""
+
+    def __init__(
+        self,
+        scheme: Staggered,
+        operators: Operators,
+        A: Array,
+        Q: Array,
+        P_C: Array,
+        inflow: Array,
+        venous: Array,
+        t: float,
+    ) -> None:
+        self.scheme, self.operators, self.t = scheme, operators, t
+        self.A, self.Q, self.P_C, self.inflow, self.venous = A, Q, P_C, inflow, venous
+        self.P_0 = operators.keep * P_C + operators.give * venous
+
+    def solve(self, Q: Array, H: Array, small: Array) -> tuple[Array, Array, Array]:
+        """Chord iterations from a guess until Q changes by less than ``small`` : (B,); returns Q, H and ∂A/∂t."""
+        jacobian, done, guess = self.operators, None, (Q, H)
+        for _ in range(1 + REFRESHES):
+            for _ in range(CORRECTIONS):
+                Q_new, H_new = self.correct(jacobian, Q, H)
+                change = np.abs(Q_new - Q).max(axis=(1, 2))
+                if done is not None:  # a member of a batch that has converged stays what it is alone
+                    Q_new = np.where(done[:, None, None], Q, Q_new)
+                    H_new = np.where(done[:, None], H, H_new)
+                    change = np.where(done, 0.0, change)
+                Q, H = Q_new, H_new
+                done = change <= small
+                if done.all():
+                    return Q, H, self.scheme.area_rate(Q)
+                if not np.isfinite(change).all():
+                    break
+            A, failed = self.area(Q), Q
+            if not np.min(A) > 0.0:  # thrown off: start again from the guess, with the Jacobian there
+                (Q, H), done = guess, None
+                A = self.area(Q)
+                if not np.min(A) > 0.0:
+                    break
+            K = self.scheme.jacobian(self.operators.tau, A, Q, self.Q)
+            jacobian = self.scheme.condense(self.operators.dt, K, H, self.venous)
+        A_t = self.scheme.area_rate(failed)
+        self.scheme.check(self.area(failed), A_t, failed, self.t, converged=False)
+        raise AssertionError("check raises when the iteration did not converge")
+
+    def charge(self, Q: Array) -> Array:
+        """P_C of the Windkessels at the end of the stage."""
+        Q_out = Q[:, self.scheme.mesh.outlet_element, -1]
+        return self.P_0 + self.operators.charge * Q_out
+
+    def area(self, Q: Array) -> Array:
+        """A at the Gauss points at the end of the stage."""
+        return self.A + self.operators.tau * self.scheme.area_rate(Q)
+
+    def correct(self, jacobian: Operators, Q: Array, H: Array) -> tuple[Array, Array]:
+        """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow."""
+        R = self.momentum_residual(Q, H)
+        Q_free = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
+        net = self.node_residual(Q_free, H)
+        dH = np.matmul(jacobian.minus_G_inverse, net[..., None])[..., 0]
+        at_ends = dH.take(self.scheme.mesh.ends, axis=1)
+        Q_free += jacobian.K_left * at_ends[..., :1]
+        Q_free += jacobian.K_right * at_ends[..., 1:]
+        return Q_free, H + dH
+
+    def momentum_residual(self, Q: Array, H: Array) -> Array:
+        """Weak momentum per Lobatto point : (B, n_e, N+1) [Pa]."""
+        scheme, operators = self.scheme, self.operators
+        dQ = Q @ scheme.derivative  # ∂Q/∂ξ = J ∂Q/∂x
+        A_t = dQ * scheme.minus_J_inverse
+        A = self.A + operators.tau * A_t
+        U = (Q @ scheme.to_gauss) / A
+        kinetic = scheme.kinetic * U
+        P = scheme.wall.pressure(A, A_t)
+        P += kinetic * U
+        R = P @ scheme.pressure_flux  # -∫ (P + ½ρα U²) ∂v/∂x
+        R += (kinetic * dQ / A) @ scheme.convection  # ∫ ρα (U/A) ∂Q/∂x v
+        A_end = A @ scheme.to_lobatto
+        R += (operators.inertia * (Q - self.Q) + scheme.friction * Q / A_end) / A_end
+        U_end = Q[..., scheme.both_ends] / A_end[..., scheme.both_ends]
+        flux = H.take(scheme.mesh.ends, axis=1)  # static pressure plus what the node does not keep of the kinetic one
+        flux += scheme.end_kinetic * (U_end * U_end)
+        R += flux @ scheme.end_flux
+        return R
+
+    def node_residual(self, Q: Array, H: Array) -> Array:
+        """ΣQ at the nodes; inflow at the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
+        scheme, operators = self.scheme, self.operators
+        outlets = scheme.mesh.topology.outlets
+        ends = Q[..., scheme.both_ends].reshape(len(Q), -1)
+        net = operators.node_scale * (ends @ scheme.incidence)
+        net[:, 0] += self.inflow
+        P = H[:, outlets]
+        load = operators.p_scale * (P - self.P_0)
+        if scheme.reflects:
+            wall = scheme.outlet_wall
+            A = wall.area(P - self.venous)
+            load += scheme.coefficients.kappa * A * wall.riemann_velocity(A)
+        net[:, outlets] -= load
+        return net

@@ -1,0 +1,164 @@
+"""What makes a network or a parameter set acceptable. Every refusal is one sentence: the thing, its value, what is
+allowed, what to do."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .quantity import quantities
+from .wall import ELASTIC_LAWS, VISCOUS_LAWS
+
+if TYPE_CHECKING:
+    from .network import Network
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
+_LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
+_RESERVED = {"inlet", "fluid", "network", "time", "outlet"}
+
+
+def check_network(network: Network) -> None:
+    _check_names("network", [network.name], reserved=set())
+    _check_names("segment", [s.name for s in network.segments])
+    _check_names("site", [s.name for s in network.sites])
+    if not network.segments:
+        raise ValueError(f"network {network.name}: it has no segments; give at least one.")
+    _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
+    _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
+    for prefix, owner in _all_owners(network):
+        for key, quantity_ in quantities(owner).items():
+            quantity_.check(f"{prefix}.{key}", getattr(owner, key))
+    for segment in network.segments:
+        _check_ratio(segment.name, np.asarray(segment.phi0), np.asarray(segment.phiNL))
+    _check_references(network)
+    _check_topology(network)
+
+
+def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
+    yield from network.owners()
+    yield "inlet", network.inlet
+    for junction in network.junctions:
+        yield f"junction {junction.name}", junction
+    for site in network.sites:
+        yield f"site {site.name}", site
+
+
+def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
+    """The nonlinear viscous laws contain phiNL/phi0."""
+    phi0, phiNL = (x.ravel() for x in np.broadcast_arrays(phi0, phiNL))
+    bad = np.abs(phiNL) > _LARGEST_RATIO * phi0
+    if bad.any():
+        raise ValueError(
+            f"{segment}.phiNL = {phiNL[bad][0]:g} Pa.s^2 is too large for {segment}.phi0 = {phi0[bad][0]:g} Pa.s: "
+            f"phiNL/phi0 must lie in [-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; "
+            f"set {segment}.phiNL to 0 or raise {segment}.phi0."
+        )
+
+
+def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) -> None:
+    for name in names:
+        if not isinstance(name, str) or not _NAME.match(name):
+            raise ValueError(
+                f"{kind} name {name!r}: must start with a letter and hold only letters, digits and _; rename it."
+            )
+        if name in reserved:
+            raise ValueError(f"{kind} name {name!r} is reserved ({', '.join(sorted(reserved))}); rename it.")
+        if names.count(name) > 1:
+            raise ValueError(f"{kind} {name}: the name occurs {names.count(name)} times; names must be unique.")
+
+
+def _check_law(key: str, name: str, laws: Mapping[str, Any]) -> None:
+    if name not in laws:
+        raise ValueError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
+
+
+def _suggest(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
+    return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
+
+
+def _check_references(network: Network) -> None:
+    names = [s.name for s in network.segments]
+    mentions = [(f"junction {j.name}", s) for j in network.junctions for s in (*j.inflow, *j.outflow)]
+    mentions += [(f"site {s.name}", s.segment) for s in network.sites]
+    mentions += [(f"outlet {o.segment}", o.segment) for o in network.outlets]
+    mentions += [("inlet", network.inlet.segment)]
+    for where, segment in mentions:
+        if segment not in names:
+            raise ValueError(f"{where}: there is no segment {segment!r}; {_suggest(segment, names)}")
+
+
+def _check_topology(network: Network) -> None:
+    """One root, every end joined to exactly one thing, every segment reachable from the inlet."""
+    starts: dict[str, list[str]] = {s.name: [] for s in network.segments}
+    ends: dict[str, list[str]] = {s.name: [] for s in network.segments}
+    starts[network.inlet.segment].append("the inlet")
+    for junction in network.junctions:
+        if not junction.inflow or not junction.outflow:
+            there = ", ".join(junction.inflow + junction.outflow) or "nothing"
+            raise ValueError(
+                f"junction of {there}: it has no partner; "
+                "name at least one segment that flows in and one that flows out."
+            )
+        for name in junction.inflow:
+            ends[name].append(f"junction {junction.name}")
+        for name in junction.outflow:
+            starts[name].append(f"junction {junction.name}")
+    for outlet in network.outlets:
+        ends[outlet.segment].append("an outlet condition")
+    if not network.outlets:
+        raise ValueError(f"network {network.name}: it has no outlet; give one to every segment that ends freely.")
+    roots = [name for name, at in starts.items() if not at]
+    if roots:
+        raise ValueError(
+            f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
+            f"{network.inlet.segment}; let a junction flow into it or remove it."
+        )
+    for name, at in ends.items():
+        if not at:
+            raise ValueError(
+                f"segment {name}: its downstream end has neither junction nor outlet; give one (for example R_t = 0)."
+            )
+    for which, joined in (("upstream", starts), ("downstream", ends)):
+        for name, at in joined.items():
+            if len(at) > 1:
+                raise ValueError(
+                    f"segment {name}: its {which} end is joined twice ({' and '.join(at)}); keep one of them."
+                )
+    _check_reachable(network)
+
+
+def _check_reachable(network: Network) -> None:
+    reached = {network.inlet.segment}
+    grew = True
+    while grew:
+        new = {s for j in network.junctions if reached & {*j.inflow, *j.outflow} for s in (*j.inflow, *j.outflow)}
+        grew = not new <= reached
+        reached |= new
+    for segment in network.segments:
+        if segment.name not in reached:
+            raise ValueError(
+                f"segment {segment.name}: it cannot be reached from the inlet of {network.inlet.segment}; "
+                f"join it with a junction or remove it."
+            )
+
+
+def check_parameters(network: Network, values: Mapping[str, Any]) -> None:
+    """Raise ValueError unless every name is a parameter of the network and every value (scalar or array) is allowed."""
+    known = network.parameter_quantities()
+    for name, value in values.items():
+        if name not in known:
+            raise ValueError(f"{name}: not a parameter of network {network.name}; {_suggest(name, known)}")
+        flat = np.asarray(value)
+        if flat.dtype.kind not in "fiu":
+            raise ValueError(f"{name} = {value!r}: must be a number in {known[name].unit_text}.")
+        for single in flat.ravel():
+            known[name].check(name, float(single))
+    for segment in network.segments:
+        phi0 = np.asarray(values.get(f"{segment.name}.phi0", segment.phi0))
+        phiNL = np.asarray(values.get(f"{segment.name}.phiNL", segment.phiNL))
+        _check_ratio(segment.name, phi0, phiNL)

@@ -1,0 +1,176 @@
+"""Every example runs in a process of its own, and what it prints agrees with the reference and with the paper."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+
+# peaks of the reference waveforms in tests/data: Pa and mL/s, (elastic, viscoelastic)
+PEAKS = {
+    "P at MD, Pa": (2094.64, 2074.47),
+    "P at CA, Pa": (1938.43, 1994.31),
+    "Q at MD, mL/s": (43.119, 41.7409),
+    "Q at CA, mL/s": (2.2829, 2.36266),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a process left: exit code, text, and the directory given as --out."""
+
+    code: int
+    output: str
+    errors: str
+    out: Path
+
+    def rows(self) -> list[list[str]]:
+        """The cells of all table rows in the output."""
+        return [[cell.strip() for cell in line.split("│")[1:-1]] for line in self.output.splitlines() if "│" in line]
+
+
+def run(script: str, folder: Path, out: Path | None = None) -> Outcome:
+    """Run an example in ``folder`` with --out below it and the packages of this tree on the path, as if installed."""
+    out = folder / "out" if out is None else out
+    paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONUTF8": "1", "COLUMNS": "120"}
+    command = [sys.executable, str(EXAMPLES / script), "--out", str(out)]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, encoding="utf-8")
+    return Outcome(done.returncode, done.stdout, done.stderr, out)
+
+
+def test_every_example_is_tested() -> None:
+    """A new example must be added here."""
+    tested = {"demo.py", "python_api.py", "own_network.py"}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == tested
+
+
+# --- the demo -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    """One run of the demo for all tests of it."""
+    outcome = run("demo.py", tmp_path_factory.mktemp("demo"))
+    assert outcome.code == 0, outcome.errors
+    return outcome
+
+
+@pytest.fixture(scope="module")
+def harmonics(demo: Outcome) -> dict[int, tuple[float, float, float]]:
+    """Frequency [Hz] and amplitudes [mL/s], elastic and viscoelastic, of Q at CA, by harmonic."""
+    rows = [row for row in demo.rows() if len(row) == 5 and row[0].isdecimal()]
+    return {int(k): (float(frequency), float(before), float(after)) for k, frequency, before, after, _ in rows}
+
+
+def test_demo_files(demo: Outcome) -> None:
+    """The FMU and both figures exist, are whole, and are named in the output; nothing else is left."""
+    assert {path.name for path in demo.out.iterdir()} == {"sheep.fmu", "sheep.png", "sheep.svg"}
+    with zipfile.ZipFile(demo.out / "sheep.fmu") as fmu:
+        assert fmu.testzip() is None and "modelDescription.xml" in fmu.namelist()
+    assert (demo.out / "sheep.png").read_bytes().startswith(b"\x89PNG")
+    assert (demo.out / "sheep.svg").read_text(encoding="utf-8").rstrip().endswith("</svg>")
+    for path in demo.out.iterdir():
+        assert path.stat().st_size > 10_000
+        assert str(path) in demo.output
+
+
+def test_demo_reaches_its_stop_time(demo: Outcome) -> None:
+    """Both runs reach 6 beats of 0.5 s, and their last beat repeats the one before to the 2e-6 that 5 beats give."""
+    found = re.findall(r"^(\w+) walls: reached (\S+) s .* repeats to (\S+)$", demo.output, flags=re.MULTILINE)
+    assert [(walls, float(stop)) for walls, stop, _ in found] == [("elastic", 3.0), ("viscoelastic", 3.0)]
+    assert all(float(change) < 2e-6 for _, _, change in found)
+
+
+@pytest.mark.parametrize(("walls", "column", "tolerance"), [("elastic", 1, 5e-4), ("viscoelastic", 2, 3e-5)])
+def test_demo_peaks(demo: Outcome, walls: str, column: int, tolerance: float) -> None:
+    """The peaks of the FMU at its default settings; measured: 2.5e-4 elastic, 1.7e-5 viscoelastic."""
+    printed = {row[0]: float(row[column]) for row in demo.rows() if row[0] in PEAKS}
+    assert printed == pytest.approx({name: peaks[column - 1] for name, peaks in PEAKS.items()}, rel=tolerance)
+
+
+def test_demo_low_harmonics_are_raised(harmonics: dict[int, tuple[float, float, float]]) -> None:
+    """Wall viscosity raises low harmonics here: k = 2 by a factor of 1.31 (measured 1.314)."""
+    frequency, before, after = harmonics[2]
+    assert frequency == 4.0
+    assert after / before == pytest.approx(1.31, abs=0.005)
+
+
+@pytest.mark.parametrize(("frequency", "removed"), [(36.0, 0.84), (44.0, 0.95)])
+def test_demo_high_harmonics_are_damped(
+    harmonics: dict[int, tuple[float, float, float]], frequency: float, removed: float
+) -> None:
+    """It takes 84 % of the 36 Hz and 95 % of the 44 Hz away (measured 84.4 and 94.7 %)."""
+    f, before, after = harmonics[round(frequency * 0.5)]
+    assert f == frequency
+    assert 1.0 - after / before == pytest.approx(removed, abs=0.005)
+
+
+def test_demo_says_what_is_wrong(tmp_path: Path) -> None:
+    """An --out that cannot be a directory: exit code 2 and one sentence, no traceback."""
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    outcome = run("demo.py", tmp_path, out=blocked)
+    assert outcome.code == 2
+    assert outcome.errors.strip().startswith("Error: ") and "Traceback" not in outcome.errors
+    assert len(outcome.errors.strip().splitlines()) == 1
+
+
+def test_picture_of_readme() -> None:
+    """README's picture is there and small."""
+    picture = ROOT / "docs" / "images" / "sheep.png"
+    assert f"]({picture.relative_to(ROOT).as_posix()})" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert 10_000 < picture.stat().st_size < 150_000
+
+
+# --- the others ---------------------------------------------------------------------------------------------------
+
+
+def test_python_api(tmp_path: Path) -> None:
+    """Table 1 gives the reference's peaks, a stiffer carotid more pressure and less flow; the CSV holds its beat."""
+    outcome = run("python_api.py", tmp_path)
+    assert outcome.code == 0, outcome.errors
+    table_1, stiffer = (
+        tuple(map(float, found))
+        for found in re.findall(r"peaks at CA: (\S+) Pa, (\S+) mL/s \(\d+ beats\)", outcome.output)
+    )
+    assert table_1 == pytest.approx((PEAKS["P at CA, Pa"][1], PEAKS["Q at CA, mL/s"][1]), rel=3e-5)
+    assert stiffer[0] > table_1[0] and stiffer[1] < table_1[1]
+
+    file = outcome.out / "stiffer_carotid.csv"
+    header = file.read_text(encoding="utf-8").splitlines()[0].split(",")
+    values = np.loadtxt(file, delimiter=",", skiprows=1)
+    assert header[0] == "time [s]" and values.shape == (501, len(header))
+    assert values[:, header.index("CA.P [Pa]")].max() == pytest.approx(stiffer[0], abs=0.05)
+
+    phi0, peak = np.array(re.findall(r"phi0 = +(\S+) kPa·s: peak flow at CA (\S+) mL/s", outcome.output), float).T
+    assert len(phi0) == 7
+    # 77 kPa·s is Table 1, and the peak grows with the viscosity
+    assert np.interp(77.082, phi0, peak) == pytest.approx(PEAKS["Q at CA, mL/s"][1], rel=1e-4)
+    assert (np.diff(peak) > 0).all()
+
+
+def test_own_network(tmp_path: Path) -> None:
+    """The aortic bifurcation runs at 120/80 mmHg within 2 mmHg, mass is kept, and the FMU equals the solver."""
+    outcome = run("own_network.py", tmp_path)
+    assert outcome.code == 0, outcome.errors
+    found = re.findall(r"^(\w+) +(\S+)/(\S+) mmHg, mean flow (\S+) mL/s$", outcome.output, flags=re.MULTILINE)
+    sites = {name: tuple(map(float, numbers)) for name, *numbers in found}
+    assert set(sites) == {"aorta", "left_iliac", "right_iliac"}
+    for systolic, diastolic, _ in sites.values():
+        assert (systolic, diastolic) == pytest.approx((120.0, 80.0), abs=2.0)
+    assert sites["aorta"][2] == pytest.approx(sites["left_iliac"][2] + sites["right_iliac"][2], abs=0.02)
+
+    difference = float(re.search(r"at most (\S+) Pa", outcome.output)[1])
+    assert difference < 1e-9 * 120 * 133.3  # of the systolic pressure
+    assert zipfile.is_zipfile(outcome.out / "aorta.fmu")
