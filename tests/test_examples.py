@@ -36,7 +36,12 @@ class Outcome:
 
     def rows(self) -> list[list[str]]:
         """The cells of all table rows in the output."""
-        return [[cell.strip() for cell in line.split("│")[1:-1]] for line in self.output.splitlines() if "│" in line]
+        return rows(self.output)
+
+
+def rows(text: str) -> list[list[str]]:
+    """The cells of all rows of rich's tables in a text."""
+    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines() if "│" in line]
 
 
 def run(script: str, folder: Path, out: Path | None = None) -> Outcome:
@@ -69,8 +74,8 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 @pytest.fixture(scope="module")
 def harmonics(demo: Outcome) -> dict[int, tuple[float, float, float]]:
     """Frequency [Hz] and amplitudes [mL/s], elastic and viscoelastic, of Q at CA, by harmonic."""
-    rows = [row for row in demo.rows() if len(row) == 5 and row[0].isdecimal()]
-    return {int(k): (float(frequency), float(before), float(after)) for k, frequency, before, after, _ in rows}
+    found = [row for row in demo.rows() if len(row) == 5 and row[0].isdecimal()]
+    return {int(k): (float(frequency), float(before), float(after)) for k, frequency, before, after, _ in found}
 
 
 def test_demo_files(demo: Outcome) -> None:
@@ -124,6 +129,14 @@ def test_demo_says_what_is_wrong(tmp_path: Path) -> None:
     assert outcome.code == 2
     assert outcome.errors.strip().startswith("Error: ") and "Traceback" not in outcome.errors
     assert len(outcome.errors.strip().splitlines()) == 1
+
+
+def test_demo_prints_what_readme_shows(demo: Outcome) -> None:
+    """README's copy of the output has the same rows, and its peaks and amplitudes agree to 1e-3."""
+    shown = rows((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert [row[0] for row in shown] == [row[0] for row in demo.rows()]
+    for old, new in zip(shown, demo.rows(), strict=True):
+        assert list(map(float, old[1:3])) == pytest.approx(list(map(float, new[1:3])), rel=1e-3)
 
 
 def test_picture_of_readme() -> None:
