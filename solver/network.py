@@ -1,8 +1,8 @@
 """The description of a network: frozen dataclasses with units and allowed ranges.
 
 Everything here is in SI. Every number that a user may change is a *quantity*: a dataclass field that carries a
-:class:`~solver.quantity.Quantity`. The variables of the FMU, the keys of the network file, the error messages and the batch
-parameters of the solver all follow from these fields, so a new one is added here and nowhere else.
+:class:`~solver.quantity.Quantity`. The variables of the FMU, the keys of the network file, the error messages and the
+batch parameters of the solver all follow from these fields, so a new one is added here and nowhere else.
 """
 
 from __future__ import annotations
