@@ -85,7 +85,7 @@ def _change(beat: Array, before: Array) -> float:
 
 
 def harmonics(beat: Array) -> Array:
-    """Amplitudes of the harmonics 0, 1, 2 … of a beat : (n + 1,), both ends included; in the beat's unit."""
+    """Amplitudes of the harmonics of a beat : (n + 1,), both ends included; [k] belongs to k cycles a beat, k >= 1."""
     n = len(beat) - 1
     return 2.0 * np.abs(np.fft.rfft(beat[:-1])) / n
 

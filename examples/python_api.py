@@ -6,6 +6,7 @@ python examples/python_api.py [--out dist]
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -13,7 +14,7 @@ import typer
 from solver import Network, load, simulate, simulate_periodic
 
 
-def main(out: Path = Path("dist")) -> None:
+def main(out: Annotated[Path, typer.Option(file_okay=False, help="Directory of the CSV file.")] = Path("dist")) -> None:
     """Simulate the sheep network in several ways; the CSV file goes to ``out``."""
     out.mkdir(parents=True, exist_ok=True)
     network = load("sheep")
