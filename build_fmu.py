@@ -26,14 +26,26 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from fmu_src import __version__
+from fmu_src import __version__, document
+from fmu_src.variables import variable_table
 from solver.files import dumps, find_network, read_network
 from solver.network import Network, to_dict
 from solver.staggered import Settings
 
 ROOT = Path(__file__).resolve().parent
 # what an FMU needs of the solver: no files, units or terminals
-SOLVER_MODULES = ("network", "wall", "element", "mesh", "staggered")
+SOLVER_MODULES = (
+    "quantity",
+    "wall",
+    "validation",
+    "network",
+    "element",
+    "mesh",
+    "sdirk",
+    "stage",
+    "staggered",
+    "report",
+)
 SLAVE_MODULES = ("variables", "cosimulation", "description", "slave")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -53,19 +65,23 @@ def build(
     target = Path(out) / f"{network.name}.fmu"
     resources = _resources(network, settings)
     digest = hashlib.sha256(
-        json.dumps([sorted(resources.items()), execution_tool, version("pythonfmu")]).encode()
+        json.dumps([sorted(resources.items()), _SCRIPT, execution_tool, version("pythonfmu")]).encode()
     ).hexdigest()
     name = f"arterial_{digest[:8]}"
-    with tempfile.TemporaryDirectory(prefix="arterial_build_") as folder:
-        stage = Path(folder)
-        for path, text in resources.items():
-            file = stage / path.replace("PACKAGE", f"_{name}")
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
-        script = stage / f"{name}.py"
-        script.write_text(_script(network.name, name, digest), encoding="utf-8")
-        archive = _pack(script, stage, execution_tool)
+    documents = document.documents(network, variable_table(network, settings), __version__)
+    try:
+        with tempfile.TemporaryDirectory(prefix="arterial_build_") as folder:
+            stage = Path(folder)
+            for path, text in resources.items():
+                _write_text(stage / path.replace("PACKAGE", f"_{name}"), text)
+            script = stage / f"{name}.py"
+            _write_text(script, _SCRIPT.format(network=network.name, name=name, guid=f"{{{digest[:32]}}}"))
+            archive = _pack(script, stage, execution_tool, documents)
         _write(archive, target)
+    except OSError as error:
+        raise ValueError(
+            f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk."
+        ) from None
     return target
 
 
@@ -84,8 +100,7 @@ def _resources(network: Network, settings: Settings) -> dict[str, str]:
     return files
 
 
-def _script(network: str, name: str, digest: str) -> str:
-    return f'''"""Slave of the arterial network {network}."""
+_SCRIPT = '''"""Slave of the arterial network {network}."""
 
 import ctypes
 
@@ -96,21 +111,22 @@ from _{name}.fmu_src.slave import ArterialSlave
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 
-class {_class_name(network)}(ArterialSlave):
+class NetworkSlave(ArterialSlave):
     code_name = "{name}"
-    content_hash = "{{{digest[:32]}}}"
+    content_hash = "{guid}"
 '''
 
 
-def _class_name(network: str) -> str:
-    return f"{network[0].upper()}{network[1:]}Slave"
+def _write_text(file: Path, text: str) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _pack(script: Path, stage: Path, execution_tool: bool) -> bytes:
-    """The FMU as bytes, with fixed order and dates."""
+def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, bytes]) -> bytes:
+    """The FMU as bytes, with fixed order and dates, and with further files by path."""
     from pythonfmu.builder import FmuBuilder
 
-    content = [path for path in stage.iterdir() if path != script]
+    staged = [path for path in stage.iterdir() if path != script]
     with (
         tempfile.TemporaryDirectory(prefix="arterial_pack_") as folder,
         _clean_imports(),
@@ -119,17 +135,19 @@ def _pack(script: Path, stage: Path, execution_tool: bool) -> bytes:
         built = FmuBuilder.build_FMU(
             script,
             dest=folder,
-            project_files=content,
+            project_files=staged,
             needsExecutionTool=execution_tool,
             canHandleVariableCommunicationStepSize=True,
         )
         buffer = io.BytesIO()
-        with zipfile.ZipFile(built) as source, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
-            for item in sorted(source.namelist()):
+        with zipfile.ZipFile(built) as source:
+            files = {item: source.read(item) for item in source.namelist()} | documents
+        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
+            for item, content in sorted(files.items()):
                 info = zipfile.ZipInfo(item, _EPOCH)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
-                packed.writestr(info, source.read(item))
+                packed.writestr(info, content)
     return buffer.getvalue()
 
 
@@ -153,8 +171,6 @@ def _write(archive: bytes, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         aside.write_bytes(archive)
         os.replace(aside, target)
-    except OSError as error:
-        raise ValueError(f"{target}: cannot be written ({error.strerror}); check the directory.") from None
     finally:
         with suppress(OSError):
             aside.unlink()

@@ -1,3 +1,3 @@
-"""The FMI side: variable table, co-simulation logic, slave, modelDescription, and a driver that runs an FMU through fmpy."""
+"""The FMI side: variable table, co-simulation, slave, modelDescription and documents; a driver that runs an FMU."""
 
 __version__ = "0.1.0"

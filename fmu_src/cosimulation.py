@@ -3,78 +3,117 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from solver.network import Network
-from solver.staggered import INFLOW_TIMES, Settings, Staggered, reporter
+from solver.report import reporter
+from solver.sdirk import INFLOW_TIMES, SDIRK3
+from solver.staggered import Settings, Staggered, State
 
 # communication points nearer to the grid than this part of dt count as on it
 _ON_GRID = 1e-6
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """The inflow of one communication step: linear in time from ``Q_start`` to ``Q_end`` [m³/s]."""
+
+    start: float
+    end: float
+    Q_start: float
+    Q_end: float
+
+    @property
+    def slope(self) -> float:
+        return (self.Q_end - self.Q_start) / (self.end - self.start)
+
+    def __call__(self, t: float) -> float:
+        return self.Q_start + self.slope * (t - self.start)
 
 
 class CoSimulation:
     """Internal steps lie at t0 + n·dt whatever the communication points; outputs off the grid come from a short step
     that is then discarded.
 
-    The inflow of a communication step is held, or linear from the value of the step before to the present one.
-    Values are kept by variable name; changing them takes effect at the next step.
+    The inflow of a communication step is held, or linear from the value of the step before to the present one. An
+    outlet's P_venous and changed parameters count from the last grid point on.
     """
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
-        self.interpolation = "hold"
-        self.parameters: dict[str, float] = network.parameters()
+        self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
         """Build the solver at rest from variable values by name; raises ValueError if they do not fit together."""
         laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
-        self.interpolation = values["inlet.interpolation"]
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
+        parameters = {name: values[name] for name in self.network.parameters()}
+        self._use(Staggered(replace(self.network, **laws), parameters, settings))
         self.dt = settings.dt
-        self.parameters = {name: values[name] for name in self.network.parameters()}
-        self.scheme = Staggered(replace(self.network, **laws), self.parameters, settings)
-        self.report = reporter(self.scheme)
-        self.state = self.scheme.initial_state(t0)
-        self.shown = self.state
+        self.holds = values["inlet.interpolation"] == "hold"
+        self.state = self.shown = self.scheme.initial_state(t0)
         self.t0, self.n, self.time = t0, 0, t0
-        self.Q_before = values["inlet.Q"]
-        # pieces of the inflow since the last grid point: end time, start time, values at both
-        self.pieces: list[tuple[float, float, float, float]] = []
+        self.Q_before = self.Q_slope = 0.0
+        if not self.holds:
+            self.Q_before = values["inlet.Q"]
+        self.pieces: list[_Piece] = []  # the inflow since the last grid point
 
     def retune(self, values: Mapping[str, Any]) -> None:
         """Take over parameters that were changed between steps; raises ValueError and keeps the old ones if bad."""
-        parameters = {name: values[name] for name in self.parameters}
-        scheme = self.scheme.with_parameters(parameters)
-        self.scheme, self.parameters = scheme, parameters
-        self.report = reporter(scheme)
+        self._use(self.scheme.with_parameters({name: values[name] for name in self.network.parameters()}))
 
-    def step(self, t: float, h: float, Q: float) -> None:
-        """Advance from t to t + h [s] with inlet.Q = Q. Raises ValueError, NonPhysicalState; the state is then as before."""
+    def _use(self, scheme: Staggered) -> None:
+        self.scheme, self.report = scheme, reporter(scheme)
+
+    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """Advance from t to t + h [s] with the inputs in ``values``.
+
+        Raises ValueError, NonPhysicalState; the component is then as before.
+        """
         self._check_time(t, h)
+        Q = values["inlet.Q"]
+        P_venous = np.array([values[name] for name in self.venous])
         end = t + h
-        before = self.Q_before if self.interpolation == "linear" else Q
-        pieces = [*self.pieces, (end, t, before, Q)]
+        pieces = [*self.pieces, _Piece(t, end, Q if self.holds else self.Q_before, Q)]
         state, n = self.state, self.n
-        while self.t0 + (n + 1) * self.dt <= end + _ON_GRID * self.dt:
-            state = replace(self._advance(state, self.t0 + n * self.dt, self.dt, pieces), t=self.t0 + (n + 1) * self.dt)
+        while self._grid(n + 1) <= end + _ON_GRID * self.dt:
+            state = replace(self._advance(state, self._grid(n), self.dt, pieces, P_venous), t=self._grid(n + 1))
             n += 1
-        rest = round((end - self.t0 - n * self.dt) / self.dt, 9) * self.dt  # rounded: the operators are kept per length
-        on_grid = rest <= _ON_GRID * self.dt
-        shown = state if on_grid else self._advance(state.restarted(), self.t0 + n * self.dt, rest, pieces)
-        self.state, self.n, self.shown = state, n, shown
-        self.pieces = [piece for piece in pieces if piece[0] > self.t0 + n * self.dt]
-        self.time, self.Q_before = end, Q
+        rest = round((end - self._grid(n)) / self.dt, 9) * self.dt  # rounded: the operators are kept per length
+        shown = state
+        if rest > _ON_GRID * self.dt:
+            shown = self._advance(_ready_for(state, rest / self.dt), self._grid(n), rest, pieces, P_venous)
+        self.state, self.n, self.shown, self.time = state, n, shown, end
+        self.Q_before, self.Q_slope = Q, pieces[-1].slope
+        self.pieces = [piece for piece in pieces if piece.end > self._grid(n) + _ON_GRID * self.dt]
 
     def outputs(self) -> list[float]:
         """The outputs at the last communication point, in the order of the variable table."""
-        return self.report(self.shown)[0].tolist()
+        values = self.report(self.shown)[0]
+        values[0] += self._inlet_inertia(self.shown)
+        return values.tolist()
 
-    def _advance(self, state: Any, t: float, dt: float, pieces: list[tuple[float, float, float, float]]) -> Any:
-        inflow = np.array([_inflow(pieces, t + c * dt, _ON_GRID * dt) for c in INFLOW_TIMES])
-        return self.scheme.step(state, dt, inflow)
+    def _inlet_inertia(self, state: State) -> float:
+        """What the pressure at the inlet lacks [Pa]: ρ w J/A (dQ/dt of the inflow - ∂Q/∂t of the last step).
+
+        The two rates are one unless the inflow jumped during the step, as a held one does when it is set. The scheme
+        spreads the jump over the step, and the inlet pressure would show the inertia of that.
+        """
+        scheme = self.scheme
+        first = int(np.flatnonzero(scheme.mesh.ends[:, 0] == 0)[0])
+        area = state.A[0, first] @ scheme.mesh.element.to_lobatto[0]
+        return float(scheme.mass[0, first, 0] / area * (self.Q_slope - state.rates[-1][0, first, 0]))
+
+    def _grid(self, n: int) -> float:
+        return self.t0 + n * self.dt
+
+    def _advance(self, state: State, t: float, dt: float, pieces: list[_Piece], P_venous: np.ndarray) -> State:
+        times = t + INFLOW_TIMES * dt
+        inflow = [_piece_at(pieces, at, _ON_GRID * self.dt)(at) for at in times.tolist()]
+        return self.scheme.step(state, dt, np.array(inflow), P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
         if not (np.isfinite(h) and h > 0.0):
@@ -85,7 +124,18 @@ class CoSimulation:
             )
 
 
-def _inflow(pieces: list[tuple[float, float, float, float]], t: float, slack: float) -> float:
-    """Inflow at time t: of the first piece that ends at or after t."""
-    end, start, Q_start, Q_end = next((piece for piece in pieces if t <= piece[0] + slack), pieces[-1])
-    return Q_start + (Q_end - Q_start) * (t - start) / (end - start)
+def _piece_at(pieces: list[_Piece], t: float, slack: float) -> _Piece:
+    """The first piece that ends at or after t."""
+    return next((piece for piece in pieces if t <= piece.end + slack), pieces[-1])
+
+
+def _ready_for(state: State, part: float) -> State:
+    """The state at a grid point, ready for a step that is only ``part`` of the last one.
+
+    The iterations of a step start from the stage values of the last two steps, at their times. For another length the
+    values at the end of these steps are extrapolated to the new times; a plain restart leaves fifty times the error.
+    """
+    ahead = part * SDIRK3.sum(axis=1)
+    rates = state.rates[-1] + np.multiply.outer(ahead, state.rates[-1] - state.rates_before[-1])
+    heads = state.heads[-1] + np.multiply.outer(ahead, state.heads[-1] - state.heads_before[-1])
+    return replace(state, rates=rates, heads=heads, rates_before=rates, heads_before=heads)

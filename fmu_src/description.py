@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
+from solver.network import Network
+
 from .variables import Variable
 
 # SI base units of each unit in the tables of quantities, and the display units with display = factor · SI
@@ -22,7 +24,7 @@ _BASE_UNITS: dict[str, dict[str, int]] = {
     "1": {},
 }
 _MMHG = 133.322387415  # conventional millimetre of mercury [Pa]
-_DISPLAY_UNITS: dict[str, dict[str, float]] = {
+DISPLAY_UNITS: dict[str, dict[str, float]] = {
     "m": {"cm": 1e2, "mm": 1e3},
     "s": {"ms": 1e3},
     "Pa": {"mmHg": 1 / _MMHG, "MPa": 1e-6},
@@ -34,8 +36,15 @@ _DISPLAY_UNITS: dict[str, dict[str, float]] = {
 }
 
 
-def complete(root: Element, table: tuple[Variable, ...]) -> Element:
+def description(network: Network) -> str:
+    """One line on what the FMU is, for its ``description`` attribute."""
+    text = f"1D blood flow in the arterial network {network.name}. {network.reference}"
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())  # XML has no control characters
+
+
+def complete(root: Element, table: tuple[Variable, ...], version: str) -> Element:
     """Add to the description that pythonfmu made of the same variables, and return it."""
+    root.set("generationTool", f"arterial-fmu {version} with {root.get('generationTool')}")
     root.attrib.pop("generationDateAndTime", None)  # so that the same input builds the same FMU, byte for byte
     root.insert(list(root).index(root.find("CoSimulation")) + 1, _unit_definitions(table))  # type: ignore[arg-type]
     for node, variable in zip(root.find("ModelVariables"), table, strict=True):  # type: ignore[arg-type]
@@ -63,7 +72,7 @@ def _unit_definitions(table: tuple[Variable, ...]) -> Element:
     for name in sorted({v.quantity.unit for v in table if v.quantity is not None}):
         unit = SubElement(definitions, "Unit", name=name)
         SubElement(unit, "BaseUnit", {base: str(power) for base, power in _BASE_UNITS[name].items()})
-        for display, factor in _DISPLAY_UNITS.get(name, {}).items():
+        for display, factor in DISPLAY_UNITS.get(name, {}).items():
             SubElement(unit, "DisplayUnit", name=display, factor=repr(factor))
     return definitions
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import ast
+import math
 import os
 import re
-import shutil
+import zipfile
 from collections.abc import Callable, Mapping
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2Warning
+from fmpy.model_description import ModelDescription
 
 Array = np.ndarray
 
@@ -34,21 +37,22 @@ def run_fmu(
 
     inflow : Q(t) [m³/s] for an array of times. inlet.interpolation is ``linear`` and inlet.Q is set to Q(t + h) before
     the step from t, so the inflow is piecewise linear through the samples, without the half-step delay of a held input.
+    step : communication step [s]; the last one is shorter if the stop time asks for it.
     start_values : parameters by FMU variable name.
-    Raises ValueError for an unknown start value, and FMUError with the FMU's own sentence when a call fails: a run
-    either reaches its stop time or raises.
+    Raises ValueError for a file that is no FMU, an unknown start value or times that are not positive, and FMUError
+    with the FMU's own sentence when a call fails: a run either reaches its stop time or raises.
     """
-    n = max(1, round(stop_time / step))
-    time = np.arange(n + 1) * step
+    for name, value in (("stop_time", stop_time), ("step", step)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} = {value!r} s: must be a positive, finite number.")
+    n = max(1, math.ceil(stop_time / step - 1e-9))
+    time = np.minimum(np.arange(n + 1) * step, stop_time)
     Q = np.asarray(inflow(time), float)
-    description = fmpy.read_model_description(os.fspath(fmu))
+    if Q.shape != time.shape:
+        raise ValueError(f"inflow: for {time.size} times it gave shape {Q.shape}; it must give one value per time.")
+    description = _read(fmu)
     variables = {variable.name: variable for variable in description.modelVariables}
-    starts = {"inlet.interpolation": "linear", **(start_values or {})}
-    for name in starts:
-        if name not in variables:
-            raise ValueError(
-                f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml for the names."
-            )
+    starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
     outputs = [v for v in description.modelVariables if v.causality == "output"]
     references = [v.valueReference for v in outputs]
     inlet = [variables["inlet.Q"].valueReference]
@@ -58,38 +62,69 @@ def run_fmu(
         if status > fmi2Warning:
             messages.append(_sentence(message.decode("utf-8", "replace")))
 
-    folder = fmpy.extract(os.fspath(fmu))
-    slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
     table = np.empty((n + 1, len(outputs)))
-    try:
-        _initialize(slave, variables, starts, inlet, Q[0])
-        table[0] = slave.getReal(references)
-        for i in range(n):
-            slave.setReal(inlet, [Q[i + 1]])
-            slave.doStep(time[i], step)
-            table[i + 1] = slave.getReal(references)
-            if progress:
-                progress((i + 1) / n)
-        slave.terminate()
-    except FMICallException as error:
-        raise FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}") from None
-    finally:
-        slave.freeInstance()
-        shutil.rmtree(folder, ignore_errors=True)
+    with TemporaryDirectory(prefix="fmu_", ignore_cleanup_errors=True) as folder:
+        fmpy.extract(os.fspath(fmu), folder)
+        try:
+            slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
+        except Exception as error:  # FMPy has no exception of its own for this
+            raise FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}") from None
+        try:
+            _initialize(slave, variables, starts, inlet, Q[0])
+            table[0] = slave.getReal(references)
+            for i in range(n):
+                slave.setReal(inlet, [Q[i + 1]])
+                slave.doStep(time[i], time[i + 1] - time[i])
+                table[i + 1] = slave.getReal(references)
+                if progress:
+                    progress((i + 1) / n)
+            slave.terminate()
+        except FMICallException as error:
+            raise FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}") from None
+        finally:
+            slave.freeInstance()
     values = {v.name: table[:, i].copy() for i, v in enumerate(outputs)}
     return {"time": time, "inlet.Q": Q, **values}
 
 
+def _read(fmu: str | os.PathLike[str]) -> ModelDescription:
+    try:
+        return fmpy.read_model_description(os.fspath(fmu))
+    except OSError as error:
+        raise ValueError(
+            f"{os.fspath(fmu)}: cannot be read ({error.strerror or 'not a file'}); check the path."
+        ) from None
+    except (zipfile.BadZipFile, KeyError):
+        raise ValueError(f"{os.fspath(fmu)}: not an FMU; build one with build_fmu.py.") from None
+
+
+def _start_values(
+    starts: Mapping[str, Any], variables: Mapping[str, Any], fmu: str | os.PathLike[str]
+) -> dict[str, float | str]:
+    """The start values with the type of their variable. Raises ValueError for an unknown name or a wrong type."""
+    result: dict[str, float | str] = {}
+    for name, value in starts.items():
+        if name not in variables:
+            raise ValueError(
+                f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml for the names."
+            )
+        text = variables[name].type == "String"
+        if isinstance(value, str) != text:
+            raise ValueError(f"{name} = {value!r}: must be {'a text' if text else 'a number'}.")
+        result[name] = value if text else float(value)
+    return result
+
+
 def _initialize(
-    slave: FMU2Slave, variables: dict[str, Any], starts: Mapping[str, Any], inlet: list[int], Q: float
+    slave: FMU2Slave, variables: dict[str, Any], starts: Mapping[str, float | str], inlet: list[int], Q: float
 ) -> None:
     slave.setupExperiment(startTime=0.0)
     for name, value in starts.items():
-        variable = variables[name]
-        if variable.type == "String":
-            slave.setString([variable.valueReference], [value])
+        reference = [variables[name].valueReference]
+        if isinstance(value, str):
+            slave.setString(reference, [value])
         else:
-            slave.setReal([variable.valueReference], [float(value)])
+            slave.setReal(reference, [value])
     slave.setReal(inlet, [Q])
     slave.enterInitializationMode()
     slave.exitInitializationMode()

@@ -10,48 +10,58 @@ from __future__ import annotations
 
 import ctypes
 import json
+import math
+import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn, TypeVar
 from xml.etree.ElementTree import Element
 
 from pythonfmu import DefaultExperiment, Fmi2Slave
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 from pythonfmu.variables import Real, ScalarVariable, String
 
-from solver.network import from_dict
+from solver.network import Network, from_dict
 from solver.staggered import NonPhysicalState, Settings
 
 from .cosimulation import CoSimulation
-from .description import complete
+from .description import complete, description
 from .variables import Variable, variable_table
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
+T = TypeVar("T")
+
 
 class ArterialSlave(Fmi2Slave):
-    """A network of arteries. The class attributes are set by the build: see ``build_fmu.py``."""
+    """A network of arteries. ``code_name`` and ``content_hash`` are set by the build: see ``build_fmu.py``."""
 
     author = "arterial-fmu contributors"
     license = "MIT"
     code_name = ""  # module name that carries the hash of all content
     content_hash = ""
+    # read once: a class belongs to one content, and a reset works after the host has deleted the FMU's folder
+    model: ClassVar[tuple[Network, Settings, str] | None] = None
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        data = json.loads((Path(kwargs["resources"]) / "network.json").read_text(encoding="utf-8"))
-        network = from_dict(data["network"])
-        settings = Settings(**data["settings"])
+        cls = type(self)
+        if cls.model is None:
+            data = json.loads((Path(kwargs["resources"]) / "network.json").read_text(encoding="utf-8"))
+            cls.model = from_dict(data["network"]), Settings(**data["settings"]), data["version"]
+        network, settings, self.version = cls.model
         self.guid = self.content_hash
         self.modelName = network.name
-        self.version = data["version"]
-        self.description = f"1D blood flow in the arterial network {network.name}. {network.reference}".strip()
+        self.description = description(network)
         self.default_experiment = DefaultExperiment(0.0, 5 * network.inlet.T, settings.dt, settings.tolerance)
         self.table = variable_table(network, settings)
-        self.values: list[Any] = [variable.start for variable in self.table]
+        self.names = tuple(variable.name for variable in self.table)
+        # outputs have no value before initialization mode
+        self.values: list[Any] = [0.0 if v.start is None else v.start for v in self.table]
+        self.numbers = frozenset(i for i, v in enumerate(self.table) if v.quantity is not None)
+        self.texts = frozenset(range(len(self.table))) - self.numbers
         self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
-        self.index = {variable.name: i for i, variable in enumerate(self.table)}
         self.component = CoSimulation(network, settings)
         self.phase, self.changed, self.t0 = INSTANTIATED, True, 0.0
         for variable in self.table:
@@ -60,14 +70,30 @@ class ArterialSlave(Fmi2Slave):
     # --- phases ---------------------------------------------------------------------------------------------------
 
     def setup_experiment(self, start_time: float, *_: Any) -> None:
-        self.t0, self.changed = start_time, True
+        def set_up() -> None:
+            self._require("setup_experiment", INSTANTIATED)
+            if not math.isfinite(start_time):
+                raise ValueError(f"start time of {start_time:g} s: must be finite.")
+            self.t0 = start_time
+
+        self._guarded("setting up the experiment", set_up)
 
     def enter_initialization_mode(self) -> None:
-        self.phase = INITIALIZING
+        def enter() -> None:
+            self._require("enter_initialization_mode", INSTANTIATED)
+            if self.resources in sys.path:  # the wrapper puts it there at every instantiation and leaves it
+                sys.path.remove(self.resources)
+            self.phase = INITIALIZING
+
+        self._guarded("entering initialization mode", enter)
 
     def exit_initialization_mode(self) -> None:
-        self._guarded("initialization", self._initialize)
-        self.phase = STEPPING
+        def leave() -> None:
+            self._require("exit_initialization_mode", INITIALIZING)
+            self._initialize()
+            self.phase = STEPPING
+
+        self._guarded("initialization", leave)
 
     def terminate(self) -> None:
         self.phase = TERMINATED
@@ -75,42 +101,59 @@ class ArterialSlave(Fmi2Slave):
     def do_step(self, current_time: float, step_size: float) -> bool:
         """One communication step; False, with the reason in the log, when it failed."""
         try:
-            if self.phase != STEPPING:
-                raise ValueError(f"do_step in phase {self.phase}: the component must be initialized first.")
+            self._require("do_step", STEPPING)
             if self.changed:
                 self.component.retune(self._by_name())
                 self.changed = False
-            self.component.step(current_time, step_size, self.values[self.index["inlet.Q"]])
+            self.component.step(current_time, step_size, self._by_name())
             self.values[self.first_output :] = self.component.outputs()
             return True
         except (ValueError, NonPhysicalState) as error:
-            self.log(f"{self.instance_name}: {error}", Fmi2Status.error)
-        except Exception:  # a fault of ours must not kill the host: everything about it goes to the log
-            self.log(
-                f"{self.instance_name}: internal error at t = {current_time:g} s\n{traceback.format_exc()}",
-                Fmi2Status.error,
-            )
+            self.log(self._message(str(error)), Fmi2Status.error)
+        except BaseException:  # a fault of ours must not kill the host: everything about it goes to the log
+            what = f"internal error at t = {current_time:g} s\n{traceback.format_exc()}"
+            self.log(self._message(what), Fmi2Status.error)
         return False
+
+    def _require(self, call: str, phase: str) -> None:
+        if self.phase != phase:
+            raise ValueError(f"{call} in phase {self.phase!r}: it belongs to phase {phase!r}; reset the component.")
 
     # --- values ---------------------------------------------------------------------------------------------------
 
     def get_real(self, vrs: list[int]) -> list[float]:
-        if self.phase == INITIALIZING and self.changed and max(vrs, default=0) >= self.first_output:
-            self._guarded("reading outputs", self._initialize)
-        values = self.values
-        # outputs have no value before initialization mode
-        return [0.0 if values[vr] is None else values[vr] for vr in vrs]
+        return self._guarded("reading variables", lambda: self._get(vrs, self.numbers))
 
     def get_string(self, vrs: list[int]) -> list[str]:
-        return [self.values[vr] for vr in vrs]
+        return self._guarded("reading variables", lambda: self._get(vrs, self.texts))
+
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
+
+    def get_boolean(self, vrs: list[int]) -> list[bool]:
+        return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
-        self._guarded("setting a variable", lambda: self._set(vrs, values))
+        self._guarded("setting variables", lambda: self._set(vrs, values, self.numbers))
 
     def set_string(self, vrs: list[int], values: list[str]) -> None:
-        self._guarded("setting a variable", lambda: self._set(vrs, values))
+        self._guarded("setting variables", lambda: self._set(vrs, values, self.texts))
 
-    def _set(self, vrs: list[int], values: list[Any]) -> None:
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
+
+    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
+        self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
+
+    def _get(self, vrs: list[int], kind: frozenset[int]) -> list[Any]:
+        self._check_kind(vrs, kind)
+        if self.phase == INITIALIZING and self.changed and max(vrs, default=0) >= self.first_output:
+            self._initialize()
+        values = self.values
+        return [values[vr] for vr in vrs]
+
+    def _set(self, vrs: list[int], values: list[Any], kind: frozenset[int]) -> None:
+        self._check_kind(vrs, kind)
         for vr, value in zip(vrs, values, strict=True):
             variable = self.table[vr]
             if variable.causality == "output":
@@ -121,12 +164,21 @@ class ArterialSlave(Fmi2Slave):
                 )
             variable.check(value)
         for vr, value in zip(vrs, values, strict=True):
+            # inputs are read at every step; a new value of anything else needs new coefficients
+            if value != self.values[vr] and (self.phase != STEPPING or self.table[vr].causality != "input"):
+                self.changed = True
             self.values[vr] = value
-            # inlet.Q is read at every step; everything else needs new coefficients
-            self.changed = self.changed or self.table[vr].name != "inlet.Q"
+
+    def _check_kind(self, vrs: list[int], kind: frozenset[int]) -> None:
+        if not kind.issuperset(vrs):
+            vr = next(vr for vr in vrs if vr not in kind)
+            if not 0 <= vr < len(self.table):
+                raise ValueError(f"value reference {vr}: there is no such variable.")
+            right = "Real" if vr in self.numbers else "String"
+            raise ValueError(f"{self.table[vr].name} is a {right} variable; read and set it as such.")
 
     def _by_name(self) -> dict[str, Any]:
-        return {variable.name: value for variable, value in zip(self.table, self.values, strict=True)}
+        return dict(zip(self.names, self.values, strict=True))
 
     def _initialize(self) -> None:
         self._check_code()
@@ -136,35 +188,47 @@ class ArterialSlave(Fmi2Slave):
 
     def _check_code(self) -> None:
         """Refuse to run the code of another FMU: a process keeps the first module of a name."""
-        if self.resources is None:
-            return
         expected = Path(self.resources) / "slavemodule.txt"
         if expected.is_file() and expected.read_text().strip() != self.code_name:
             raise ValueError(
                 f"this process runs module {self.code_name} instead of {expected.read_text().strip()}; rebuild the FMU."
             )
 
+    def _get_fmu_state(self) -> dict[str, Any]:
+        return self._guarded("saving the state", self._refuse_state)
+
+    def _set_fmu_state(self, state: dict[str, Any]) -> None:
+        self._guarded("restoring the state", self._refuse_state)
+
+    def _refuse_state(self) -> NoReturn:
+        raise ValueError("the state cannot be saved or restored (canGetAndSetFMUstate is false).")
+
     # --- errors ---------------------------------------------------------------------------------------------------
 
-    def _guarded(self, what: str, action: Callable[[], None]) -> None:
+    def _guarded(self, what: str, action: Callable[[], T]) -> T:
         try:
-            action()
+            return action()
         except (ValueError, NonPhysicalState) as error:
-            self._fail(f"{self.instance_name}: {error}")
-        except Exception:
-            self._fail(f"{self.instance_name}: internal error while {what}\n{traceback.format_exc()}")
-
-    def _fail(self, message: str) -> NoReturn:
+            message = str(error)
+        except BaseException:
+            message = f"internal error while {what}\n{traceback.format_exc()}"
         # the wrapper drops these three references before it reports fmi2Fatal, and once more when it frees the instance
         for held in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
-        raise ValueError(message)
+        raise ValueError(self._message(message))
+
+    def _message(self, text: str) -> str:
+        """A line for the host's log, which is a printf format by the standard."""
+        return f"{self.instance_name}: {text}".replace("%", "%%")
 
     # --- description ----------------------------------------------------------------------------------------------
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """modelDescription with units, ranges, InitialUnknowns and dependencies."""
-        return complete(super().to_xml(model_options or {}), self.table)
+        return complete(super().to_xml(model_options or {}), self.table, self.version)
+
+
+_INITIAL = {"parameter": Fmi2Initial.exact, "output": Fmi2Initial.calculated}  # FMI forbids it on inputs
 
 
 def _registered(variable: Variable) -> ScalarVariable:
@@ -174,11 +238,7 @@ def _registered(variable: Variable) -> ScalarVariable:
         variable.name,
         causality=Fmi2Causality[variable.causality],
         variability=Fmi2Variability[variable.variability],
-        initial=Fmi2Initial.calculated if variable.causality == "output" else _initial(variable),
+        initial=_INITIAL.get(variable.causality),
         description=variable.description,
         getter=lambda: variable.start,
     )
-
-
-def _initial(variable: Variable) -> Fmi2Initial | None:
-    return Fmi2Initial.exact if variable.causality == "parameter" else None  # FMI forbids ``initial`` on inputs

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solver.network import Network, Quantity
-from solver.staggered import Settings, output_variables
+from solver.network import Network
+from solver.quantity import Quantity
+from solver.report import output_variables
+from solver.staggered import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 INTERPOLATIONS = ("hold", "linear")
