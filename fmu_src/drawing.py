@@ -21,7 +21,7 @@ _OUTLET_LABELS = {Windkessel: "RCR", Resistance: "R", Pressure: "P"}
 
 @dataclass(frozen=True)
 class Lane:
-    """Where a segment is drawn: from column ``x0`` to ``x1`` at height ``y``, joined to its ends at ``y0`` and ``y1``."""
+    """Where a segment is drawn: from column ``x0`` to ``x1`` at height ``y``, joined to its ends at ``y0``, ``y1``."""
 
     segment: Segment
     outlet: Outlet | None

@@ -1,0 +1,326 @@
+"""The component without FMI: a fixed internal grid under any communication step, held and linear inflow, changes.
+
+Errors are the largest difference of an output over the run, relative to that output's pulse (its range).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from compare import elastic
+
+from fmu_src.cosimulation import CoSimulation
+from fmu_src.variables import variable_table
+from solver import Network, NonPhysicalState, Settings, Staggered, sampled_inflow, simulate
+from solver.report import output_variables, reporter
+
+Array = np.ndarray
+Flow = Callable[[float], float]
+
+MS = 1e-3
+# kinks at multiples of 21 ms, which steps of 0.1, 0.3, 0.7 and 1 ms all meet
+KINKS = np.array([0.0, 0.042, 0.105, 0.168, 0.21])
+FLOWS = np.array([0.0, 20e-6, 55e-6, 5e-6, 0.0])
+
+
+def ramps(t: float) -> float:
+    """A piecewise linear inflow [m³/s]."""
+    return float(np.interp(t, KINKS, FLOWS))
+
+
+def smooth(t: float) -> float:
+    """A smooth inflow [m³/s]."""
+    return float(55e-6 * np.sin(np.pi * t / 0.42) ** 2)
+
+
+def start(
+    network: Network, settings: Settings | None = None, t0: float = 0.0, **starts: Any
+) -> tuple[CoSimulation, dict[str, Any]]:
+    """A component at rest, and the values of its variables by name."""
+    settings = settings or Settings()
+    values = {v.name: v.start for v in variable_table(network, settings)}
+    values |= {name.replace("__", "."): value for name, value in starts.items()}
+    component = CoSimulation(network, settings)
+    component.initialize(t0, values)
+    return component, values
+
+
+def run(
+    network: Network,
+    times: Array,
+    inflow: Flow,
+    *,
+    interpolation: str = "linear",
+    settings: Settings | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Array:
+    """Outputs (n, n_outputs) at the communication points ``times``; the inflow is set to Q(t + h) before each step."""
+    starts = {"inlet.Q": inflow(times[0]), "inlet.interpolation": interpolation, **(parameters or {})}
+    component, values = start(network, settings, times[0], **starts)
+    rows = [component.outputs()]
+    for t, end in zip(times[:-1].tolist(), times[1:].tolist(), strict=True):
+        component.step(t, end - t, {**values, "inlet.Q": inflow(end)})
+        rows.append(component.outputs())
+    return np.array(rows)
+
+
+def grid(step: float, end: float = KINKS[-1]) -> Array:
+    return np.arange(round(end / step) + 1) * step
+
+
+def largest_error(value: Array, expected: Array) -> float:
+    return float((np.abs(value - expected).max(axis=0) / np.ptp(expected, axis=0)).max())
+
+
+@pytest.fixture(scope="module", params=["viscoelastic", "elastic"])
+def parameters(request: pytest.FixtureRequest, sheep: Network) -> dict[str, float]:
+    return elastic(sheep.segments) if request.param == "elastic" else {}
+
+
+@pytest.fixture(scope="module")
+def on_grid(sheep: Network, parameters: dict[str, float]) -> Array:
+    """The answer to the ramps with communication steps of 1 ms, the internal step."""
+    return run(sheep, grid(MS), ramps, parameters=parameters)
+
+
+# --- the internal grid --------------------------------------------------------------------------------------------
+
+
+def test_linear_equals_the_direct_solver(sheep: Network, parameters: dict[str, float], on_grid: Array) -> None:
+    """Same inflow, same grid: the solver's own answer to 1e-10 (measured 7e-13)."""
+    inflow = sampled_inflow(KINKS, FLOWS)
+    direct = simulate(sheep, inflow, KINKS[-1], parameters=parameters)
+    expected = np.column_stack([direct[name] for name in output_variables(sheep)[0]])
+    assert largest_error(on_grid, expected) <= 1e-10
+
+
+@pytest.mark.parametrize("step", [3 * MS, 7 * MS, 21 * MS])
+def test_long_steps_on_the_grid(sheep: Network, parameters: dict[str, float], on_grid: Array, step: float) -> None:
+    """The ramps do not care how they are sliced at grid points: the answer of 1 ms to 1e-10 (measured 9e-13)."""
+    value = run(sheep, grid(step), ramps, parameters=parameters)
+    assert largest_error(value, on_grid[:: round(step / MS)]) <= 1e-10
+
+
+@pytest.mark.parametrize("step", [2 * MS, 5 * MS])
+def test_long_held_steps_on_the_grid(sheep: Network, parameters: dict[str, float], step: float) -> None:
+    """Held inflow that changes every 10 ms: steps of 1, 2 and 5 ms are the same to 1e-10 (measured 0)."""
+
+    def staircase(t: float) -> float:
+        return 10e-6 * (1.0 + np.ceil(round(t / 0.01, 6)) % 3)
+
+    def held(step: float) -> Array:
+        return run(sheep, grid(step, 0.1), staircase, interpolation="hold", parameters=parameters)
+
+    assert largest_error(held(step), held(MS)[:: round(step / MS)]) <= 1e-10
+
+
+@pytest.mark.parametrize("step", [0.1 * MS, 0.3 * MS, 0.7 * MS])
+def test_steps_off_the_grid_leave_the_grid_alone(
+    sheep: Network, parameters: dict[str, float], on_grid: Array, step: float
+) -> None:
+    """The ramps in steps that mostly miss the grid: where they meet it, the answer of 1 ms to 1e-10 (measured 9e-13).
+
+    So what is done for outputs between grid points is forgotten.
+    """
+    times = grid(step)
+    value = run(sheep, times, ramps, parameters=parameters)
+    meet = np.abs(times / MS - np.round(times / MS)) < 1e-6
+    assert meet.sum() >= 30
+    assert largest_error(value[meet], on_grid[np.round(times[meet] / MS).astype(int)]) <= 1e-10
+
+
+@pytest.mark.parametrize("step", [np.pi * MS / 10, np.sqrt(2.0) * MS])
+@pytest.mark.parametrize(("inflow", "tolerance"), [(ramps, 1e-10), (smooth, 1e-4)])
+def test_irrational_steps(
+    sheep: Network, parameters: dict[str, float], step: float, inflow: Flow, tolerance: float
+) -> None:
+    """Irrational steps that meet the grid every 21 ms, against steps of 1 ms.
+
+    The same piecewise linear inflow: 1e-10 (measured 9e-13). Samples of a smooth one: 1e-4 of the pulse (measured 7e-5
+    for BT.Q with elastic walls), as straight lines between other points are another inflow.
+    """
+    meet = grid(21 * MS)
+    times = np.union1d(np.arange(0.0, KINKS[-1], step), meet)
+    value = run(sheep, times, inflow, parameters=parameters)
+    expected = run(sheep, grid(MS), inflow, parameters=parameters)
+    assert largest_error(value[np.isin(times, meet)], expected[::21]) <= tolerance
+
+
+@pytest.mark.parametrize("step", [0.3 * MS, 0.7 * MS])
+def test_outputs_between_grid_points(sheep: Network, step: float) -> None:
+    """Outputs off the grid against an internal step of 0.1 ms, which has them on its grid: 1e-4 of the pulse.
+
+    Measured 1.2e-5 and 5.6e-5, as on the grid (4.7e-5).
+    """
+    times = grid(step)
+    value = run(sheep, times, smooth)
+    fine = run(sheep, grid(0.1 * MS), smooth, settings=Settings(dt=0.1 * MS))
+    assert largest_error(value, fine[np.round(times / (0.1 * MS)).astype(int)]) <= 1e-4
+
+
+def test_short_step_is_discarded(sheep: Network) -> None:
+    """Between grid points the state stays the one of the last grid point, the very same object."""
+    component, values = start(sheep)
+    values["inlet.Q"] = 10e-6
+    component.step(0.0, 1.0 * MS, values)
+    state = component.state
+    for i in range(4):
+        component.step((1.0 + 0.2 * i) * MS, 0.2 * MS, values)
+        assert component.state is state
+        assert component.shown is not state
+    component.step(1.8 * MS, 0.2 * MS, values)
+    assert component.state is component.shown
+    assert component.state.t == 2 * MS
+
+
+def test_late_start(sheep: Network) -> None:
+    """The grid begins at the start time: from t0 = 100 s the same answer to 1e-9 (measured 1e-12)."""
+    t0 = 100.0
+    late = run(sheep, t0 + grid(MS), lambda t: ramps(t - t0))
+    assert largest_error(late, run(sheep, grid(MS), ramps)) <= 1e-9
+
+
+def test_accumulated_times(sheep: Network) -> None:
+    """A master that adds up its steps drifts by round-off from n·dt: the same answer to 1e-9 (measured 4e-13)."""
+    times = np.cumsum([0.0, *[MS] * 210])
+    assert (times != grid(MS)).any()
+    assert largest_error(run(sheep, times, ramps), run(sheep, grid(MS), ramps)) <= 1e-9
+
+
+# --- held inflow --------------------------------------------------------------------------------------------------
+
+
+def test_hold_equals_the_direct_solver(sheep: Network, parameters: dict[str, float]) -> None:
+    """Held samples of the half-sine against the scheme stepped with constant inflow: to 1e-12, but for inlet.P."""
+    times = grid(MS, 0.1)
+    value = run(sheep, times, lambda t: float(sheep.inlet.Q(t)), interpolation="hold", parameters=parameters)
+    scheme = Staggered(sheep, parameters)
+    report, state = reporter(scheme), scheme.initial_state()
+    for i, Q in enumerate(sheep.inlet.Q(times[1:]), start=1):
+        state = scheme.step(state, MS, np.full(4, Q))
+        assert value[i, 1:] == pytest.approx(report(state)[0, 1:], rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize("pattern", [[1.0], [1.0, 1e-3]])
+def test_inlet_pressure_under_held_inflow(sheep: Network, parameters: dict[str, float], pattern: list[float]) -> None:
+    """Every held value is a jump of the inflow. inlet.P of 100 ms against a fine solution of that staircase.
+
+    2 % of the pulse with viscous walls (measured 0.8 to 1.9 %), 1 % with elastic ones (0.6 to 0.9 %). The scheme by
+    itself shows the inertia of the jump, spread over the step: 2.1 to 2.7 %.
+    """
+    times = np.concatenate([[0.0], np.cumsum(np.tile(pattern, 100)) * MS])
+    times = times[times <= 0.1]
+
+    def half_sine(t: float) -> float:
+        return float(sheep.inlet.Q(t))
+
+    value = run(sheep, times, half_sine, interpolation="hold", parameters=parameters)
+    fine = Settings(dt=0.04 * MS, element_length=0.02)
+    expected = run(sheep, times, half_sine, interpolation="hold", parameters=parameters, settings=fine)
+    assert largest_error(value[:, :1], expected[:, :1]) <= (0.01 if parameters else 0.02)
+
+
+@pytest.mark.parametrize("step", [1 * MS, 0.1 * MS, 1e-3 * MS, 1e-5 * MS])
+def test_jump_just_before_a_communication_point(sheep: Network, step: float) -> None:
+    """From rest, a jump of 10 mL/s. Elastic walls: the pressure lies between 0 and Z_c ΔQ = 234 Pa, within 1 Pa.
+
+    The mesh smooths the front of the wave, so just after the jump it is nearer to 0. The scheme by itself gives
+    -ΔQ/step times an inertia: -3.6e7 Pa after 10 ns.
+    """
+    component, values = start(sheep, **elastic(sheep.segments))
+    component.step(0.0, step, {**values, "inlet.Q": 10e-6})
+    assert -1.0 <= component.outputs()[0] <= 234.0
+
+
+def test_first_value_is_no_jump_in_time(sheep: Network) -> None:
+    """Linear from the value at initialization: a constant inflow from the start is the held one, to the last bit."""
+    times = grid(MS, 0.02)
+    constant = [run(sheep, times, lambda t: 10e-6, interpolation=kind) for kind in ("linear", "hold")]
+    assert np.array_equal(*constant)
+
+
+# --- changes while running ----------------------------------------------------------------------------------------
+
+
+def test_venous_pressure_is_an_input(sheep: Network) -> None:
+    """P_venous set before every step against the scheme stepped with it: to 1e-12, but for inlet.P."""
+    component, values = start(sheep)
+    scheme = Staggered(sheep)
+    report, state = reporter(scheme), scheme.initial_state()
+    for i in range(50):
+        P_venous = 200.0 * np.sin(0.1 * i * np.arange(1, 6))
+        inputs = dict(zip(component.venous, P_venous.tolist(), strict=True))
+        component.step(i * MS, MS, {**values, "inlet.Q": 20e-6, **inputs})
+        state = scheme.step(state, MS, np.full(4, 20e-6), P_venous)
+        assert component.outputs()[1:] == pytest.approx(report(state)[0, 1:], rel=1e-12)
+
+
+def test_retuned_parameters(sheep: Network) -> None:
+    """CA.E and an outlet changed at t = 10 ms against the scheme with other coefficients from there: to 1e-12."""
+    component, values = start(sheep)
+    scheme = Staggered(sheep)
+    state = scheme.initial_state()
+    new = {"CA.E": 2e6, "FA.outlet.R_t": 0.8}
+    for i in range(30):
+        if i == 10:
+            component.retune({**values, **new})
+            scheme = scheme.with_parameters(new)
+        component.step(i * MS, MS, {**values, "inlet.Q": 20e-6})
+        state = scheme.step(state, MS, np.full(4, 20e-6))
+    assert component.outputs()[1:] == pytest.approx(reporter(scheme)(state)[0, 1:], rel=1e-12)
+
+
+def test_refused_parameters_change_nothing(sheep: Network) -> None:
+    """phiNL without phi0 is refused with the solver's sentence, and the run goes on with the old ones, bit for bit."""
+    component, values = start(sheep)
+    other, _ = start(sheep)
+    with pytest.raises(ValueError, match=r"CA\.phiNL .*raise CA\.phi0"):
+        component.retune({**values, "CA.phi0": 0.0, "CA.phiNL": 1e3})
+    for c in (component, other):
+        c.step(0.0, 5 * MS, {**values, "inlet.Q": 10e-6})
+    assert component.outputs() == other.outputs()
+
+
+# --- errors -------------------------------------------------------------------------------------------------------
+
+
+def test_failed_step_can_be_repeated(sheep: Network) -> None:
+    """After NonPhysicalState the component stands where it was: a smaller inflow from there, bit for bit."""
+    component, values = start(sheep)
+    other, _ = start(sheep)
+    for c in (component, other):
+        c.step(0.0, 1.5 * MS, {**values, "inlet.Q": 10e-6})
+    with pytest.raises(NonPhysicalState, match=r"segment AA at x = .* cm, t = 0\.00\d s"):
+        component.step(1.5 * MS, 3 * MS, {**values, "inlet.Q": 0.5})
+    for c in (component, other):
+        c.step(1.5 * MS, 3 * MS, {**values, "inlet.Q": 12e-6})
+    assert component.outputs() == other.outputs()
+
+
+@pytest.mark.parametrize(
+    ("t", "h", "sentence"),
+    [
+        (0.0, 0.0, "communication step of 0 s: must be positive."),
+        (0.0, -1e-3, "communication step of -0.001 s: must be positive."),
+        (0.0, float("nan"), "communication step of nan s: must be positive."),
+        (0.0, float("inf"), "communication step of inf s: must be positive."),
+        (1.0, 1e-3, "step from t = 1 s, but the component stands at 0 s; step on from there or reset."),
+        (float("nan"), 1e-3, "step from t = nan s, but the component stands at 0 s; step on from there or reset."),
+    ],
+)
+def test_bad_times(sheep: Network, t: float, h: float, sentence: str) -> None:
+    """A step that is not positive, or not from where the component stands, ends in one sentence."""
+    component, values = start(sheep)
+    with pytest.raises(ValueError) as error:
+        component.step(t, h, values)
+    assert str(error.value) == sentence
+
+
+def test_unreachable_start_pressure(sheep: Network) -> None:
+    """A start pressure that no wall can carry is refused when the component is initialized."""
+    with pytest.raises(ValueError, match=r"network\.P_0: the wall of segment \w+ cannot carry the start pressure"):
+        start(replace(sheep, elastic_law="regression"), network__P_0=1e6)
