@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
+from itertools import count
 
 import numpy as np
 
@@ -68,37 +70,32 @@ def lanes(network: Network) -> list[Lane]:
     for i, node in enumerate(start):
         leaving.setdefault(node, []).append(i)
 
+    # walk the tree depth first, with a stack of its own: (segment that led here, segments still to follow, node)
     y: dict[int, float] = {}
-    onward: set[int] = set()  # segments that were the first to reach their end
-    left: list[int] = []  # nodes in the order in which the walk left them: the reverse is downstream order
-    entered: set[int] = {0}
-    backward: set[int] = set()  # segments that close a circle of flow
-
-    def walk(node: int) -> None:
-        for i in leaving.get(node, []):
-            if end[i] not in entered:
-                entered.add(end[i])
-                onward.add(i)
-                walk(end[i])
-                next_ones = leaving.get(end[i], [])
-                beside = [y[j] for j in next_ones if j in onward] or [y[j] for j in next_ones]
-                y[i] = float(np.mean(beside)) if beside else free_lane()
-            else:
-                y[i] = free_lane()
-                if end[i] not in left:
-                    backward.add(i)
-        left.append(node)
-
-    taken = 0
-
-    def free_lane() -> float:
-        nonlocal taken
-        taken += 1
-        return float(taken - 1)
-
-    walk(0)
+    lane = count()
+    left: dict[int, None] = {}  # nodes in the order in which the walk left them: the reverse is downstream order
+    entered, onward, backward = {0}, set[int](), set[int]()  # onward: first to reach its end; backward: closes a circle
+    stack: list[tuple[int | None, Iterator[int], int]] = [(None, iter(leaving[0]), 0)]
+    while stack:
+        via, following, node = stack[-1]
+        i = next(following, -1)
+        if i < 0:
+            stack.pop()
+            left[node] = None
+            if via is not None:
+                after = leaving.get(node, [])
+                beside = [y[j] for j in after if j in onward] or [y[j] for j in after]
+                y[via] = float(np.mean(beside)) if beside else float(next(lane))
+        elif end[i] in entered:
+            y[i] = float(next(lane))
+            if end[i] not in left:
+                backward.add(i)
+        else:
+            entered.add(end[i])
+            onward.add(i)
+            stack.append((i, iter(leaving.get(end[i], [])), end[i]))
     column = dict.fromkeys(left, 0)
-    for node in reversed(left):
+    for node in reversed(list(left)):
         for i in leaving.get(node, []):
             if i not in backward:
                 column[end[i]] = max(column[end[i]], column[node] + 1)
