@@ -31,7 +31,7 @@ class _Piece:
         return (self.Q_end - self.Q_start) / (self.end - self.start)
 
     def __call__(self, t: float) -> float:
-        return self.Q_start + self.slope * (t - self.start)
+        return self.Q_end if t == self.end else self.Q_start + self.slope * (t - self.start)
 
 
 class CoSimulation:
@@ -76,19 +76,19 @@ class CoSimulation:
         self._check_time(t, h)
         Q = values["inlet.Q"]
         P_venous = np.array([values[name] for name in self.venous])
-        end = t + h
-        pieces = [*self.pieces, _Piece(t, end, Q if self.holds else self.Q_before, Q)]
+        end = self._snapped(t + h)
+        pieces = [*self.pieces, _Piece(self.time, end, Q if self.holds else self.Q_before, Q)]
         state, n = self.state, self.n
-        while self._grid(n + 1) <= end + _ON_GRID * self.dt:
-            state = replace(self._advance(state, self._grid(n), self.dt, pieces, P_venous), t=self._grid(n + 1))
+        while self._grid(n + 1) <= end:
+            state = replace(self._advance(state, n, 1.0, pieces, P_venous), t=self._grid(n + 1))
             n += 1
-        rest = round((end - self._grid(n)) / self.dt, 9) * self.dt  # rounded: the operators are kept per length
         shown = state
-        if rest > _ON_GRID * self.dt:
-            shown = self._advance(_ready_for(state, rest / self.dt), self._grid(n), rest, pieces, P_venous)
+        if end > self._grid(n):
+            part = round((end - self._grid(n)) / self.dt, 9)  # rounded: the operators are kept per length
+            shown = self._advance(_ready_for(state, part), n, part, pieces, P_venous)
         self.state, self.n, self.shown, self.time = state, n, shown, end
         self.Q_before, self.Q_slope = Q, pieces[-1].slope
-        self.pieces = [piece for piece in pieces if piece.end > self._grid(n) + _ON_GRID * self.dt]
+        self.pieces = [piece for piece in pieces if piece.end > self._grid(n)]
 
     def outputs(self) -> list[float]:
         """The outputs at the last communication point, in the order of the variable table."""
@@ -107,26 +107,27 @@ class CoSimulation:
         area = state.A[0, first] @ scheme.mesh.element.to_lobatto[0]
         return float(scheme.mass[0, first, 0] / area * (self.Q_slope - state.rates[-1][0, first, 0]))
 
-    def _grid(self, n: int) -> float:
+    def _grid(self, n: float) -> float:
         return self.t0 + n * self.dt
 
-    def _advance(self, state: State, t: float, dt: float, pieces: list[_Piece], P_venous: np.ndarray) -> State:
-        times = t + INFLOW_TIMES * dt
-        inflow = [_piece_at(pieces, at, _ON_GRID * self.dt)(at) for at in times.tolist()]
-        return self.scheme.step(state, dt, np.array(inflow), P_venous)
+    def _snapped(self, t: float) -> float:
+        """The grid point at t if there is one, so that round-off of communication points makes no short steps."""
+        nearest = self._grid(round((t - self.t0) / self.dt))
+        return nearest if abs(t - nearest) <= _ON_GRID * self.dt else t
+
+    def _advance(self, state: State, n: int, part: float, pieces: list[_Piece], P_venous: np.ndarray) -> State:
+        """One step from grid point n, over ``part`` of the internal step."""
+        times = [self._grid(n + part * c) for c in INFLOW_TIMES.tolist()]
+        inflow = [next((piece for piece in pieces if t <= piece.end), pieces[-1])(t) for t in times]
+        return self.scheme.step(state, part * self.dt, np.array(inflow), P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
         if not (np.isfinite(h) and h > 0.0):
             raise ValueError(f"communication step of {h:g} s: must be positive.")
-        if not abs(t - self.time) <= 1e-6 * self.dt + 1e-12 * abs(t):
+        if not abs(t - self.time) <= 2 * _ON_GRID * self.dt + 1e-12 * abs(t):
             raise ValueError(
                 f"step from t = {t:.9g} s, but the component stands at {self.time:.9g} s; step on from there or reset."
             )
-
-
-def _piece_at(pieces: list[_Piece], t: float, slack: float) -> _Piece:
-    """The first piece that ends at or after t."""
-    return next((piece for piece in pieces if t <= piece.end + slack), pieces[-1])
 
 
 def _ready_for(state: State, part: float) -> State:

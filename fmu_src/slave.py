@@ -48,8 +48,7 @@ class ArterialSlave(Fmi2Slave):
         super().__init__(**kwargs)
         cls = type(self)
         if cls.model is None:
-            data = json.loads((Path(kwargs["resources"]) / "network.json").read_text(encoding="utf-8"))
-            cls.model = from_dict(data["network"]), Settings(**data["settings"]), data["version"]
+            cls.model = _read_model(Path(kwargs["resources"]) / "network.json")
         network, settings, self.version = cls.model
         self.guid = self.content_hash
         self.modelName = network.name
@@ -226,6 +225,14 @@ class ArterialSlave(Fmi2Slave):
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """modelDescription with units, ranges, InitialUnknowns and dependencies."""
         return complete(super().to_xml(model_options or {}), self.table, self.version)
+
+
+def _read_model(file: Path) -> tuple[Network, Settings, str]:
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        return from_dict(data["network"]), Settings(**data["settings"]), data["version"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{file.name}: not the one of this FMU ({error}); build the FMU anew.") from None
 
 
 _INITIAL = {"parameter": Fmi2Initial.exact, "output": Fmi2Initial.calculated}  # FMI forbids it on inputs
