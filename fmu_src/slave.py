@@ -107,11 +107,8 @@ class ArterialSlave(Fmi2Slave):
             self.component.step(current_time, step_size, self._by_name())
             self.values[self.first_output :] = self.component.outputs()
             return True
-        except (ValueError, NonPhysicalState) as error:
-            self.log(self._message(str(error)), Fmi2Status.error)
-        except BaseException:  # a fault of ours must not kill the host: everything about it goes to the log
-            what = f"internal error at t = {current_time:g} s\n{traceback.format_exc()}"
-            self.log(self._message(what), Fmi2Status.error)
+        except BaseException as error:
+            self.log(self._message(error, f"stepping from t = {current_time:g} s"), Fmi2Status.error)
         return False
 
     def _require(self, call: str, phase: str) -> None:
@@ -207,17 +204,24 @@ class ArterialSlave(Fmi2Slave):
     def _guarded(self, what: str, action: Callable[[], T]) -> T:
         try:
             return action()
-        except (ValueError, NonPhysicalState) as error:
-            message = str(error)
-        except BaseException:
-            message = f"internal error while {what}\n{traceback.format_exc()}"
+        except BaseException as error:
+            message = self._message(error, what)
         # the wrapper drops these three references before it reports fmi2Fatal, and once more when it frees the instance
         for held in (type(self), self, self.log_queue):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
-        raise ValueError(self._message(message))
+        raise ValueError(message)
 
-    def _message(self, text: str) -> str:
-        """A line for the host's log, which is a printf format by the standard."""
+    def _message(self, error: BaseException, what: str) -> str:
+        """What goes to the host's log, where it is a printf format by the standard.
+
+        A user's mistake is one sentence. Of a fault of ours, which must not kill the host either, it is everything.
+        """
+        if isinstance(error, (ValueError, NonPhysicalState)):
+            text = str(error)
+        elif isinstance(error, KeyboardInterrupt):
+            text = f"interrupted while {what}."
+        else:
+            text = f"internal error while {what}\n{traceback.format_exc()}"
         return f"{self.instance_name}: {text}".replace("%", "%%")
 
     # --- description ----------------------------------------------------------------------------------------------

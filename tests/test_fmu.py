@@ -11,7 +11,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -947,22 +946,10 @@ print(ended - began, *sorted(m for m in new if m not in known))
 def test_needs_numpy_only(fmus: dict[str, Path], tmp_path: Path) -> None:
     """In a fresh process where everything else is blocked, the FMU steps; of other modules it brings its own.
 
-    Prints the cold start: extracting, instantiating, initializing, first step (measured 0.08 s; FMPy has imported numpy).
+    Prints the cold start: extract, instantiate, initialize, first step (measured 0.08 s; FMPy has imported numpy).
     """
     done = run_python(COLD, os.fspath(fmus["mixed"]), os.fspath(tmp_path / "fmu"), cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     seconds, *modules = done.stdout.split()
     print(f"cold start to the end of the first step: {float(seconds):.3f} s")
     assert {module.rstrip("0123456789abcdef") for module in modules} == {"arterial_", "numpy", "pythonfmu"}
-
-
-def test_step_time(instantiate: Callable[..., Instance], sheep: Network) -> None:
-    """Prints the time of a step of 1 ms with setting the inflow and reading all outputs (measured 0.33 ms)."""
-    instance = instantiate("sheep")
-    instance.initialize()
-    times = []
-    for i, Q in enumerate(sheep.inlet.Q(np.arange(300) * MS)):
-        began = time.perf_counter()
-        instance.step(i, Q)
-        times.append(time.perf_counter() - began)
-    print(f"step of 1 ms: {1e3 * float(np.median(times)):.3f} ms")
