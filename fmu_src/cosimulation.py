@@ -56,9 +56,7 @@ class CoSimulation:
         self.holds = values["inlet.interpolation"] == "hold"
         self.state = self.shown = self.scheme.initial_state(t0)
         self.t0, self.n, self.time = t0, 0, t0
-        self.Q_before = self.Q_slope = 0.0
-        if not self.holds:
-            self.Q_before = values["inlet.Q"]
+        self.Q_before = values["inlet.Q"]
         self.pieces: list[_Piece] = []  # the inflow since the last grid point
 
     def retune(self, values: Mapping[str, Any]) -> None:
@@ -87,25 +85,12 @@ class CoSimulation:
             part = round((end - self._grid(n)) / self.dt, 9)  # rounded: the operators are kept per length
             shown = self._advance(_ready_for(state, part), n, part, pieces, P_venous)
         self.state, self.n, self.shown, self.time = state, n, shown, end
-        self.Q_before, self.Q_slope = Q, pieces[-1].slope
+        self.Q_before = Q
         self.pieces = [piece for piece in pieces if piece.end > self._grid(n)]
 
     def outputs(self) -> list[float]:
         """The outputs at the last communication point, in the order of the variable table."""
-        values = self.report(self.shown)[0]
-        values[0] += self._inlet_inertia(self.shown)
-        return values.tolist()
-
-    def _inlet_inertia(self, state: State) -> float:
-        """What the pressure at the inlet lacks [Pa]: ρ w J/A (dQ/dt of the inflow - ∂Q/∂t of the last step).
-
-        The two rates are one unless the inflow jumped during the step, as a held one does when it is set. The scheme
-        spreads the jump over the step, and the inlet pressure would show the inertia of that.
-        """
-        scheme = self.scheme
-        first = int(np.flatnonzero(scheme.mesh.ends[:, 0] == 0)[0])
-        area = state.A[0, first] @ scheme.mesh.element.to_lobatto[0]
-        return float(scheme.mass[0, first, 0] / area * (self.Q_slope - state.rates[-1][0, first, 0]))
+        return self.report(self.shown)[0].tolist()
 
     def _grid(self, n: float) -> float:
         return self.t0 + n * self.dt

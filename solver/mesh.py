@@ -188,6 +188,11 @@ class Mesh:
         return len(self.segment)
 
     @property
+    def inlet_element(self) -> int:
+        """The element that starts at the inlet."""
+        return int(np.flatnonzero(self.ends[:, 0] == 0)[0])
+
+    @property
     def outlet_element(self) -> Array:
         """(n_outlets,) last element of each outlet's segment."""
         s = self.topology.outlet_segment

@@ -17,7 +17,9 @@ answer is continuous as φ0 → 0, and it does not ring when an input is held.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -28,7 +30,8 @@ from .stage import Stage
 
 Array = np.ndarray
 
-_FLOW_FLOOR = 1e-14  # of A0 c0: updates below this are round-off of a network at rest
+_PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
+_ROUND_OFF = 1e-13  # of A0 c0 and of the wall stiffness: smaller corrections are round-off of a network at rest
 
 
 class NonPhysicalState(ArithmeticError):
@@ -44,13 +47,13 @@ class Settings:
     """Numerical settings, chosen once: they do not depend on the wall, so that answers are continuous in φ0.
 
     dt : time step [s]. element_length : longest element [m]. degree : N of the flow polynomial.
-    tolerance : last correction of Q in a stage, relative to the largest Q.
+    tolerance : last correction of the flows in a stage, relative to the largest; of the nodal pressures ten times that.
     """
 
     dt: float = 1e-3
     element_length: float = 0.05
     degree: int = 3
-    tolerance: float = 1e-4
+    tolerance: float = 3e-5
 
     def __post_init__(self) -> None:
         for name, low, high in (("dt", 1e-7, 0.1), ("element_length", 1e-4, 10.0), ("tolerance", 1e-13, 0.1)):
@@ -80,12 +83,6 @@ class State:
     heads: Array  # (STAGES, B, n_nodes)
     rates_before: Array
     heads_before: Array
-
-    def restarted(self) -> State:
-        """The same state without the memory of earlier steps, for a step of another length."""
-        rates = np.broadcast_to(self.rates[-1], self.rates.shape)
-        heads = np.broadcast_to(self.H, self.heads.shape)
-        return replace(self, rates=rates, heads=heads, rates_before=rates, heads_before=heads)
 
 
 @dataclass(frozen=True)
@@ -164,16 +161,27 @@ class Staggered:
         self.reflects, self.stores = bool(c.reflects.any()), bool(c.stores.any())
         self.A_rest = np.broadcast_to(self.wall.area(c.P_0[..., None]), gauss).copy()
         self._refuse_unreachable_pressure()
-        self.flow_floor = _FLOW_FLOOR * float(np.min(self.wall.A0 * self.wall.wave_speed(self.wall.A0)))
+        # scales per member, so that nobody's neighbour matters: ρc0/A0 turns flow into pressure
+        self.flow_floor = _ROUND_OFF * np.min(self.wall.A0 * self.wall.c0, axis=(1, 2))
+        self.pressure_floor = _ROUND_OFF * np.max(np.abs(self.wall.K), axis=(1, 2))
+        self.impedance = np.min(self.wall.rho * self.wall.c0 / self.wall.A0, axis=(1, 2))
         self._operators: dict[float, Operators] = {}
 
     def _refuse_unreachable_pressure(self) -> None:
+        c, law = self.coefficients, self.network.elastic_law
         bad = ~(self.A_rest[..., 0] > 0.0)
         if bad.any():
             name = self.network.segments[self.mesh.segment[np.argwhere(bad)[0][1]]].name
             raise ValueError(
                 f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
-                f"{self.network.elastic_law} law; lower network.P_0 or raise {name}.E or {name}.h."
+                f"{law} law; lower network.P_0 or raise {name}.E or {name}.h."
+            )
+        bad = c.reflects & ~(self.outlet_wall.area(c.P_0 - c.P_venous) > 0.0)
+        if bad.any():
+            name = self.network.outlets[np.argwhere(bad)[0][1]].segment
+            raise ValueError(
+                f"{name}.outlet.P_venous: the wall at the outlet cannot carry P_0 - P_venous under the {law} law; "
+                f"bring {name}.outlet.P_venous nearer to network.P_0."
             )
 
     # --- operators ------------------------------------------------------------------------------------------------
@@ -284,11 +292,19 @@ class Staggered:
         # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
         A_t: list[Array] = []
         C_t: list[Array] = []
-        size = np.maximum(np.abs(state.Q).max(axis=(1, 2)), np.abs(Q_in[-1]))
-        small = self.settings.tolerance * size + self.flow_floor
+        flow = np.maximum(np.abs(state.Q).max(axis=(1, 2)), np.abs(Q_in[-1]))
+        pressure = np.abs(state.H - self.coefficients.P_0).max(axis=1)
+        small = (
+            self.settings.tolerance * flow + self.flow_floor,
+            _PRESSURES * self.settings.tolerance * np.maximum(pressure, flow * self.impedance) + self.pressure_floor,
+        )
+        # where the inflow jumps (a held input that is set anew) the flow at the inlet starts from its new value: spread
+        # over the step, the jump would show in the inlet pressure as its inertia divided by dt
+        Q_start = state.Q.copy()
+        Q_start[:, self.mesh.inlet_element, 0] = inflow[0]
         with np.errstate(all="ignore"):
             for i in range(STAGES):
-                A, Q, P_C = state.A, state.Q, state.P_C
+                A, Q, P_C = state.A, Q_start, state.P_C
                 for j in range(i):
                     weight = dt * SDIRK3[i, j]
                     A = A + weight * A_t[j]
@@ -308,39 +324,63 @@ class Staggered:
         """∂A/∂t = -∂Q/∂x at the Gauss points (`massConserv_AQ`) : (B, n_e, N) [m²/s]."""
         return (Q @ self.derivative) * self.minus_J_inverse
 
-    def check(self, A: Array, A_t: Array, Q: Array, t: float, converged: bool = True) -> None:
-        """Raise NonPhysicalState unless A > 0, effective viscosity > 0, |U| < c, and the iteration converged."""
-        if not np.min(A) > 0.0:
-            where = np.where(np.isnan(A), -np.inf, A)
-            self._fail(where, t, "the area fell to zero or below", "lower the inflow or check R0, E and h there")
+    def check(self, A: Array, A_t: Array, Q: Array, t: float) -> None:
+        """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
+        for margin, reason, remedy in self._margins(A, A_t, Q):
+            if not np.min(margin) > 0.0:
+                self._fail(margin, t, reason(A, A_t), remedy)
+
+    def refuse(self, A: Array, Q: Array, H: Array, tau: float, venous: Array, done: Array, t: float) -> NoReturn:
+        """Raise NonPhysicalState for a stage that did not converge: by outlets, then by :meth:`check`, else as such.
+
+        A : base of the stage; Q, H its last finite iterate; members that are ``done`` are not to blame.
+        """
+        blame = ~done
+        outlet = self.outlet_wall.area(H[:, self.mesh.topology.outlets] - venous)
+        for b, o in np.argwhere(blame[:, None] & self.coefficients.reflects & ~(outlet > 0.0)):
+            outlet_segment = self.network.segments[self.mesh.topology.outlet_segment[o]]
+            raise NonPhysicalState(
+                "the wall at the outlet cannot carry the pressure P - P_venous" + self._member(int(b)),
+                outlet_segment.name,
+                float(self.coefficients.L[b, self.mesh.topology.outlet_segment[o]]),
+                t,
+                f"check {outlet_segment.name}.outlet.P_venous and the elastic law",
+            )
+        A_t = self.area_rate(Q)
+        A = A + tau * A_t
+        innocent = np.where(done, np.inf, 0.0)[:, None, None]
+        smallest = innocent
+        for margin, reason, remedy in self._margins(A, A_t, Q):
+            smallest = margin + innocent
+            if not np.min(smallest) > 0.0:
+                self._fail(smallest, t, reason(A, A_t), remedy)
+        # the margin to supercritical flow is as good a place as any to look at
+        self._fail(smallest, t, "the step did not converge", "use a smaller dt or check the parameters there")
+
+    def _margins(self, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[Array, Array], str], str]]:
+        """What must stay positive : (B, n_e, N), how to say that it does not, and the remedy; in the order to ask."""
+        yield A, lambda *_: "the area fell to zero or below", "lower the inflow or check R0, E and h there"
         if self.wall.nonlinear:
             relative = self.wall.relative_viscosity(A, A_t)
-            if not np.min(relative) > 0.0:
-                rate = self.wall.strain_rate(A, A_t).ravel()[np.argmin(relative)]
-                reason = (
-                    f"the effective wall viscosity phi0 + 2 phiNL * rate turned negative at strain rate {rate:.3g} 1/s"
-                )
-                self._fail(relative, t, reason, 'use viscous_law = "monotone" or a smaller |phiNL/phi0|')
-        U = (Q @ self.to_gauss) / A
+            remedy = 'use viscous_law = "monotone", a smaller |phiNL/phi0| or a lower inflow'
+            yield relative, lambda A, A_t: self._viscosity_reason(A, A_t, relative), remedy
         speed = self.wall.wave_speed(A)
-        if not np.min(speed) > 0.0:
-            where = np.where(np.isnan(speed), -np.inf, speed)
-            self._fail(
-                where, t, "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or a lower pressure"
-            )
-        subcritical = speed - np.abs(U)
-        if not np.min(subcritical) > 0.0:
-            self._fail(subcritical, t, "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall")
-        if not converged:
-            # the least stretched margin is as good a place as any to look at
-            self._fail(subcritical, t, "the step did not converge", "use a smaller dt or check the parameters there")
+        stiffness = np.where(np.isnan(speed), -1.0, speed)
+        yield stiffness, lambda *_: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
+        subcritical = speed - np.abs((Q @ self.to_gauss) / A)
+        yield subcritical, lambda *_: "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall"
 
-    def _fail(self, margin: Array, t: float, reason: str, remedy: str) -> None:
+    def _viscosity_reason(self, A: Array, A_t: Array, relative: Array) -> str:
+        rate = self.wall.strain_rate(A, A_t).ravel()[np.argmin(relative)]
+        return f"the effective wall viscosity d(sigma)/d(rate) turned negative at strain rate {rate:.3g} 1/s"
+
+    def _member(self, b: int) -> str:
+        return f" in parameter set {b} of the batch" if self.coefficients.batched else ""
+
+    def _fail(self, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
         """Raise NonPhysicalState at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
         b, e, g = np.unravel_index(int(np.nanargmin(margin)), margin.shape)
         s = self.mesh.segment[e]
         place = (e - self.mesh.first[s] + (self.mesh.element.x_gauss[g] + 1.0) / 2.0) / self.mesh.count[s]
-        name = self.network.segments[s].name
-        if self.coefficients.batched:
-            reason += f" in parameter set {b} of the batch"
-        raise NonPhysicalState(reason, name, float(place * self.coefficients.L[b, s]), t, remedy)
+        x = float(place * self.coefficients.L[b, s])
+        raise NonPhysicalState(reason + self._member(int(b)), self.network.segments[s].name, x, t, remedy)
