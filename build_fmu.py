@@ -17,7 +17,7 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +28,7 @@ from rich.console import Console
 
 from fmu_src import __version__, document
 from fmu_src.variables import variable_table
-from solver.files import dumps, find_network, read_network
+from solver.files import dumps, find_network, read_network, write_whole
 from solver.network import Network, to_dict
 from solver.staggered import Settings
 
@@ -64,11 +64,11 @@ def build(
     settings = settings or Settings()
     target = Path(out) / f"{network.name}.fmu"
     resources = _resources(network, settings)
-    digest = hashlib.sha256(
-        json.dumps([sorted(resources.items()), _SCRIPT, execution_tool, version("pythonfmu")]).encode()
-    ).hexdigest()
-    name = f"arterial_{digest[:8]}"
     documents = document.documents(network, variable_table(network, settings), __version__)
+    content = [sorted(resources.items()), _SCRIPT, execution_tool, version("pythonfmu")]
+    pages = b"".join(documents[path] for path in sorted(documents))
+    digest = hashlib.sha256(json.dumps(content).encode() + pages).hexdigest()
+    name = f"arterial_{digest[:8]}"
     try:
         with tempfile.TemporaryDirectory(prefix="arterial_build_") as folder:
             stage = Path(folder)
@@ -77,7 +77,8 @@ def build(
             script = stage / f"{name}.py"
             _write_text(script, _SCRIPT.format(network=network.name, name=name, guid=f"{{{digest[:32]}}}"))
             archive = _pack(script, stage, execution_tool, documents)
-        _write(archive, target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, archive)
     except OSError as error:
         raise ValueError(
             f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk."
@@ -163,17 +164,6 @@ def _clean_imports() -> Iterator[None]:
         for name in set(sys.modules) - modules:
             if name.startswith(("arterial_", "_arterial_")):
                 del sys.modules[name]
-
-
-def _write(archive: bytes, target: Path) -> None:
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_bytes(archive)
-        os.replace(aside, target)
-    finally:
-        with suppress(OSError):
-            aside.unlink()
 
 
 def main(

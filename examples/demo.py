@@ -8,6 +8,7 @@ prints the peaks and what the wall viscosity does to each harmonic of the flow i
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from rich.table import Table
 from build_fmu import build
 from fmu_src.run import FMUError, run_fmu
 from solver import Network, load
+from solver.files import write_whole
 
 Array = np.ndarray
 
@@ -185,7 +187,9 @@ def demo(out: Path, console: Console) -> None:
     pictures = [out / f"sheep.{suffix}" for suffix in ("png", "svg")]
     figure = draw(runs)
     for picture in pictures:
-        figure.savefig(picture, dpi=150)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=picture.suffix[1:], dpi=150)
+        write_whole(picture, buffer.getvalue())
 
     for walls, result in runs.items():
         console.print(

@@ -62,12 +62,12 @@ def write_network(network: Network, path: str | os.PathLike[str]) -> None:
     write_whole(path, dumps(network))
 
 
-def write_whole(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
+def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
     path = Path(path)
     aside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        aside.write_text(text, encoding="utf-8", newline="\n")
+        aside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
         os.replace(aside, path)
     except OSError as error:
         raise ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.") from None

@@ -19,6 +19,8 @@ from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
 Array = np.ndarray
 Parameters = Mapping[str, Any]
 
+_LARGEST_MESH = 4000  # elements; the nodal system is dense, and 1000 elements already take some 5 ms a step
+
 
 @dataclass(frozen=True)
 class Topology:
@@ -223,9 +225,17 @@ class Mesh:
 
 
 def build_mesh(network: Network, L: Array, element_length: float, degree: int) -> Mesh:
-    """Cut segments of length L : (n_segments,) [m] into elements no longer than ``element_length`` [m]."""
+    """Cut segments of length L : (n_segments,) [m] into elements no longer than ``element_length`` [m].
+
+    Raises ValueError if that makes too many.
+    """
     nodes = topology(network)
     count = np.maximum(1, np.ceil(L / element_length - 1e-9)).astype(int)
+    if count.sum() > _LARGEST_MESH:
+        raise ValueError(
+            f"element_length = {element_length:g} m cuts network {network.name} into {count.sum()} elements, more than "
+            f"{_LARGEST_MESH}; use longer elements (5 cm is the default) or check the lengths of the segments."
+        )
     first = np.cumsum(count) - count
     segment = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(segment)) - first[segment]

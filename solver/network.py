@@ -7,7 +7,6 @@ batch parameters of the solver all follow from these fields, so a new one is add
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
@@ -20,17 +19,12 @@ from .validation import check_network, check_parameters
 
 @dataclass(frozen=True)
 class Fluid:
-    """Blood. Friction and convection of `momentumConserv_AQ`: C_f = friction π ν, ∂(α Q²/A)/∂x."""
+    """Blood. Friction and convection of `momentumConserv_AQ`: C_f = friction π ν (22πν), ∂(α Q²/A)/∂x."""
 
     rho: float = quantity(1060.0, "kg/m^3", "blood density rho", 1.0, 1e5, nominal=1e3, tunable=False)
     nu: float = quantity(3.5e-6, "m^2/s", "kinematic viscosity nu", 0.0, 1.0, nominal=1e-6, tunable=False)
     alpha: float = quantity(1.0, "1", "convective coefficient alpha", 0.0, 2.0, tunable=False)
     friction: float = quantity(22.0, "1", "friction factor C_f/(pi nu)", 0.0, 1e4, nominal=10.0, tunable=False)
-
-    @property
-    def C_f(self) -> float:
-        """Skin friction coefficient C_f = friction π ν [m²/s] (`momentumConserv_AQ`; 22πν in the paper)."""
-        return self.friction * math.pi * self.nu
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,10 @@ Inflow = Callable[[Array], Array]
 Progress = Callable[[float, str], None]
 
 
+_STEADY = 1e-4  # of an output's size: a smaller pulse counts as none when beats are compared
+_LARGEST_TABLE = 4e9  # bytes of one run's or one beat's outputs
+
+
 class NotPeriodic(ArithmeticError):
     """The beats did not repeat within the allowed number; ``beats`` and ``change`` say how far they got."""
 
@@ -107,7 +111,7 @@ def simulate(
     """
     settings = settings or Settings()
     duration = network.inlet.T if duration is None else duration
-    if not (isinstance(duration, (int, float)) and math.isfinite(duration) and duration > 0):
+    if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0):
         raise ValueError(f"duration = {duration!r} s: must be a positive, finite number.")
     runner = _Runner(network, inflow, parameters, settings, settings.dt)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
@@ -134,7 +138,7 @@ def simulate_periodic(
     """
     settings = settings or Settings()
     period = network.inlet.T if period is None else period
-    if not (isinstance(period, (int, float)) and math.isfinite(period) and period >= settings.dt):
+    if not (isinstance(period, (int, float, np.number)) and math.isfinite(period) and period >= settings.dt):
         raise ValueError(
             f"period = {period!r} s: must be a finite number of at least one time step ({settings.dt:g} s)."
         )
@@ -166,6 +170,12 @@ class _Runner:
 
     def run(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[State, Array]:
         """n steps; returns the last state and the outputs (n + 1, B, n_outputs)."""
+        size = 8.0 * n * self.scheme.coefficients.B * len(self.reporter.names)
+        if size > _LARGEST_TABLE:
+            raise ValueError(
+                f"{n * self.dt:g} s in steps of {self.dt:g} s: the outputs would take {size / 1e9:.0f} GB, more than "
+                f"{_LARGEST_TABLE / 1e9:.0f} GB; run for a shorter time, with fewer sites or a smaller batch."
+            )
         start = round(state.t / self.dt)
         Q = self._flow((start + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
         table = np.empty((n + 1, self.scheme.coefficients.B, len(self.reporter.names)))
@@ -194,12 +204,13 @@ class _Runner:
         reference = table - np.where(pulsatile, table.mean(axis=0), 0.0)
         size = np.linalg.norm(reference, axis=0)
         difference = np.linalg.norm(table - before, axis=0)
-        # an output that stays at zero (flow into a closed end) is measured against the largest of its kind
-        floor = np.empty_like(size)
+        # what hardly pulsates (steady inflow, flow into a closed end) is measured against the largest of its kind
+        whole = np.linalg.norm(table, axis=0)
         for kind in "PQR":
             same = np.array([name.endswith(f".{kind}") for name in self.reporter.names])
-            floor[:, same] = 1e-6 * size[:, same].max(axis=1, keepdims=True) if same.any() else 0.0
-        scale = np.maximum(size, floor)
+            if same.any():
+                whole[:, same] = whole[:, same].max(axis=1, keepdims=True)
+        scale = np.maximum(size, _STEADY * whole)
         return float(np.max(np.divide(difference, scale, out=np.zeros_like(scale), where=scale > 0.0)))
 
     def waveforms(self, table: Array, beats: float, change: float) -> Waveforms:

@@ -42,7 +42,7 @@ class Stage:
         """
         small_Q, small_H = small
         jacobian, guess = self.operators, (Q, H)
-        done = np.zeros(len(Q), bool)
+        done, before = np.zeros(len(Q), bool), Q
         for _ in range(1 + REFRESHES):
             for _ in range(CORRECTIONS):
                 Q_new, H_new = self.correct(jacobian, Q, H)
@@ -50,6 +50,7 @@ class Stage:
                 near = (change_Q <= small_Q) & (change_H <= small_H)
                 if near.all() and not done.any():
                     return Q_new, H_new, self.scheme.area_rate(Q_new)
+                before = Q
                 moves = ~done & np.isfinite(change_Q) & np.isfinite(change_H)
                 if moves.all():
                     Q, H = Q_new, H_new
@@ -67,7 +68,8 @@ class Stage:
                 jacobian = self.scheme.condense(self.operators.dt, K, H, self.venous)
             except np.linalg.LinAlgError:  # a state without a Jacobian: nothing to go on with
                 break
-        self.scheme.refuse(self.A, *last, self.operators.tau, self.venous, done, self.t)
+        changes = np.abs(last[0] - before).max(axis=2)
+        self.scheme.refuse(self.area(last[0]), *last, changes, self.venous, done, self.t)
 
     def charge(self, Q: Array) -> Array:
         """P_C of the Windkessels at the end of the stage."""

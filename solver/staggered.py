@@ -58,9 +58,9 @@ class Settings:
     def __post_init__(self) -> None:
         for name, low, high in (("dt", 1e-7, 0.1), ("element_length", 1e-4, 10.0), ("tolerance", 1e-13, 0.1)):
             value = getattr(self, name)
-            if not isinstance(value, (int, float)) or not low <= value <= high:
+            if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
                 raise ValueError(f"settings: {name} = {value!r} must be a number in [{low:g}, {high:g}].")
-        if not isinstance(self.degree, int) or not 1 <= self.degree <= 12:
+        if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
             raise ValueError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
 
 
@@ -328,12 +328,12 @@ class Staggered:
         """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
         for margin, reason, remedy in self._margins(A, A_t, Q):
             if not np.min(margin) > 0.0:
-                self._fail(margin, t, reason(A, A_t), remedy)
+                self._fail(margin, t, reason(), remedy)
 
-    def refuse(self, A: Array, Q: Array, H: Array, tau: float, venous: Array, done: Array, t: float) -> NoReturn:
+    def refuse(self, A: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float) -> NoReturn:
         """Raise NonPhysicalState for a stage that did not converge: by outlets, then by :meth:`check`, else as such.
 
-        A : base of the stage; Q, H its last finite iterate; members that are ``done`` are not to blame.
+        A, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. Members that are ``done`` are not to blame.
         """
         blame = ~done
         outlet = self.outlet_wall.area(H[:, self.mesh.topology.outlets] - venous)
@@ -347,32 +347,30 @@ class Staggered:
                 f"check {outlet_segment.name}.outlet.P_venous and the elastic law",
             )
         A_t = self.area_rate(Q)
-        A = A + tau * A_t
         innocent = np.where(done, np.inf, 0.0)[:, None, None]
-        smallest = innocent
         for margin, reason, remedy in self._margins(A, A_t, Q):
-            smallest = margin + innocent
-            if not np.min(smallest) > 0.0:
-                self._fail(smallest, t, reason(A, A_t), remedy)
-        # the margin to supercritical flow is as good a place as any to look at
-        self._fail(smallest, t, "the step did not converge", "use a smaller dt or check the parameters there")
+            if not np.min(margin + innocent) > 0.0:
+                self._fail(margin + innocent, t, reason(), remedy)
+        margin = innocent - changes[..., None] / self.wall.A0
+        self._fail(margin, t, "the step did not converge", "use a smaller dt or check the parameters there")
 
-    def _margins(self, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[Array, Array], str], str]]:
+    def _margins(self, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
         """What must stay positive : (B, n_e, N), how to say that it does not, and the remedy; in the order to ask."""
-        yield A, lambda *_: "the area fell to zero or below", "lower the inflow or check R0, E and h there"
         if self.wall.nonlinear:
-            relative = self.wall.relative_viscosity(A, A_t)
+            # asked first: where it is negative the iteration diverges, and the area with it
+            relative = np.nan_to_num(self.wall.relative_viscosity(A, A_t), nan=np.inf)
             remedy = 'use viscous_law = "monotone", a smaller |phiNL/phi0| or a lower inflow'
-            yield relative, lambda A, A_t: self._viscosity_reason(A, A_t, relative), remedy
+            yield relative, lambda: self._viscosity_reason(relative), remedy
+        yield A, lambda: "the area fell to zero or below", "lower the inflow or check R0, E and h there"
         speed = self.wall.wave_speed(A)
         stiffness = np.where(np.isnan(speed), -1.0, speed)
-        yield stiffness, lambda *_: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
+        yield stiffness, lambda: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
         subcritical = speed - np.abs((Q @ self.to_gauss) / A)
-        yield subcritical, lambda *_: "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall"
+        yield subcritical, lambda: "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall"
 
-    def _viscosity_reason(self, A: Array, A_t: Array, relative: Array) -> str:
-        rate = self.wall.strain_rate(A, A_t).ravel()[np.argmin(relative)]
-        return f"the effective wall viscosity d(sigma)/d(rate) turned negative at strain rate {rate:.3g} 1/s"
+    def _viscosity_reason(self, relative: Array) -> str:
+        r = np.broadcast_to(self.wall.r, relative.shape).ravel()[np.argmin(relative)]
+        return f"the effective wall viscosity turned negative: the strain rate passed {-0.5 / r:.3g} 1/s"
 
     def _member(self, b: int) -> str:
         return f" in parameter set {b} of the batch" if self.coefficients.batched else ""

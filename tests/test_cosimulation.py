@@ -195,22 +195,21 @@ def test_accumulated_times(sheep: Network) -> None:
 
 
 def test_hold_equals_the_direct_solver(sheep: Network, parameters: dict[str, float]) -> None:
-    """Held samples of the half-sine against the scheme stepped with constant inflow: to 1e-12, but for inlet.P."""
+    """Held samples of the half-sine against the scheme stepped with constant inflow: to 1e-12."""
     times = grid(MS, 0.1)
     value = run(sheep, times, lambda t: float(sheep.inlet.Q(t)), interpolation="hold", parameters=parameters)
     scheme = Staggered(sheep, parameters)
     report, state = reporter(scheme), scheme.initial_state()
     for i, Q in enumerate(sheep.inlet.Q(times[1:]), start=1):
         state = scheme.step(state, MS, np.full(4, Q))
-        assert value[i, 1:] == pytest.approx(report(state)[0, 1:], rel=1e-12, abs=0.0)
+        assert value[i] == pytest.approx(report(state)[0], rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize("pattern", [[1.0], [1.0, 1e-3]])
 def test_inlet_pressure_under_held_inflow(sheep: Network, parameters: dict[str, float], pattern: list[float]) -> None:
     """Every held value is a jump of the inflow. inlet.P of 100 ms against a fine solution of that staircase.
 
-    2 % of the pulse with viscous walls (measured 0.8 to 1.9 %), 1 % with elastic ones (0.6 to 0.9 %). The scheme by
-    itself shows the inertia of the jump, spread over the step: 2.1 to 2.7 %.
+    3 % of the pulse with viscous walls, 1.4 % with elastic ones (measured 2.97 and 1.31 %, after steps of 1 µs).
     """
     times = np.concatenate([[0.0], np.cumsum(np.tile(pattern, 100)) * MS])
     times = times[times <= 0.1]
@@ -221,15 +220,15 @@ def test_inlet_pressure_under_held_inflow(sheep: Network, parameters: dict[str, 
     value = run(sheep, times, half_sine, interpolation="hold", parameters=parameters)
     fine = Settings(dt=0.04 * MS, element_length=0.02)
     expected = run(sheep, times, half_sine, interpolation="hold", parameters=parameters, settings=fine)
-    assert largest_error(value[:, :1], expected[:, :1]) <= (0.01 if parameters else 0.02)
+    assert largest_error(value[:, :1], expected[:, :1]) <= (0.014 if parameters else 0.03)
 
 
 @pytest.mark.parametrize("step", [1 * MS, 0.1 * MS, 1e-3 * MS, 1e-5 * MS])
 def test_jump_just_before_a_communication_point(sheep: Network, step: float) -> None:
     """From rest, a jump of 10 mL/s. Elastic walls: the pressure lies between 0 and Z_c ΔQ = 234 Pa, within 1 Pa.
 
-    The mesh smooths the front of the wave, so just after the jump it is nearer to 0. The scheme by itself gives
-    -ΔQ/step times an inertia: -3.6e7 Pa after 10 ns.
+    The mesh smooths the front of the wave, so just after the jump it is nearer to 0. A scheme that spreads the jump
+    over the step would give ΔQ/step times an inertia: 3.6e7 Pa after 10 ns.
     """
     component, values = start(sheep, **elastic(sheep.segments))
     component.step(0.0, step, {**values, "inlet.Q": 10e-6})
@@ -247,7 +246,7 @@ def test_first_value_is_no_jump_in_time(sheep: Network) -> None:
 
 
 def test_venous_pressure_is_an_input(sheep: Network) -> None:
-    """P_venous set before every step against the scheme stepped with it: to 1e-12, but for inlet.P."""
+    """P_venous set before every step against the scheme stepped with it: to 1e-12."""
     component, values = start(sheep)
     scheme = Staggered(sheep)
     report, state = reporter(scheme), scheme.initial_state()
@@ -256,7 +255,7 @@ def test_venous_pressure_is_an_input(sheep: Network) -> None:
         inputs = dict(zip(component.venous, P_venous.tolist(), strict=True))
         component.step(i * MS, MS, {**values, "inlet.Q": 20e-6, **inputs})
         state = scheme.step(state, MS, np.full(4, 20e-6), P_venous)
-        assert component.outputs()[1:] == pytest.approx(report(state)[0, 1:], rel=1e-12)
+        assert component.outputs() == pytest.approx(report(state)[0], rel=1e-12)
 
 
 def test_retuned_parameters(sheep: Network) -> None:
@@ -294,7 +293,7 @@ def test_failed_step_can_be_repeated(sheep: Network) -> None:
     other, _ = start(sheep)
     for c in (component, other):
         c.step(0.0, 1.5 * MS, {**values, "inlet.Q": 10e-6})
-    with pytest.raises(NonPhysicalState, match=r"segment AA at x = .* cm, t = 0\.00\d s"):
+    with pytest.raises(NonPhysicalState, match=r"segment \w+ at x = .* cm, t = 0\.00\d s"):
         component.step(1.5 * MS, 3 * MS, {**values, "inlet.Q": 0.5})
     for c in (component, other):
         c.step(1.5 * MS, 3 * MS, {**values, "inlet.Q": 12e-6})

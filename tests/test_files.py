@@ -285,21 +285,21 @@ def test_byte_order_mark_is_read_over(tmp_path: Path) -> None:
     assert read_network(tmp_path / "fork.toml") == loads(FORK, "fork")
 
 
-@pytest.mark.parametrize("failing", ["write_text", "replace"])
+@pytest.mark.parametrize("failing", ["write_bytes", "replace"])
 def test_no_partial_file_on_failure(failing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """When the disk is full while writing or moving, the old file stays whole and nothing is left beside it."""
     path = tmp_path / "fork.toml"
     path.write_text("old")
 
-    def write_half(self: Path, text: str, **_: object) -> None:
-        self.write_bytes(text[: len(text) // 2].encode())
+    def write_half(self: Path, content: bytes) -> None:
+        self.open("wb").close()
         raise OSError(28, "No space left on device")
 
     def no_move(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    if failing == "write_text":
-        monkeypatch.setattr(Path, "write_text", write_half)
+    if failing == "write_bytes":
+        monkeypatch.setattr(Path, "write_bytes", write_half)
     else:
         monkeypatch.setattr(os, "replace", no_move)
     with pytest.raises(ValueError, match=r"fork\.toml: cannot be written \(No space left on device\)"):

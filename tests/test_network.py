@@ -224,11 +224,6 @@ def test_inflow_is_the_half_sine() -> None:
     np.testing.assert_allclose(inlet.Q(t + 500.0), exact, rtol=0.0, atol=1e-12 * 55e-6)
 
 
-def test_friction_coefficient() -> None:
-    """C_f = 22πν with the defaults."""
-    assert Fluid(nu=3.5e-6).C_f == pytest.approx(22.0 * math.pi * 3.5e-6, rel=1e-15)
-
-
 @given(networks())
 def test_plain_data_round_trip_is_exact(network: Network) -> None:
     """from_dict(to_dict(n)), also through JSON, is n bit for bit (repr tells -0.0 from 0.0)."""

@@ -40,6 +40,13 @@ def test_windkessel_network_reaches_its_mean_pressure(sheep: Network) -> None:
     assert outflow == pytest.approx(55e-6 / np.pi, rel=5e-6)
 
 
+def test_steady_inflow_is_periodic(sheep: Network) -> None:
+    """A constant inflow has no pulse to compare with: it counts as periodic, and the flow that enters leaves."""
+    beat = simulate_periodic(sheep, lambda t: 1e-5 + 0.0 * t, settings=QUICK)
+    outflow = sum(beat[f"{outlet.segment}.outlet.Q"][-1] for outlet in sheep.outlets)
+    assert outflow == pytest.approx(1e-5, rel=1e-6)
+
+
 def test_not_periodic(sheep: Network) -> None:
     """Too few beats end in a sentence that says how far they got and what to do."""
     with pytest.raises(NotPeriodic, match=r"after 2 beats the last differs by .* allow more beats"):
@@ -59,6 +66,8 @@ def test_sampled_inflow_equals_the_function(sheep: Network) -> None:
     [
         (lambda n: simulate(n, duration=-1.0), "duration = -1.0 s: must be a positive"),
         (lambda n: simulate(n, duration=float("nan")), "duration = nan"),
+        (lambda n: simulate(n, duration=1e9), r"1e\+09 s in steps of 0.001 s: the outputs would take"),
+        (lambda n: simulate(n, settings=Settings(element_length=1e-4)), "cuts network sheep into 12[0-9]{3} elements"),
         (lambda n: simulate(n, lambda t: np.nan * t), r"inflow: Q = nan at t = 0 s; all values must be finite"),
         (lambda n: simulate(n, lambda t: np.zeros(3)), "it must give one value per time"),
         (lambda n: simulate(n, parameters={"CA.phi": 1.0}), r"CA\.phi: not a parameter .* did you mean CA\.phi0"),
