@@ -46,7 +46,8 @@ class Stage:
         for _ in range(1 + REFRESHES):
             for _ in range(CORRECTIONS):
                 Q_new, H_new = self.correct(jacobian, Q, H)
-                change_Q, change_H = np.abs(Q_new - Q).max(axis=(1, 2)), np.abs(H_new - H).max(axis=1)
+                change_Q = np.abs(Q_new - Q).reshape(len(Q), -1).max(axis=1)
+                change_H = np.abs(H_new - H).max(axis=1)
                 near = (change_Q <= small_Q) & (change_H <= small_H)
                 if near.all() and not done.any():
                     return Q_new, H_new, self.scheme.area_rate(Q_new)

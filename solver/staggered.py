@@ -158,6 +158,7 @@ class Staggered:
         node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * (c.alpha - mesh.topology.k)
         self.end_kinetic = node_kinetic[:, mesh.ends]
         self.incidence = np.ascontiguousarray(mesh.incidence.T)
+        self.inlet_element = mesh.inlet_element
         self.reflects, self.stores = bool(c.reflects.any()), bool(c.stores.any())
         self.A_rest = np.broadcast_to(self.wall.area(c.P_0[..., None]), gauss).copy()
         self._refuse_unreachable_pressure()
@@ -292,7 +293,7 @@ class Staggered:
         # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
         A_t: list[Array] = []
         C_t: list[Array] = []
-        flow = np.maximum(np.abs(state.Q).max(axis=(1, 2)), np.abs(Q_in[-1]))
+        flow = np.maximum(np.abs(state.Q).reshape(len(state.Q), -1).max(axis=1), np.abs(Q_in[-1]))
         pressure = np.abs(state.H - self.coefficients.P_0).max(axis=1)
         small = (
             self.settings.tolerance * flow + self.flow_floor,
@@ -301,7 +302,7 @@ class Staggered:
         # where the inflow jumps (a held input that is set anew) the flow at the inlet starts from its new value: spread
         # over the step, the jump would show in the inlet pressure as its inertia divided by dt
         Q_start = state.Q.copy()
-        Q_start[:, self.mesh.inlet_element, 0] = inflow[0]
+        Q_start[:, self.inlet_element, 0] = inflow[0]
         with np.errstate(all="ignore"):
             for i in range(STAGES):
                 A, Q, P_C = state.A, Q_start, state.P_C
@@ -327,7 +328,7 @@ class Staggered:
     def check(self, A: Array, A_t: Array, Q: Array, t: float) -> None:
         """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
         for margin, reason, remedy in self._margins(A, A_t, Q):
-            if not np.min(margin) > 0.0:
+            if not margin.min() > 0.0:
                 self._fail(margin, t, reason(), remedy)
 
     def refuse(self, A: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float) -> NoReturn:
@@ -363,8 +364,7 @@ class Staggered:
             yield relative, lambda: self._viscosity_reason(relative), remedy
         yield A, lambda: "the area fell to zero or below", "lower the inflow or check R0, E and h there"
         speed = self.wall.wave_speed(A)
-        stiffness = np.where(np.isnan(speed), -1.0, speed)
-        yield stiffness, lambda: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
+        yield speed, lambda: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
         subcritical = speed - np.abs((Q @ self.to_gauss) / A)
         yield subcritical, lambda: "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall"
 
@@ -377,7 +377,7 @@ class Staggered:
 
     def _fail(self, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
         """Raise NonPhysicalState at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
-        b, e, g = np.unravel_index(int(np.nanargmin(margin)), margin.shape)
+        b, e, g = np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape)
         s = self.mesh.segment[e]
         place = (e - self.mesh.first[s] + (self.mesh.element.x_gauss[g] + 1.0) / 2.0) / self.mesh.count[s]
         x = float(place * self.coefficients.L[b, s])
