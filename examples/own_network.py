@@ -7,6 +7,7 @@ The arteries are in ``own_network.toml``: the human aortic bifurcation with Wind
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -43,4 +44,8 @@ def main(out: Annotated[Path, typer.Option(file_okay=False, help="Directory of t
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    try:
+        typer.run(main)
+    except (ValueError, OSError) as error:
+        print(f"Error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from html import escape
+from importlib.metadata import distribution
 
 import numpy as np
 
@@ -18,8 +19,16 @@ def documents(network: Network, table: tuple[Variable, ...], version: str) -> di
     """The files by their path in the FMU."""
     return {
         "documentation/index.html": index_html(network, table, version).encode(),
+        "documentation/licenses/pythonfmu.txt": _pythonfmu_licence(),
         "model.png": model_png(network),
     }
+
+
+def _pythonfmu_licence() -> bytes:
+    """The licence of pythonfmu, whose code and binaries every FMU carries."""
+    files = distribution("pythonfmu").files or []
+    texts = [f.read_binary() for f in files if f.name.startswith("LICEN")]
+    return texts[0] if texts else b"MIT\n"
 
 
 _STYLE = """

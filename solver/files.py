@@ -53,6 +53,8 @@ def loads(text: str, name: str) -> Network:
         raise ValueError(
             f'{name}: not valid TOML: {reason}; correct that line (a value with a unit stands in quotes: "4 cm").'
         ) from None
+    except RecursionError:
+        raise ValueError(f"{name}: not a network file: its lists are nested too deeply; correct it.") from None
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -65,10 +67,13 @@ def write_network(network: Network, path: str | os.PathLike[str]) -> None:
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
     path = Path(path)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    if path.exists() and not path.is_file():  # a rename would replace a device or fail on a directory
+        raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
+    target = path.resolve()  # a link stays a link
+    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         aside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        os.replace(aside, path)
+        os.replace(aside, target)
     except OSError as error:
         raise ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.") from None
     finally:

@@ -89,6 +89,8 @@ def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
         raise ValueError(
             f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}."
         )
+    if period is not None and not (np.isfinite(period) and period >= t[-1] - t[0] > 0.0):
+        raise ValueError(f"inflow samples: period = {period!r} s must be finite and no shorter than the samples.")
     if not (np.isfinite(t).all() and np.isfinite(Q).all() and (np.diff(t) > 0).all()):
         raise ValueError("inflow samples: t must increase and all values must be finite; remove gaps first.")
     return lambda at: np.interp(at, t, Q, period=period)
@@ -142,8 +144,10 @@ def simulate_periodic(
         raise ValueError(
             f"period = {period!r} s: must be a finite number of at least one time step ({settings.dt:g} s)."
         )
-    if not tolerance > 0.0 or max_beats < 2:
-        raise ValueError(f"tolerance = {tolerance!r} must be positive and max_beats = {max_beats!r} at least 2.")
+    if not tolerance > 0.0:
+        raise ValueError(f"tolerance = {tolerance!r} must be positive.")
+    if max_beats < 2:
+        raise ValueError(f"max_beats = {max_beats!r} must be at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
     runner = _Runner(network, inflow, parameters, settings, period / n)
     state, before, change = runner.scheme.initial_state(), None, math.inf
@@ -164,6 +168,8 @@ class _Runner:
     def __init__(
         self, network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float
     ) -> None:
+        if not isinstance(network, Network):
+            raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
         self.network, self.inflow, self.dt = network, inflow or network.inlet.Q, dt
         self.scheme = Staggered(network, parameters, settings)
         self.reporter: Reporter = reporter(self.scheme)

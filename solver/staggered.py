@@ -56,10 +56,12 @@ class Settings:
     tolerance: float = 3e-5
 
     def __post_init__(self) -> None:
-        for name, low, high in (("dt", 1e-7, 0.1), ("element_length", 1e-4, 10.0), ("tolerance", 1e-13, 0.1)):
+        limits = (("dt", "s", 1e-7, 0.1), ("element_length", "m", 1e-4, 10.0), ("tolerance", "", 1e-13, 0.1))
+        for name, unit, low, high in limits:
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
-                raise ValueError(f"settings: {name} = {value!r} must be a number in [{low:g}, {high:g}].")
+                allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
+                raise ValueError(f"settings: {name} = {value!r} must be a number in {allowed}.")
         if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
             raise ValueError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
 

@@ -77,7 +77,8 @@ def _check_law(key: str, name: str, laws: Mapping[str, Any]) -> None:
 
 
 def _suggest(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
+    by_lower = {candidate.lower(): candidate for candidate in known}
+    close = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.4)]
     return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
 
 

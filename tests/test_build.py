@@ -136,7 +136,13 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     expected = {f"resources/_{name}/solver/{module}.py" for module in ("__init__", *SOLVER_MODULES)}
     expected |= {f"resources/_{name}/fmu_src/{module}.py" for module in ("__init__", *SLAVE_MODULES)}
     expected |= {f"resources/{name}.py", f"resources/_{name}/__init__.py", "resources/network.toml"}
-    expected |= {"modelDescription.xml", "model.png", "documentation/index.html", "resources/network.json"}
+    expected |= {
+        "modelDescription.xml",
+        "model.png",
+        "documentation/index.html",
+        "documentation/licenses/pythonfmu.txt",
+        "resources/network.json",
+    }
     expected |= {"binaries/linux64/sheep.so", "binaries/win64/sheep.dll", "resources/slavemodule.txt"}
     assert {n for n in names if not n.startswith("resources/pythonfmu/")} == expected
     assert fmu.stat().st_size < 300_000

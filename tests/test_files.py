@@ -11,7 +11,16 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from random_networks import networks
 
-from solver.files import bundled, dumps, find_network, loads, parse_quantity, read_network, write_network
+from solver.files import (
+    bundled,
+    dumps,
+    find_network,
+    loads,
+    parse_quantity,
+    read_network,
+    write_network,
+    write_whole,
+)
 from solver.network import Network, Pressure, Reflection, Resistance, Site, Windkessel
 
 FORK = """
@@ -373,3 +382,22 @@ def test_sheep_nonlinear_differs_only_in_the_viscosity() -> None:
     linear = {f"{s.name}.phiNL": 0.0 for s in nonlinear.segments}
     assert nonlinear.with_parameters(linear).parameters() == sheep.parameters()
     assert nonlinear.junctions == sheep.junctions
+
+
+def test_writing_follows_links_and_spares_what_is_no_file(tmp_path: Path) -> None:
+    """A link stays a link and its target gets the content; a directory, like a device, is refused."""
+    (tmp_path / "target.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to(tmp_path / "target.txt")
+    write_whole(tmp_path / "link.txt", "new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "target.txt").read_text() == "new"
+    with pytest.raises(ValueError, match=r"cannot be written \(not a regular file\)"):
+        write_whole(tmp_path, "new")
+    with pytest.raises(ValueError, match=r"/dev/null: cannot be written \(not a regular file\)"):
+        write_whole("/dev/null", "new")
+
+
+def test_deeply_nested_text() -> None:
+    """Two thousand brackets end in a sentence."""
+    with pytest.raises(ValueError, match="deep.toml: .*nested too deeply"):
+        loads("a = " + "[" * 2000 + "]" * 2000, "deep.toml")

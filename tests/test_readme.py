@@ -46,7 +46,7 @@ def test_snippet(folder: Path, number: int) -> None:
     else:
         lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
         text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
-        text = text.replace("cp solver/", f"cp {ROOT}/solver/")
+        text = text.replace(" solver/networks/", f" {ROOT}/solver/networks/")
         command = ["bash", "-euc", text]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100, check=False)
     assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
