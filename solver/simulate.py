@@ -108,8 +108,8 @@ def simulate(
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
     inflow : Q(t) [m³/s] for an array of times; default the network's inlet. parameters : values by FMU variable name,
-    numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration. A batch shares
-    one mesh, made for the longest of each segment, and ends with the first member that breaks down.
+    numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration.
+    A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
     settings = settings or Settings()
