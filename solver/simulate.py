@@ -112,6 +112,7 @@ def simulate(
     A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
+    _check_network(network)
     settings = settings or Settings()
     duration = network.inlet.T if duration is None else duration
     if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0):
@@ -139,6 +140,7 @@ def simulate_periodic(
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
     Raises ValueError, NonPhysicalState as :func:`simulate`; NotPeriodic after ``max_beats``.
     """
+    _check_network(network)
     settings = settings or Settings()
     period = network.inlet.T if period is None else period
     if not (isinstance(period, (int, float, np.number)) and math.isfinite(period) and period >= settings.dt):
@@ -163,14 +165,17 @@ def simulate_periodic(
     raise NotPeriodic(max_beats, change, tolerance)
 
 
+def _check_network(network: Any) -> None:
+    if not isinstance(network, Network):
+        raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
+
+
 class _Runner:
     """The scheme, its inflow and its reporter, advanced together."""
 
     def __init__(
         self, network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float
     ) -> None:
-        if not isinstance(network, Network):
-            raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
         self.network, self.inflow, self.dt = network, inflow or network.inlet.Q, dt
         self.scheme = Staggered(network, parameters, settings)
         self.reporter: Reporter = reporter(self.scheme)

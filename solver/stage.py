@@ -51,11 +51,11 @@ class Stage:
                 near = (change_Q <= small_Q) & (change_H <= small_H)
                 if near.all() and not done.any():
                     return Q_new, H_new, self.scheme.area_rate(Q_new)
-                before = Q
                 moves = ~done & np.isfinite(change_Q) & np.isfinite(change_H)
                 if moves.all():
-                    Q, H = Q_new, H_new
+                    before, Q, H = Q, Q_new, H_new
                 else:
+                    before = np.where(moves[:, None, None], Q, before)
                     Q, H = np.where(moves[:, None, None], Q_new, Q), np.where(moves[:, None], H_new, H)
                 done = done | (moves & near)
                 if done.all():

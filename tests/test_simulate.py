@@ -64,6 +64,13 @@ def test_sampled_inflow_equals_the_function(sheep: Network) -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        (lambda n: simulate("sheep"), r"network = 'sheep': must be a Network; load\(\) makes one"),
+        (lambda n: simulate_periodic("sheep"), "network = 'sheep': must be a Network"),
+        (
+            lambda n: sampled_inflow(np.arange(3), np.zeros(3), period=1.0),
+            "period = 1.0 s must be finite and no shorter",
+        ),
+        (lambda n: simulate_periodic(n, max_beats=1), "max_beats = 1 must be at least 2"),
         (lambda n: simulate(n, duration=-1.0), "duration = -1.0 s: must be a positive"),
         (lambda n: simulate(n, duration=float("nan")), "duration = nan"),
         (lambda n: simulate(n, duration=1e9), r"1e\+09 s in steps of 0.001 s: the outputs would take"),
