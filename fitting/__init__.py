@@ -1,0 +1,1 @@
+"""From measured pressure and radius to a parameter set that the FMU confirms."""
