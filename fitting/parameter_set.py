@@ -1,0 +1,368 @@
+"""Parameter sets: what a fit hands to an FMU, as JSON or as SSV 1.0.
+
+A set holds values by FMU variable name ("AA.E", "CA.outlet.R_t"), in SI, with 95 % intervals and where they come from.
+So a set *is* a list of start values.
+
+**JSON** is this project's own format: everything, exactly, readable and editable. **SSV 1.0** (System Structure and
+Parameterization, Modelica Association) is what FMI tools apply to an FMU by themselves: plain parameter names and SI
+values, because importers set the number and ignore its unit. SSV has no place for intervals and provenance. They
+travel in an annotation of the file, which the standard provides for such things and other readers pass over.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NoReturn
+from xml.etree import ElementTree
+
+from solver.files import parse_quantity, write_whole
+from solver.network import OUTLETS, Fluid, Network, Segment
+from solver.quantity import quantities
+from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
+
+_BUNDLED = Path(__file__).parent / "parameter_sets"
+_FORMAT = "arterial-fmu parameter set 1"
+_KEYS = ("format", "name", "texts", "values", "provenance")
+_VALUE_KEYS = ("value", "unit", "ci95")
+_TEXTS = {"network.elastic_law": tuple(ELASTIC_LAWS), "network.viscous_law": tuple(VISCOUS_LAWS)}
+
+_SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
+_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_ANNOTATION = "arterial-fmu.parameter-set"
+_NAMES = {"ssv": _SSV, "ssc": _SSC}
+_BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s"}
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number in SI; unit : as :class:`solver.quantity.Quantity` spells it; ci95 : its 95 % interval, low and high."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Values and texts by FMU variable name, checked when the set is made.
+
+    texts : the wall laws the values were fitted with ("network.elastic_law", "network.viscous_law").
+    provenance : where the values come from (record and its hash, law, γ, software), JSON-ready.
+    Whether a value lies in its allowed range is for the network or the FMU to say: a fit may leave it.
+    Raises ValueError, one sentence, for an unknown name, another unit or a number that is not finite.
+    """
+
+    name: str
+    values: Mapping[str, Value]
+    texts: Mapping[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip() or not self.name.isprintable():
+            raise ValueError(f"parameter set name {self.name!r}: must be one printable line; rename it.")
+        values = {name: _checked(name, value) for name, value in self.values.items()}
+        for name, text in self.texts.items():
+            if name not in _TEXTS:
+                raise ValueError(f"{name}: not a text of a parameter set; use one of {', '.join(_TEXTS)}.")
+            if text not in _TEXTS[name]:
+                raise ValueError(f"{name} = {text!r}: must be one of {', '.join(_TEXTS[name])}.")
+        try:  # so that a set equals what is read back: tuples become lists, keys text
+            provenance = json.loads(json.dumps(dict(self.provenance), allow_nan=False))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"provenance: cannot be written as JSON ({error}); keep to texts and numbers.") from None
+        for key, checked in (("values", values), ("texts", dict(self.texts)), ("provenance", provenance)):
+            object.__setattr__(self, key, checked)
+
+    def start_values(self) -> dict[str, float | str]:
+        """Values [SI] and texts by FMU variable name: the FMU's start values."""
+        return {**{name: value.value for name, value in self.values.items()}, **self.texts}
+
+    def apply(self, network: Network) -> Network:
+        """The network with these values and laws. Raises ValueError for a name or value that it does not allow."""
+        laws: dict[str, Any] = {name.removeprefix("network."): text for name, text in self.texts.items()}
+        return replace(network.with_parameters({name: v.value for name, v in self.values.items()}), **laws)
+
+
+def unit_of(name: str) -> str:
+    """The SI unit of an FMU parameter by its name: "CA.phi0" -> "Pa.s".
+
+    Raises ValueError if no segment, outlet, fluid or network has such a parameter.
+    """
+    prefix, dot, key = name.rpartition(".")
+    if prefix in ("network", "fluid"):
+        known = _units()[prefix]
+    else:
+        known = _units()["outlet" if prefix.endswith(".outlet") else "segment"]
+    if not dot or not prefix or key not in known:
+        what = prefix if prefix in ("network", "fluid") else "outlet" if prefix.endswith(".outlet") else "segment"
+        raise ValueError(
+            f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{_close(key, known)}."
+        )
+    return known[key]
+
+
+def read_set(path: str | os.PathLike[str]) -> ParameterSet:
+    """The parameter set in a .json or .ssv file, or the bundled one of that name ("sheep_table1").
+
+    Units are converted to the variable's own. JSON must give every unit; in SSV a missing one means the variable's.
+    Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
+    """
+    path = _find(path)
+    reader = _from_json if _suffix(path) == ".json" else _from_ssv
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+    try:
+        return reader(text)
+    except RecursionError:
+        raise ValueError(f"{path}: its lists are nested too deeply; correct it.") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def write_set(parameters: ParameterSet, path: str | os.PathLike[str]) -> None:
+    """Write a set as .json or .ssv, whole or not at all; :func:`read_set` gives an equal set, bit for bit.
+
+    Raises ValueError for another suffix or if the file cannot be written.
+    """
+    json_format = _suffix(Path(path)) == ".json"
+    write_whole(path, _to_json(parameters) if json_format else _to_ssv(parameters))
+
+
+def _find(path: str | os.PathLike[str]) -> Path:
+    """An existing file, or else the bundled set of that name."""
+    names = sorted(file.stem for file in _BUNDLED.glob("*.json"))
+    if not Path(path).is_file() and os.fspath(path) in names:
+        return _BUNDLED / f"{os.fspath(path)}.json"
+    if not Path(path).exists():
+        raise ValueError(
+            f"{os.fspath(path)}: neither a file nor a bundled parameter set; give a path or one of {', '.join(names)}."
+        )
+    return Path(path)
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in (".json", ".ssv"):
+        raise ValueError(f"{path}: a parameter set is a .json or an .ssv file; rename it.")
+    return suffix
+
+
+# --- checks -------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _units() -> dict[str, dict[str, str]]:
+    """Units by kind of owner and key, from the quantities of the solver: a new quantity needs no change here."""
+    owners = {"network": (Network,), "fluid": (Fluid,), "segment": (Segment,), "outlet": OUTLETS}
+    return {
+        kind: {key: q.unit for owner in classes for key, q in quantities(owner).items()}
+        for kind, classes in owners.items()
+    }
+
+
+def _checked(name: str, value: Value) -> Value:
+    unit = unit_of(name)
+    if value.unit != unit:
+        raise ValueError(f"{name}: the unit {value.unit} must be {unit}, that of the FMU variable; convert the value.")
+    number = _finite(name, value.value)
+    if value.ci95 is None:
+        return Value(number, unit)
+    if len(value.ci95) != 2:
+        raise ValueError(f"{name}: ci95 = {value.ci95!r} must be two numbers, low and high.")
+    low, high = (_finite(f"{name} ci95", end) for end in value.ci95)
+    if low > high:
+        raise ValueError(f"{name}: ci95 = [{low:g}, {high:g}] {unit} must be low before high; swap them.")
+    return Value(number, unit, (low, high))
+
+
+def _finite(name: str, value: Any) -> float:
+    try:
+        number = math.nan if isinstance(value, str | bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"{name} = {value!r}: must be a finite number; correct it or leave the parameter out.")
+    return number
+
+
+def _check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{_close(key, known)}.")
+
+
+def _close(name: str, known: Iterable[str]) -> str:
+    folded = {each.lower(): each for each in known}
+    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    return f" (did you mean {folded[close[0]]}?)" if close else ""
+
+
+# --- JSON ---------------------------------------------------------------------------------------------------------
+
+
+def _to_json(parameters: ParameterSet) -> str:
+    values = {
+        name: {key: entry for key, entry in asdict(value).items() if entry is not None}
+        for name, value in parameters.values.items()
+    }
+    data = {
+        "format": _FORMAT,
+        "name": parameters.name,
+        "texts": parameters.texts,
+        "values": values,
+        "provenance": parameters.provenance,
+    }
+    text = json.dumps(data, indent=2, ensure_ascii=False)
+    # one parameter a line: {"value": 1539000.0, "unit": "Pa"}
+    short = re.sub(r'\{\s+("value": [^{}"]+,)\s+("unit": "[^"]*")\s+\}', r"{\1 \2}", text)
+    interval = r'\{\s+("value": [^{}"]+,)\s+("unit": "[^"]*",)\s+("ci95":) \[\s+([^\s,]+,)\s+([^\s\]]+)\s+\]\s+\}'
+    return re.sub(interval, r"{\1 \2 \3 [\4 \5]}", short) + "\n"
+
+
+def _from_json(text: str) -> ParameterSet:
+    data = _json(text)
+    if not isinstance(data, dict) or data.get("format") != _FORMAT:
+        raise ValueError(f'not a parameter set: it must be a JSON object with "format": "{_FORMAT}".')
+    _check_keys("top level", data, _KEYS)
+    for key in ("texts", "values", "provenance"):
+        if not isinstance(data.get(key, {}), dict):
+            raise ValueError(f"{key}: must be a JSON object, such as {{}}.")
+    if "values" not in data or "name" not in data:
+        raise ValueError(f"the key {'name' if 'name' not in data else 'values'} is missing; add it.")
+    values = {name: _value(name, entry) for name, entry in data["values"].items()}
+    return ParameterSet(data["name"], values, data.get("texts", {}), data.get("provenance", {}))
+
+
+def _json(text: str) -> Any:
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        table = dict(pairs)
+        if len(table) < len(pairs):
+            names = [key for key, _ in pairs]
+            twice = next(key for key in names if names.count(key) > 1)
+            raise ValueError(f"the key {twice!r} occurs twice; keep one.")
+        return table
+
+    def refuse(constant: str) -> NoReturn:
+        raise ValueError(f"{constant} is not a finite number; correct it or leave the parameter out.")
+
+    try:
+        return json.loads(text, object_pairs_hook=unique, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not valid JSON: {error.msg} in line {error.lineno}; correct that line.") from None
+
+
+def _value(name: str, entry: Any) -> Value:
+    unit = unit_of(name)
+    if not isinstance(entry, dict) or "value" not in entry:
+        raise ValueError(f'{name}: must be an object such as {{"value": 1, "unit": "{unit}"}}.')
+    _check_keys(name, entry, _VALUE_KEYS)
+    if not isinstance(entry.get("unit"), str):
+        raise ValueError(f'{name}: its unit is missing; add "unit": "{unit}" or the one the value is in.')
+    interval = entry.get("ci95")
+    if interval is not None and not (isinstance(interval, list) and len(interval) == 2):
+        raise ValueError(f"{name}: ci95 = {json.dumps(interval)} must be two numbers, low and high.")
+    number = _in_unit(name, entry["value"], entry["unit"], unit)
+    ends = [_in_unit(f"{name} ci95", end, entry["unit"], unit) for end in interval or ()]
+    return Value(number, unit, (ends[0], ends[1]) if ends else None)
+
+
+def _in_unit(name: str, value: Any, given: str, unit: str) -> float:
+    number = _finite(name, value)
+    return number if given == unit else parse_quantity(f"{number!r} {given}", unit, name)
+
+
+# --- SSV 1.0 ------------------------------------------------------------------------------------------------------
+
+
+def _to_ssv(parameters: ParameterSet) -> bytes:
+    """The document; ElementTree because no SSP library on PyPI writes the annotation that carries the intervals."""
+    for prefix, space in _NAMES.items():
+        ElementTree.register_namespace(prefix, space)
+    root = ElementTree.Element(f"{{{_SSV}}}ParameterSet", version="1.0", name=parameters.name)
+    entries = ElementTree.SubElement(root, f"{{{_SSV}}}Parameters")
+    for name, value in parameters.values.items():
+        entry = ElementTree.SubElement(entries, f"{{{_SSV}}}Parameter", name=name)
+        ElementTree.SubElement(entry, f"{{{_SSV}}}Real", value=repr(value.value), unit=value.unit)
+    for name, text in parameters.texts.items():
+        entry = ElementTree.SubElement(entries, f"{{{_SSV}}}Parameter", name=name)
+        ElementTree.SubElement(entry, f"{{{_SSV}}}String", value=text)
+    used = sorted({value.unit for value in parameters.values.values()})
+    if used:
+        units = ElementTree.SubElement(root, f"{{{_SSV}}}Units")
+        for unit in used:
+            definition = ElementTree.SubElement(units, f"{{{_SSC}}}Unit", name=unit)
+            ElementTree.SubElement(definition, f"{{{_SSC}}}BaseUnit", _base_unit(unit))
+    annotations = ElementTree.SubElement(root, f"{{{_SSV}}}Annotations")
+    annotation = ElementTree.SubElement(annotations, f"{{{_SSC}}}Annotation", type=_ANNOTATION)
+    intervals = {name: [v.value, *v.ci95] for name, v in parameters.values.items() if v.ci95 is not None}
+    extra = {"value_and_ci95": intervals, "provenance": parameters.provenance}
+    ElementTree.SubElement(annotation, "json").text = json.dumps(extra)  # ASCII: XML has no control characters
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _base_unit(unit: str) -> dict[str, str]:
+    """Powers of the SI base units: "Pa.s" -> {"kg": "1", "m": "-1", "s": "-1"}; the factor of an SI unit is 1."""
+    import pint  # half a second
+
+    powers = pint.get_application_registry().Unit("" if unit == "1" else unit.replace(".", "*")).dimensionality
+    return {base: str(round(powers[dimension])) for dimension, base in _BASE.items() if powers.get(dimension)}
+
+
+def _from_ssv(text: str) -> ParameterSet:
+    try:
+        root = ElementTree.fromstring(text.encode("utf-8"))
+    except ElementTree.ParseError as error:
+        raise ValueError(f"not valid XML: {error}; correct that line.") from None
+    if root.tag != f"{{{_SSV}}}ParameterSet" or not root.get("version", "").startswith("1."):
+        raise ValueError(f"not a parameter set of SSV 1: its root must be ParameterSet of {_SSV}, version 1.")
+    values: dict[str, Value] = {}
+    texts: dict[str, str] = {}
+    for entry in root.iterfind("ssv:Parameters/ssv:Parameter", _NAMES):
+        name = entry.get("name", "")
+        if name in values or name in texts:
+            raise ValueError(f"the parameter {name!r} occurs twice; keep one.")
+        real, string = entry.find("ssv:Real", _NAMES), entry.find("ssv:String", _NAMES)
+        if string is not None:
+            texts[name] = string.get("value", "")
+        elif real is not None:
+            unit = unit_of(name)
+            number = parse_quantity(f"{real.get('value', '')} {real.get('unit') or unit}", unit, name)
+            values[name] = Value(number, unit)
+        else:
+            raise ValueError(f"{name}: must be a Real or a String; the FMU has no other parameters.")
+    extra = _annotation(root)
+    return ParameterSet(root.get("name", ""), _with_intervals(values, extra), texts, extra.get("provenance", {}))
+
+
+def _annotation(root: ElementTree.Element) -> dict[str, Any]:
+    for annotation in root.iterfind("ssv:Annotations/ssc:Annotation", _NAMES):
+        if annotation.get("type") == _ANNOTATION:
+            extra = _json("".join(annotation.itertext()))
+            intervals = extra.get("value_and_ci95", {}) if isinstance(extra, dict) else None
+            whole = isinstance(intervals, dict) and all(isinstance(e, list) and len(e) == 3 for e in intervals.values())
+            if not whole or not isinstance(extra.get("provenance", {}), dict):
+                raise ValueError(f"its annotation {_ANNOTATION} is damaged; remove it or write the file anew.")
+            return extra
+    return {}
+
+
+def _with_intervals(values: Mapping[str, Value], extra: Mapping[str, Any]) -> dict[str, Value]:
+    """Values with their intervals; a value that another tool has changed has none."""
+    result = dict(values)
+    for name, entry in extra.get("value_and_ci95", {}).items():
+        if name in result and entry[0] == result[name].value:
+            result[name] = replace(result[name], ci95=(entry[1], entry[2]))
+    return result
