@@ -1,23 +1,36 @@
-"""Run an FMU of this project through fmpy, with the inflow known in advance."""
+"""Run an FMU of this project through fmpy, with the inflow known in advance: ``python -m fmu_src.run FMU``.
+
+A process that has run one FMU keeps its code (pythonfmu). The command line is therefore how other programs run an FMU
+in a fresh process: inputs and start values are files, and so is the result.
+"""
 
 from __future__ import annotations
 
 import ast
+import csv
+import json
 import math
 import os
 import re
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
 
 import fmpy
 import numpy as np
+import typer
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2Warning
 from fmpy.model_description import ModelDescription
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from solver.files import parse_quantity, write_whole
 
 Array = np.ndarray
+Input = Callable[[Array], Array]
 
 
 class FMUError(RuntimeError):
@@ -26,36 +39,46 @@ class FMUError(RuntimeError):
 
 def run_fmu(
     fmu: str | os.PathLike[str],
-    inflow: Callable[[Array], Array],
+    inflow: Input,
     stop_time: float,
     *,
     step: float = 1e-3,
     start_values: Mapping[str, float | str] | None = None,
+    inputs: Mapping[str, Input] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Array]:
-    """Step an FMU from 0 to ``stop_time`` [s] and return "time", "inlet.Q" and every output, each (n,) in SI.
+    """Step an FMU from 0 to ``stop_time`` [s]; return "time", "inlet.Q", other inputs, every output, each (n,) in SI.
 
     inflow : Q(t) [m³/s] for an array of times. inlet.interpolation is ``linear`` and inlet.Q is set to Q(t + h) before
     the step from t, so the inflow is piecewise linear through the samples, without the half-step delay of a held input.
     step : communication step [s]; the last one is shorter if the stop time asks for it.
     start_values : parameters by FMU variable name.
-    Raises ValueError for a file that is no FMU, an unknown start value or times that are not positive, and FMUError
-    with the FMU's own sentence when a call fails: a run either reaches its stop time or raises.
+    inputs : u(t) of further inputs by name, such as "AA.outlet.P_venous". Between communication points the FMU holds
+    them, so each is set to u(t + h/2) for the step from t to t + h. That is the mean of u over the step up to O(h²),
+    so what follows from it is right to second order; u(t) would act half a step late, an error of O(h). The start value
+    is u(0). An output that follows an input at once, as the pressure at a prescribed one, still lags by h/2.
+    Raises ValueError for a file that is no FMU, an unknown start value or input or times that are not positive, and
+    FMUError with the FMU's own sentence when a call fails: a run either reaches its stop time or raises.
     """
     for name, value in (("stop_time", stop_time), ("step", step)):
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} = {value!r} s: must be a positive, finite number.")
     n = max(1, math.ceil(stop_time / step - 1e-9))
     time = np.minimum(np.arange(n + 1) * step, stop_time)
-    Q = np.asarray(inflow(time), float)
-    if Q.shape != time.shape:
-        raise ValueError(f"inflow: for {time.size} times it gave shape {Q.shape}; it must give one value per time.")
+    middle = 0.5 * (time[1:] + time[:-1])
+    Q = _sampled("inflow", inflow, time)
     description = _read(fmu)
     variables = {variable.name: variable for variable in description.modelVariables}
+    inputs = inputs or {}
+    if "inlet.Q" in inputs:
+        raise ValueError("inlet.Q: it is an input of its own; give it as inflow.")
+    _check_inputs(inputs, variables, fmu)
+    driven = [variables[name].valueReference for name in ("inlet.Q", *inputs)]
+    shown = {name: _sampled(name, u, time) for name, u in inputs.items()}
+    held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())]).tolist()
     starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
     outputs = [v for v in description.modelVariables if v.causality == "output"]
     references = [v.valueReference for v in outputs]
-    inlet = [variables["inlet.Q"].valueReference]
     messages: list[str] = []
 
     def log(_environment: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
@@ -70,10 +93,10 @@ def run_fmu(
         except Exception as error:  # FMPy has no exception of its own for this
             raise FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}") from None
         try:
-            _initialize(slave, variables, starts, inlet, Q[0])
+            _initialize(slave, variables, starts, driven, [Q[0], *(values[0] for values in shown.values())])
             table[0] = slave.getReal(references)
             for i in range(n):
-                slave.setReal(inlet, [Q[i + 1]])
+                slave.setReal(driven, held[i])
                 slave.doStep(time[i], time[i + 1] - time[i])
                 table[i + 1] = slave.getReal(references)
                 if progress:
@@ -84,7 +107,23 @@ def run_fmu(
         finally:
             slave.freeInstance()
     values = {v.name: table[:, i].copy() for i, v in enumerate(outputs)}
-    return {"time": time, "inlet.Q": Q, **values}
+    return {"time": time, "inlet.Q": Q, **shown, **values}
+
+
+def _sampled(name: str, u: Input, time: Array) -> Array:
+    values = np.asarray(u(time), float)
+    if values.shape != time.shape:
+        raise ValueError(
+            f"{name}: for {time.size} times it gave shape {values.shape}; it must give one value per time."
+        )
+    return values
+
+
+def _check_inputs(names: Iterable[str], variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> None:
+    known = [name for name, variable in variables.items() if variable.causality == "input"]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{name}: not an input of {os.fspath(fmu)}; use one of {', '.join(known)}.")
 
 
 def _read(fmu: str | os.PathLike[str]) -> ModelDescription:
@@ -116,7 +155,11 @@ def _start_values(
 
 
 def _initialize(
-    slave: FMU2Slave, variables: dict[str, Any], starts: Mapping[str, float | str], inlet: list[int], Q: float
+    slave: FMU2Slave,
+    variables: dict[str, Any],
+    starts: Mapping[str, float | str],
+    driven: list[int],
+    first: list[float],
 ) -> None:
     slave.setupExperiment(startTime=0.0)
     for name, value in starts.items():
@@ -125,7 +168,7 @@ def _initialize(
             slave.setString(reference, [value])
         else:
             slave.setReal(reference, [value])
-    slave.setReal(inlet, [Q])
+    slave.setReal(driven, first)
     slave.enterInitializationMode()
     slave.exitInitializationMode()
 
@@ -134,3 +177,111 @@ def _sentence(message: str) -> str:
     """What the slave said, without what the wrapper wraps around it: "Fatal py exception …\nValueError('…')"."""
     match = re.fullmatch(r"Fatal py exception.*?\n\w+\((.*)\)", message, flags=re.DOTALL)
     return str(ast.literal_eval(match[1])) if match else message
+
+
+# --- command line -------------------------------------------------------------------------------------------------
+
+
+def main(
+    fmu: Annotated[Path, typer.Argument(help="The FMU.")],
+    inputs: Annotated[
+        Path | None, typer.Option(help='CSV: "time [s]", then inputs such as "inlet.Q [mL/s]"; linear in between.')
+    ] = None,
+    start_values: Annotated[Path | None, typer.Option(help="JSON object of parameters by name, in SI.")] = None,
+    stop_time: Annotated[str, typer.Option(help="Run from 0 to this time.")] = "2.5 s",
+    step: Annotated[str, typer.Option(help="Communication step.")] = "1 ms",
+    out: Annotated[Path, typer.Option(help="CSV of time, inputs and outputs, in SI.")] = Path("result.csv"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no message.")] = False,
+) -> None:
+    """Run an FMU of an arterial network from its start to a stop time."""
+    columns = (SpinnerColumn(), TextColumn(fmu.name, markup=False), BarColumn(), TimeElapsedColumn())
+    try:
+        variables = {variable.name: variable for variable in _read(fmu).modelVariables}
+        end = parse_quantity(stop_time, "s", "--stop-time")
+        known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
+        with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
+            task = bar.add_task("", total=1.0)
+            result = run_fmu(
+                fmu,
+                known.pop("inlet.Q", np.zeros_like),
+                end,
+                step=parse_quantity(step, "s", "--step"),
+                start_values=_read_start_values(start_values) if start_values else {},
+                inputs=known,
+                progress=lambda fraction: bar.update(task, completed=fraction),
+            )
+        _write_result(out, result, variables)
+    except (ValueError, FMUError) as error:
+        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from None
+    if not quiet:
+        Console().print(f"wrote {out}", markup=False, highlight=False)
+
+
+def _read_inputs(path: Path, variables: Mapping[str, Any], fmu: Path, stop_time: float) -> dict[str, Input]:
+    """Piecewise linear inputs by name, in SI. Raises ValueError, one sentence with file and line."""
+    rows = list(csv.reader(_text(path).splitlines()))
+    titles = [re.fullmatch(r"\s*([^\s\[]+)\s*(?:\[(.*)\])?\s*", title) for title in rows[0]] if rows else []
+    names = [match[1] if match else "" for match in titles]
+    if len(rows) < 2 or names[0] != "time" or len(set(names)) < len(names):
+        raise ValueError(f'{path}: must begin with the line "time [s],inlet.Q [m^3/s]", each name once, then numbers.')
+    for i, row in enumerate(rows[1:], 2):
+        if len(row) != len(names) or not all(map(_finite, row)):
+            raise ValueError(f"{path}: line {i}: must hold {len(names)} finite numbers; correct it.")
+    table = np.array(rows[1:], float)
+    _check_inputs(names[1:], variables, fmu)
+    for k, match in enumerate(titles):
+        if match and match[2]:
+            unit = "s" if k == 0 else variables[names[k]].unit
+            table[:, k] *= parse_quantity(f"1 {match[2]}", unit, f"{path}: {names[k]}")
+    time = table[:, 0]
+    if (np.diff(time) <= 0.0).any():
+        raise ValueError(f"{path}: line {int(np.argmax(np.diff(time) <= 0.0)) + 3}: the time must increase; sort it.")
+    if time[0] > 0.0 or time[-1] < stop_time * (1.0 - 1e-12):
+        raise ValueError(
+            f"{path}: covers {time[0]:g} s to {time[-1]:g} s, but the run is from 0 to {stop_time:g} s; "
+            "give inputs for all of it or stop earlier."
+        )
+
+    def linear(values: Array) -> Input:
+        return lambda t: np.interp(t, time, values)
+
+    return {name: linear(table[:, k]) for k, name in enumerate(names) if k}
+
+
+def _finite(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _read_start_values(path: Path) -> dict[str, float | str]:
+    try:
+        values = json.loads(_text(path))
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: not valid JSON ({error}); correct it.") from None
+    if not isinstance(values, dict) or not all(
+        isinstance(value, str | float | int) and not isinstance(value, bool) for value in values.values()
+    ):
+        raise ValueError(f'{path}: must be a JSON object of numbers and texts, such as {{"CA.phi0": 0}}.')
+    return values
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+
+
+def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[str, Any]) -> None:
+    titles = [f"{name} [{'s' if name == 'time' else variables[name].unit}]" for name in result]
+    rows = (",".join(map(repr, row)) for row in np.column_stack(list(result.values())).tolist())
+    write_whole(path, "\n".join([",".join(titles), *rows]) + "\n")
+
+
+if __name__ == "__main__":
+    typer.run(main)
