@@ -287,7 +287,7 @@ def _in_unit(name: str, value: Any, given: str, unit: str) -> float:
 
 
 def _to_ssv(parameters: ParameterSet) -> bytes:
-    """The document, by ElementTree: pyssp_standard writes no annotation, and half a file if it fails (a test oracle)."""
+    """The document, by ElementTree: pyssp_standard would leave out the annotation, and may leave half a file."""
     for prefix, space in _NAMES.items():
         ElementTree.register_namespace(prefix, space)
     root = ElementTree.Element(f"{{{_SSV}}}ParameterSet", version="1.0", name=parameters.name)
