@@ -1,0 +1,342 @@
+"""Beats: a record cut into aligned beats, their ensemble mean, and what its scatter says of the mean's error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+from .period import FEWEST, Normal, evaluate, find_period, highest
+from .records import Array, Record, require
+
+_WINDOW = 3  # harmonics on either side that share one estimate of the covariance
+_SERIAL = 1.645  # a lag-1 correlation between beat means above this many standard errors (5 %) counts
+_MOST_SERIAL = 0.9
+_WHOLE = 1e-6  # samples that the beats may slip against the samples over the whole record and still be reshaped
+_JITTER = 1e-3  # probability of shifts as large as those found without any jitter, below which they are removed
+_TIMING = 48  # harmonics that tell the timing of a beat
+_EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
+
+
+@dataclass(frozen=True)
+class Beats:
+    """Beats of one length; ``values`` : name -> (n_beats, N) in SI, NaN in gaps, sample j at phase j/N.
+
+    source, sha256 of the record; T : period [s]; shifts : (n_beats,) [s], how much later than the strict period each
+    beat came before it was moved back (0 where none was moved). Phase 0 is the record's first sample.
+    """
+
+    source: str
+    sha256: str
+    T: float
+    values: Mapping[str, Array]
+    shifts: Array
+
+    @property
+    def n_beats(self) -> int:
+        """Number of beats."""
+        return len(self.shifts)
+
+    @property
+    def N(self) -> int:
+        """Samples a beat."""
+        return int(next(iter(self.values.values())).shape[1])
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples of a beat : (N,) [s]."""
+        return np.arange(self.N) * (self.T / self.N)
+
+    @property
+    def omega(self) -> float:
+        """2π/T [1/s]."""
+        return 2.0 * np.pi / self.T
+
+    def require(self, names: Iterable[str]) -> None:
+        """Raises ValueError that lists the channels unless all of ``names`` are there."""
+        require(self.values, names, self.source)
+
+    def site(self, name: str) -> tuple[Array, Array]:
+        """P [Pa] and R [m] of a site, (n_beats, N) each. Raises ValueError if one is missing."""
+        self.require((f"{name}.P", f"{name}.R"))
+        return self.values[f"{name}.P"], self.values[f"{name}.R"]
+
+    def mean(self, name: str) -> Array:
+        """The ensemble mean beat : (N,). Raises ValueError where no beat was measured at a phase."""
+        return self._moments(name).mean
+
+    def scatter(self, name: str) -> Array:
+        """Standard deviation between beats at each phase : (N,); the channel's noise where one beat alone was measured.
+
+        Needs two beats, as noise and covariance do.
+        """
+        moments = self._moments(name)
+        spread = np.sqrt(moments.squares / np.maximum(moments.counts - 1, 1))
+        return np.where(moments.counts > 1, spread, self.noise(name))
+
+    def noise(self, name: str) -> float:
+        """Standard deviation of one sample's noise, from the scatter about each beat's own mean."""
+        C = self._scatter_matrices((name,))[1:, 0, 0].real
+        weights = np.full(len(C), 2.0)
+        weights[-1] -= 1.0 - self.N % 2  # the coefficient at half the sampling rate stands for itself alone
+        return float(np.sqrt(self.N**2 / self._ones((name,))[0] * (weights @ C) / weights.sum()))
+
+    def covariance(self, names: Sequence[str]) -> Array:
+        """Covariance of the Fourier coefficients X_k = rfft(mean)/N of the ensemble mean : (K + 1, m, m), K = N//2.
+
+            C_k = Σ_b (X_bk - X_k)(X_bk - X_k)* / (n (n - 1)),  averaged over the harmonics k - 3 .. k + 3
+
+        of n beats and all m channels together; Hermitian, positive semi-definite; E X X*, so σ²/(N n) for white noise
+        of standard deviation σ. The mean, k = 0, is apart: real, and larger where the means of successive beats are
+        correlated (r), by (1 + r)/(1 - r). Gaps are filled with the mean beat, and the covariance scaled to the
+        number that was measured. Raises ValueError for a missing channel or a single beat.
+        """
+        C = self._scatter_matrices(tuple(names))
+        K = len(C) - 1
+        pooled = np.empty_like(C)
+        factors = np.sqrt([_serial_factor(self._beat_means(name)) for name in names])
+        pooled[0] = C[0].real * np.outer(factors, factors)
+        for k in range(1, K + 1):
+            half = min(_WINDOW, k - 1, K - k)  # symmetric, so that a slope in k does not bias it
+            pooled[k] = C[k - half : k + half + 1].mean(axis=0)
+        if self.N % 2 == 0:
+            pooled[K] = pooled[K].real
+        return pooled
+
+    def select(self, indices: Sequence[int] | Array) -> Beats:
+        """Some of the beats, in that order, repetition allowed."""
+        index = np.asarray(indices, dtype=int)
+        return replace(self, values={n: v[index] for n, v in self.values.items()}, shifts=self.shifts[index])
+
+    @cached_property
+    def _cache(self) -> dict[str, _Moments]:
+        return {}
+
+    def _moments(self, name: str) -> _Moments:
+        if name not in self._cache:
+            self.require((name,))
+            self._cache[name] = _moments_of(self.values[name], name, self.source)
+        return self._cache[name]
+
+    def _deviations(self, name: str) -> Array:
+        """Beats less the mean beat, 0 in gaps : (n_beats, N)."""
+        deviations = self.values[name] - self.mean(name)
+        return deviations if self._moments(name).whole else np.nan_to_num(deviations, nan=0.0)
+
+    def _beat_means(self, name: str) -> Array:
+        return np.asarray(self._deviations(name).mean(axis=1))
+
+    def _ones(self, names: Sequence[str]) -> Array:
+        """Σ_j 1/n_j of each channel: N² times the variance of a coefficient of the mean under unit white noise."""
+        return np.array([(1.0 / self._moments(name).counts).sum() for name in names])
+
+    def _scatter_matrices(self, names: tuple[str, ...]) -> Array:
+        """C_k of each harmonic by itself : (K + 1, m, m)."""
+        self.require(names)
+        n = self.n_beats
+        if n < 2:
+            raise ValueError(f"{self.source}: one beat has no scatter; give at least two beats.")
+        X = np.stack([np.fft.rfft(self._deviations(name), axis=1) / self.N for name in names])
+        C = np.einsum("abk,cbk->kac", X, X.conj(), optimize=True) / (n * (n - 1))
+        lost = np.array([((self._moments(name).counts - 1) / (n * (n - 1))).sum() for name in names])
+        scale = np.sqrt(self._ones(names) / np.maximum(lost, 1.0 / n))
+        return np.asarray(C * np.outer(scale, scale))
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """Of one channel, at each phase : (N,): the mean, the squares about it summed over beats, the beats measured."""
+
+    mean: Array
+    squares: Array
+    counts: Array
+    whole: bool
+
+
+def _moments_of(values: Array, name: str, source: str) -> _Moments:
+    there = ~np.isnan(values)
+    counts = there.sum(axis=0)
+    _require_phases(counts, name, source)
+    whole = bool(there.all())
+    mean = values.mean(axis=0) if whole else np.where(there, values, 0.0).sum(axis=0) / counts
+    deviations = values - mean if whole else np.where(there, values - mean, 0.0)
+    return _Moments(mean, (deviations * deviations).sum(axis=0), counts, whole)
+
+
+def _require_phases(counts: Array, name: str, source: str) -> None:
+    if (counts == 0).any():
+        raise ValueError(
+            f"{source}: the gaps of {name} leave {np.mean(counts == 0):.0%} of the beat without a single sample; "
+            "record more beats, or leave the channel out."
+        )
+
+
+def _serial_factor(means: Array) -> float:
+    """(1 + r)/(1 - r) for the variance of the mean of a series with lag-1 correlation r, if that is significant."""
+    means = means - means.mean()
+    n, power = len(means), means @ means
+    r = float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
+    r = min(r, _MOST_SERIAL)
+    return (1.0 + r) / (1.0 - r) if n > 2 and r > _SERIAL / np.sqrt(n) else 1.0
+
+
+# --- cutting ------------------------------------------------------------------------------------------------------
+
+
+def align(record: Record, period: float | None = None) -> Beats:
+    """The record as whole beats that start at its first sample, moved onto the strict period where they jitter.
+
+    period : [s], taken as it is; by default it is found. Beats have N = round(T/dt) samples; where T is no multiple
+    of dt they are resampled by a harmonic model. Jitter is removed if it is significant.
+    Raises ValueError if there is no period, fewer than two whole beats, or a phase that a channel never measured.
+    """
+    dt, n = record.dt, len(record.time)
+    T = find_period(record.channels, dt, record.path).T if period is None else _given(period, n * dt, record.path)
+    f = dt / T
+    N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
+    if N < FEWEST:
+        raise ValueError(
+            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times or more."
+        )
+    if n_beats < 2:
+        raise ValueError(
+            f"{record.path}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
+            "record at least two whole beats."
+        )
+    if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
+        cut = {name: each[: n_beats * N].reshape(n_beats, N) for name, each in record.channels.items()}
+        for name, each in cut.items():
+            _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
+    else:
+        cut = _resample(record, f, N, n_beats)
+    values, shifts = _without_jitter(cut, T)
+    return Beats(record.path, record.sha256, T, values, shifts)
+
+
+def _given(period: float, span: float, source: str) -> float:
+    if not (np.isfinite(period) and period > 0.0):
+        raise ValueError(f"{source}: period = {period!r} s: must be a positive, finite number.")
+    if 2.0 * period > span * (1.0 + 1e-9) + 0.0:
+        raise ValueError(
+            f"{source}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
+            "give a shorter one or record at least two whole beats."
+        )
+    return float(period)
+
+
+def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array]:
+    """The harmonic model at the phases j/N plus the residual of the nearest sample.
+
+    The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so that
+    white noise keeps its variance.
+    """
+    n = len(record.time)
+    nearest = np.minimum(np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp), n - 1)
+    shared: Normal | None = None
+    cut = {}
+    for name, values in record.channels.items():
+        there = ~np.isnan(values)
+        whole = bool(there.all())
+        _require_phases(there[nearest].reshape(n_beats, N).sum(axis=0), name, record.path)
+        middle = values[there].mean()
+        x = np.where(there, values - middle, 0.0)
+        if whole and shared is None:
+            shared = Normal.of(None, f, highest(f, n, n), n)
+        measured = int(there.sum())
+        normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
+        c = normal.solve(x)
+        residual = values - middle - evaluate(c, f, n)
+        cut[name] = residual[nearest].reshape(n_beats, N) + (evaluate(c, 1.0 / N, N) + middle)
+    return cut
+
+
+# --- timing of the beats ------------------------------------------------------------------------------------------
+
+
+def _without_jitter(values: Mapping[str, Array], T: float) -> tuple[Mapping[str, Array], Array]:
+    """Values with significant jitter taken out, and the shifts [s]; the same values and zeros if there is none."""
+    turns, excess, dof, spectra = _timing(values)
+    n_beats = len(turns)
+    if n_beats < 3 or f_distribution.sf(excess / (n_beats - 2), n_beats - 2, dof) > _JITTER:
+        return values, np.zeros(n_beats)
+    moved = {}
+    for name, beats in values.items():
+        N = beats.shape[1]
+        mean, trusted = spectra[name]
+        k = np.arange(1, len(mean) + 1)
+        change = np.zeros((n_beats, N // 2 + 1), complex)
+        change[:, 1 : len(mean) + 1] = (1.0 - np.exp(-2j * np.pi * np.outer(turns, k))) * (mean * trusted)
+        moved[name] = beats + np.fft.irfft(change * N, N, axis=1)  # the model moves back, the residual stays
+    return moved, turns * T
+
+
+def _timing(values: Mapping[str, Array]) -> tuple[Array, float, float, dict[str, tuple[Array, Array]]]:
+    """Shift of each beat [periods], χ² of the shifts, degrees of freedom of the noise in it, (mean, trusted) spectra.
+
+    Beat b is modelled as the mean beat s_b later: F_bk = m_k e^{-2πi k s_b} + noise of variance S_k + a straight line
+    (drift). To first order the shifts are weighted projections on the derivative of the mean beat, all channels
+    jointly; repeated until they stand still.
+    """
+    F = {name: _spectra(beats) for name, beats in values.items()}
+    n_beats = len(next(iter(F.values())))
+    turns, excess = np.zeros(n_beats), 0.0
+    spectra: dict[str, tuple[Array, Array]] = {}
+    noise: dict[str, Array] = {}
+    for _ in range(8):
+        score, information = np.zeros(n_beats), 0.0
+        parts = {}
+        for name, spectrum in F.items():
+            k = np.arange(1, spectrum.shape[1] + 1)
+            turned = spectrum * np.exp(2j * np.pi * np.outer(turns, k))
+            mean = turned.mean(axis=0)
+            turned -= mean
+            S = noise.get(name, _pooled((np.abs(turned) ** 2).sum(axis=0) / (n_beats - 1)))
+            S = np.maximum(S, (_EXACT**2) * (np.abs(mean) ** 2).sum())
+            trusted = np.abs(mean) ** 2 > 9.0 * S / n_beats
+            tau = -2j * np.pi * k * mean * trusted
+            line = 1j / (2.0 * np.pi * k)
+            template = tau - line * (_inner(tau, line, S) / _inner(line, line, S))
+            score += ((turned.conj() * template).real / S).sum(axis=1)
+            information += _inner(template, template, S)
+            spectra[name] = (mean, trusted)
+            parts[name] = (turned, tau, line, S)
+        if not information > 0.0:
+            return np.zeros(n_beats), 0.0, 1.0, spectra
+        change = score / information
+        change -= change.mean()
+        for name, (turned, tau, line, S) in parts.items():
+            left = turned - np.outer(change, tau)
+            left -= np.outer((left.conj() * line / S).real.sum(axis=1) / _inner(line, line, S), line)
+            noise[name] = _pooled((np.abs(left) ** 2).sum(axis=0) / max(n_beats - 2, 1))
+        turns = turns + change
+        excess = 2.0 * information * float(turns @ turns)
+        if np.abs(change).max() ** 2 * information < 1e-6:
+            break
+    return turns, excess, 2.0 * (2 * _WINDOW + 1) * max(n_beats - 2, 1), spectra
+
+
+def _spectra(beats: Array) -> Array:
+    """Fourier coefficients 1.._TIMING of each beat : (n_beats, K), gaps filled with the mean beat."""
+    there = ~np.isnan(beats)
+    if not there.all():
+        counts = there.sum(axis=0)
+        beats = np.where(there, beats, np.where(there, beats, 0.0).sum(axis=0) / counts)
+    N = beats.shape[1]
+    K = min(_TIMING, (N - 1) // 2)
+    return np.ascontiguousarray(np.fft.rfft(beats, axis=1)[:, 1 : K + 1]) / N
+
+
+def _inner(a: Array, b: Array, S: Array) -> float:
+    return float(((a.conj() * b).real / S).sum())
+
+
+def _pooled(S: Array) -> Array:
+    """The mean over neighbouring harmonics, fewer at the ends."""
+    K = len(S)
+    total = np.concatenate([[0.0], np.cumsum(S)])
+    low = np.maximum(np.arange(K) - _WINDOW, 0)
+    high = np.minimum(np.arange(K) + _WINDOW + 1, K)
+    return np.asarray((total[high] - total[low]) / (high - low))
