@@ -11,6 +11,7 @@ table by name. Pressure, derivative and integral of a law are tied together by t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -52,6 +53,14 @@ class ElasticLaw(Protocol):
         """w = ∫ c/A dA from A0 [m/s] when e = 0, in closed form; c0 is the wave speed at s = 1."""
         ...
 
+    def columns(self, R: Array) -> tuple[Array, Array, Array]:
+        """Functions of R of which P_el is a linear combination whatever E, R0 and E_NL; the last one for E_NL only."""
+        ...
+
+    def solve(self, c: Array) -> tuple[float, float, float]:
+        """K [Pa], R0 [m] and e of the combination P_el = Σ cᵢ columnᵢ; NaN where no wall has it."""
+        ...
+
 
 @dataclass(frozen=True)
 class Beta:
@@ -77,6 +86,15 @@ class Beta:
 
     def simple_wave(self, s: Array, c0: Array) -> Array:
         return 4.0 * c0 * (np.sqrt(s) - 1.0)  # 4 (c - c0)
+
+    def columns(self, R: Array) -> tuple[Array, Array, Array]:
+        return np.ones_like(R), R, R * R
+
+    def solve(self, c: Array) -> tuple[float, float, float]:
+        # K (e - 1), K (1 - 2e)/R0, K e/R0²: R0 is where P_el vanishes
+        R0 = _root(c[2], c[1], c[0])
+        K = c[1] * R0 + 2.0 * c[2] * R0 * R0
+        return K, R0, c[2] * R0 * R0 / K
 
 
 @dataclass(frozen=True)
@@ -105,6 +123,26 @@ class Regression:
 
     def simple_wave(self, s: Array, c0: Array) -> Array:
         return 4.0 * c0 * (1.0 - 1.0 / np.sqrt(s))  # 4 (c0 - c)
+
+    def columns(self, R: Array) -> tuple[Array, Array, Array]:
+        return np.ones_like(R), 1.0 / R, R
+
+    def solve(self, c: Array) -> tuple[float, float, float]:
+        # K (1 - 2e), K (e - 1) R0, K e/R0: R0 is where P_el vanishes
+        R0 = _root(c[2], c[0], c[1])
+        K = c[0] + 2.0 * c[2] * R0
+        return K, R0, c[2] * R0 / K
+
+
+def _root(a: float, b: float, c: float) -> float:
+    """The root of a x² + b x + c with b + 2 a x > 0, where pressure rises with radius: -c/b when a = 0; NaN if none."""
+    discriminant = b * b - 4.0 * a * c
+    if discriminant < 0.0:
+        return math.nan
+    denominator = b + math.sqrt(discriminant)
+    if b > 0.0 and denominator > 0.0:
+        return -2.0 * c / denominator  # without cancellation where a is small
+    return (-b + math.sqrt(discriminant)) / (2.0 * a) if a != 0.0 else math.nan
 
 
 ELASTIC_LAWS: dict[str, ElasticLaw] = {law.name: law for law in (Beta(), Regression())}
@@ -144,6 +182,10 @@ class ViscousLaw(Protocol):
         """dσ_v/dε̇ / φ0 at x = r ε̇: the effective viscosity, which must stay positive."""
         ...
 
+    def bend(self, x: Array) -> Array:
+        """d factor/dx at x = r ε̇: ∂σ_v/∂φ_NL / ε̇²."""
+        ...
+
 
 @dataclass(frozen=True)
 class Quadratic:
@@ -156,6 +198,9 @@ class Quadratic:
 
     def slope(self, x: Array) -> Array:
         return 1.0 + 2.0 * x
+
+    def bend(self, x: Array) -> Array:
+        return np.ones_like(x)
 
 
 @dataclass(frozen=True)
@@ -171,6 +216,12 @@ class Monotone:
 
     def slope(self, x: Array) -> Array:
         return np.exp(2.0 * x)
+
+    def bend(self, x: Array) -> Array:
+        # (e^{2x} - factor)/x cancels near 0: there its series 1 + 4x/3 + x² + 8x³/15 + 2x⁴/9
+        near = np.abs(x) < 1e-2
+        series = 1.0 + x * (4.0 / 3.0 + x * (1.0 + x * (8.0 / 15.0 + x * (2.0 / 9.0))))
+        return np.where(near, series, (self.slope(x) - self.factor(x)) / np.where(near, 1.0, x))
 
 
 VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Monotone())}

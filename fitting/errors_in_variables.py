@@ -1,0 +1,190 @@
+"""Least squares when both pressure and radius are noisy: the functional errors-in-variables model.
+
+The mean beats are P̄ = F(R; θ) + n_P and R̄ = R + n_R with the true radius R : (N,) unknown beside the parameters θ.
+With J = ∂F/∂R, linearised at the present R and θ, the residual
+
+    u = P̄ - F(R; θ) - J (R̄ - R) = n_P - J n_R + C δθ,    V = ⟨u uᵀ⟩ = C_PP - J C_RP - C_PR Jᵀ + J C_RR Jᵀ
+
+gives δθ by generalised least squares, and then the most probable radius R = R̄ - (C_RP - C_RR Jᵀ) V⁻¹ u. Iterated,
+this is the maximum of the joint likelihood (Britt and Luecke, Technometrics 15, 1973, 233–247): columns evaluated at
+the noisy R̄ would bias θ, columns at the estimated R do not. The noise need not be white: its covariance is circulant,
+one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share is not taken for noise of the law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular, toeplitz
+
+from . import spectral
+from .wall_model import Values, WallModel, evaluate
+
+Array = np.ndarray
+
+_ITERATIONS = 50
+_CONVERGED = 1e-3  # of a standard deviation: a smaller step ends the iteration
+_FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
+
+
+class NoFit(ValueError):
+    """No wall of this model describes the loop."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Mean beats P, R : (N,) [Pa], [m] of period T [s] and the noise of their Fourier coefficients.
+
+    noise : (N//2 + 1, 2, 2) covariance of (P̂_k, R̂_k).
+    """
+
+    P: Array
+    R: Array
+    T: float
+    noise: Array
+
+    @property
+    def N(self) -> int:
+        return len(self.P)
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        """Variances of a Fourier coefficient that stand for rounding."""
+        return tuple(float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))  # type: ignore[return-value]
+
+    def covariances(self) -> tuple[Array, Array, Array]:
+        """C_PP, C_RR, C_RP : (N, N) of the samples."""
+        floor = self.floor
+        PP, RR = (_circulant(self.noise[:, i, i] + floor[i], self.N) for i in (0, 1))
+        return PP, RR, _circulant(self.noise[:, 1, 0], self.N)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """values : all parameters. covariance : (p, p) of the free ones (``lag`` last if it is free), for the given noise.
+
+    R, R_t : (N,) the most probable radius and its rate. residual : (N,) P̄ - F - J (R̄ - R). chi2 : uᵀ V⁻¹ u.
+    expected : (N//2 + 1,) standard deviation of the residual's Fourier coefficients. by_lag : (p,) change of the free
+    parameters per second by which P is delayed. condition : of the whitened, normalised columns.
+    """
+
+    values: dict[str, float]
+    covariance: Array
+    lag: float
+    R: Array
+    R_t: Array
+    residual: Array
+    expected: Array
+    chi2: float
+    by_lag: Array
+    condition: float
+
+
+def solve(
+    loop: Loop,
+    model: WallModel,
+    start: Values,
+    h: float,
+    eta: float,
+    *,
+    lag_free: bool = False,
+    steps: int = _ITERATIONS,
+) -> Solution:
+    """Iterate from ``start`` until a step is a thousandth of its standard deviation.
+
+    Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0) or do not converge.
+    """
+    C_PP, C_RR, C_RP = loop.covariances()
+    D = _derivative_matrix(loop.N, loop.T)
+    values, lag, R = dict(start), 0.0, loop.R
+    for iteration in range(steps):
+        P = spectral.shift(loop.P, -lag / loop.T) if lag else loop.P
+        R_t = D @ R
+        at = evaluate(model, values, h, eta, R, R_t)
+        J = at.by_R_t[:, None] * D
+        J[np.diag_indices(loop.N)] += at.by_R
+        u = P - at.P - J @ (loop.R - R)
+        JC = J @ C_RR - C_RP.T
+        V = C_PP + JC @ J.T - J @ C_RP
+        C = np.column_stack([at.by_parameter, -(D @ P)]) if lag_free else at.by_parameter
+        factor = cho_factor(V, lower=True, check_finite=False)
+        scale = np.linalg.norm(C, axis=0)
+        white = solve_triangular(factor[0], np.column_stack([C / scale, u, D @ P]), lower=True, check_finite=False)
+        columns, r = white[:, :-2], white[:, -2]
+        q, triangle = np.linalg.qr(columns)
+        step = solve_triangular(triangle, q.T @ r)
+        inverse = solve_triangular(triangle, np.eye(len(scale)))
+        sd = np.linalg.norm(inverse, axis=1)
+        left = u - (C / scale) @ step
+        fraction = _admissible(model, values, step / scale)
+        for name, change in zip(model.free, fraction * step / scale, strict=False):
+            values[name] += float(change)
+        lag += float(fraction * step[-1] / scale[-1]) if lag_free else 0.0
+        # after the first step the radius is at its most probable, too
+        R = loop.R + JC.T @ cho_solve(factor, left, check_finite=False)
+        if iteration and np.all(np.abs(fraction * step) <= _CONVERGED * sd):
+            break
+    else:
+        if steps == _ITERATIONS:
+            raise NoFit(f"the {model.name} model did not converge; the loop does not determine its parameters.")
+    by_lag = -solve_triangular(triangle, q.T @ white[:, -1]) / scale
+    norms = np.linalg.norm(columns, axis=0)
+    return Solution(
+        values,
+        inverse @ inverse.T / np.outer(scale, scale),
+        lag,
+        R,
+        D @ R,
+        left,
+        np.sqrt(np.maximum(_spectrum(V), 0.0)),
+        float(np.sum((r - columns @ step) ** 2)),
+        by_lag[: len(model.free)],
+        float(np.linalg.cond(columns / norms)),
+    )
+
+
+def plain(loop: Loop, model: WallModel, start: Values, h: float, eta: float, R: Array) -> dict[str, float]:
+    """Ordinary least squares of P on the loop with the radius R as it is: what ignoring the noise of R gives."""
+    values, R_t = dict(start), spectral.derivative(R, loop.T)
+    for _ in range(_ITERATIONS):
+        at = evaluate(model, values, h, eta, R, R_t)
+        scale = np.linalg.norm(at.by_parameter, axis=0)
+        step = np.linalg.lstsq(at.by_parameter / scale, loop.P - at.P, rcond=None)[0] / scale
+        step *= _admissible(model, values, step)
+        for name, change in zip(model.free, step, strict=True):
+            values[name] += float(change)
+        if all(abs(change) <= 1e-9 * abs(values[name]) for name, change in zip(model.free, step, strict=True)):
+            break
+    return values
+
+
+def _admissible(model: WallModel, values: Values, step: Array) -> float:
+    """The largest of 1, 1/2, 1/4 … of the step that leaves E, R0 and φ0 positive."""
+    if not np.all(np.isfinite(step)):
+        raise NoFit(f"the {model.name} model has no solution on this loop.")
+    fraction = 1.0
+    for name, change in zip(model.free, step, strict=False):
+        while name in ("E", "R0", "phi0") and values[name] + fraction * change <= 0.1 * values[name]:
+            fraction *= 0.5
+    return fraction
+
+
+@lru_cache(maxsize=8)
+def _derivative_matrix(N: int, T: float) -> Array:
+    """D : (N, N) with D x = dx/dt of periodic samples."""
+    return np.ascontiguousarray(spectral.derivative(np.eye(N), T).T)
+
+
+def _circulant(S: Array, N: int) -> Array:
+    """⟨x_i y_j⟩ of samples whose Fourier coefficients have the (cross-)spectrum S_k = ⟨x̂_k ŷ_k*⟩."""
+    c = np.fft.irfft(S, N) * N
+    return toeplitz(c, c[-np.arange(N) % N])
+
+
+def _spectrum(V: Array) -> Array:
+    """Variances of the Fourier coefficients of samples with covariance V : (N, N)."""
+    N = len(V)
+    F = np.fft.rfft(V, axis=0) / N
+    return np.array(np.fft.ifft(F, axis=1)[np.arange(N // 2 + 1), np.arange(N // 2 + 1)].real)

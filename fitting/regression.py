@@ -1,0 +1,361 @@
+"""From the beats of one site to the wall's E, R0, φ0, φ_NL and E_NL, with intervals that can be trusted.
+
+1. The paper's loop over γ gives a filtered radius and, by its regression, the start (:mod:`fitting.spectral`).
+2. Errors in variables: the mean beats of P *and* R are noisy, each harmonic with the variance that the scatter between
+   beats shows (:mod:`fitting.errors_in_variables`). This gives the estimate and its covariance.
+3. What a careful reader asks: residual spectrum, condition, the effect of a time lag between the two channels, what
+   ignoring the noise of R would have given, and warnings in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm
+from scipy.stats import t as t_distribution
+
+from solver.network import Segment
+from solver.quantity import quantities
+from solver.wall import Wall
+
+from . import spectral, wall_model
+from .beats import Beats
+from .errors_in_variables import Loop, NoFit, Solution, plain, solve
+from .parameter_set import ParameterSet, Value
+from .provenance import software
+from .wall_model import PARAMETERS, UNITS, WallModel, columns, evaluate, model, parameters_of
+
+Array = np.ndarray
+
+_MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
+COLLINEAR = 300.0  # condition number of the columns above which the fit warns
+MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
+NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
+FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
+_THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
+
+
+@dataclass(frozen=True)
+class WallFit:
+    """The wall of one site.
+
+    site; h [m] and eta as given; model; values : all five parameters in SI; covariance : (p, p) of ``model.free``.
+    lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
+    r2 : 1 - |residual|²/|P - mean P|². chi2, dof : of the residual against its expected noise; where chi2 > dof the
+    covariance has been scaled up by chi2/dof. condition : of the whitened columns, each of unit length.
+    by_lag : relative change of E, R0 … for 1 ms by which P is delayed. ignored_noise : the values that ordinary least
+    squares gives, without regard to the noise of R. filtered : the γ-loop. loop : what was fitted.
+    """
+
+    site: str
+    h: float
+    eta: float
+    model: WallModel
+    values: Mapping[str, float]
+    covariance: Array
+    lag: tuple[float, float]
+    r2: float
+    chi2: float
+    dof: int
+    condition: float
+    by_lag: Mapping[str, float]
+    ignored_noise: Mapping[str, float]
+    filtered: spectral.Filtered
+    loop: Loop
+    solution: Solution
+    beats: tuple[int, str, str]
+    warnings: tuple[str, ...] = ()
+
+    def sd(self, name: str) -> float:
+        """Standard deviation of a parameter; 0 for one that was given."""
+        if name not in self.model.free:
+            return 0.0
+        i = self.model.free.index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+    def ci95(self, name: str) -> tuple[float, float]:
+        """95 % interval of a parameter, by Student's t."""
+        half = float(t_distribution.ppf(0.975, self.dof)) * self.sd(name)
+        return self.values[name] - half, self.values[name] + half
+
+    @property
+    def relaxation_time(self) -> tuple[float, float]:
+        """φ0/E [s] and its standard deviation."""
+        E, phi0 = self.values["E"], self.values["phi0"]
+        i, j = self.model.free.index("E"), self.model.free.index("phi0")
+        slope = np.array([-phi0 / E**2, 1.0 / E])
+        return phi0 / E, float(np.sqrt(slope @ self.covariance[np.ix_([i, j], [i, j])] @ slope))
+
+    @property
+    def P_fitted(self) -> Array:
+        """P of the fitted law on the most probable radius : (N,) [Pa], on the same times as loop.P."""
+        s = self.solution
+        return evaluate(self.model, self.values, self.h, self.eta, s.R, s.R_t).P
+
+    def residual_spectrum(self) -> tuple[Array, Array, Array]:
+        """Harmonic k, |residual_k| [Pa], and the standard deviation it should have [Pa] : (N//2 + 1,) each."""
+        size = np.abs(spectral.coefficients(self.solution.residual))
+        return np.arange(len(size)), size, self.solution.expected
+
+    def wall(self, values: Mapping[str, float] | None = None, rho: float = 1060.0) -> Wall:
+        """The solver's wall of these values (default: the fitted ones)."""
+        return wall_model.wall(self.model, self.values if values is None else values, self.h, self.eta, rho)
+
+    def parameter_set(self) -> ParameterSet:
+        """E, R0, h and viscosities as start values of segment ``site``, with intervals and where they come from."""
+        fitted = {
+            f"{self.site}.{name}": Value(
+                self.values[name], UNITS[name], self.ci95(name) if name in self.model.free else None
+            )
+            for name in PARAMETERS
+        }
+        n_beats, source, sha256 = self.beats
+        return ParameterSet(
+            f"wall of {self.site}",
+            {f"{self.site}.h": Value(self.h, "m"), **fitted},
+            {"network.elastic_law": self.model.elastic, "network.viscous_law": self.model.viscous},
+            {
+                "record": source,
+                "sha256": sha256,
+                "model": self.model.name,
+                "free": list(self.model.free),
+                "beats": n_beats,
+                "period": self.loop.T,
+                "gamma": self.filtered.gamma,
+                "kept_harmonics": list(self.filtered.kept),
+                "r2": self.r2,
+                "chi2_per_dof": self.chi2 / self.dof,
+                "warnings": list(self.warnings),
+                "software": software(),
+            },
+        )
+
+
+def fit(
+    beats: Beats,
+    site: str,
+    h: float,
+    wall: WallModel | str = "monotone",
+    *,
+    R0: float | None = None,
+    eta: float = 0.5,
+    lag_free: bool = False,
+) -> WallFit:
+    """The wall at ``site`` from its channels P and R.
+
+    h : measured wall thickness [m]. R0 : measured unstressed radius [m]; fitted if not given. eta : Poisson's ratio.
+    lag_free : fit a delay of P against R beside the wall; the loop hardly tells it from φ0.
+    Raises ValueError if the channels are missing or do not pulsate, or no wall describes the loop (NoFit).
+    """
+    chosen = model(wall) if isinstance(wall, str) else wall
+    quantities(Segment)["h"].check(f"{site}.h", h)
+    if R0 is not None:
+        quantities(Segment)["R0"].check(f"{site}.R0", R0)
+        chosen = chosen.without("R0")
+    loop = mean_loop(beats, site)
+    _check_thickness(site, float(loop.R.mean()), h)
+    filtered = spectral.gamma_loop(loop.P, loop.R, loop.T, partial(columns, chosen))
+    try:
+        start = _start(chosen, loop, filtered, h, eta, R0)
+        solution = solve(loop, chosen, start, h, eta, lag_free=lag_free)
+    except NoFit as error:
+        raise NoFit(f"{beats.source}: site {site}: {error}") from None
+    return _with_warnings(
+        _result(site, h, eta, chosen, loop, filtered, solution, (beats.n_beats, beats.source, beats.sha256), lag_free)
+    )
+
+
+def mean_loop(beats: Beats, site: str) -> Loop:
+    """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError as :func:`fit`."""
+    names = (f"{site}.P", f"{site}.R")
+    P, R = (beats.mean(name) for name in names)
+    noise = beats.covariance(names)
+    N = min(beats.N, _MOST_SAMPLES)
+    return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
+
+
+def bootstrap(
+    fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
+) -> dict[str, tuple[float, float]]:
+    """95 % intervals from beats drawn with replacement: the check of the intervals of :func:`fit`.
+
+    Each replicate refits the mean of as many beats, drawn anew; the noise of the harmonics stays that of the record.
+    Percentile intervals, for ``model.free``, widened by √(n/(n - 1)) as n drawn beats scatter less than n measured.
+    """
+    rng = np.random.default_rng(seed)
+    names = (f"{fitted.site}.P", f"{fitted.site}.R")
+    means = np.empty((replicates, len(fitted.model.free)))
+    n = beats.n_beats
+    for i in range(replicates):
+        drawn = beats.select(rng.integers(0, n, n))
+        P, R = (spectral.resample(drawn.mean(name), fitted.loop.N) for name in names)
+        loop = replace(fitted.loop, P=P, R=R)
+        values = solve(loop, fitted.model, fitted.values, fitted.h, fitted.eta, steps=3).values
+        means[i] = [values[name] for name in fitted.model.free]
+        if progress:
+            progress((i + 1) / replicates)
+    centre = np.array([fitted.values[name] for name in fitted.model.free])
+    wide = centre + (means - centre) * np.sqrt(n / (n - 1))
+    low, high = np.quantile(wide, [0.025, 0.975], axis=0)
+    return {name: (float(low[i]), float(high[i])) for i, name in enumerate(fitted.model.free)}
+
+
+# --- start and result ---------------------------------------------------------------------------------------------
+
+
+def _start(
+    chosen: WallModel, loop: Loop, filtered: spectral.Filtered, h: float, eta: float, R0: float | None
+) -> dict[str, float]:
+    """The paper's regression on the filtered radius."""
+    R, R_t = filtered.R, filtered.R_t
+    if R0 is None:
+        M = columns(chosen, R, R_t)
+        scale = np.linalg.norm(M, axis=0)
+        C = np.linalg.lstsq(M / scale, loop.P, rcond=None)[0] / scale
+        values = parameters_of(chosen, C, h, eta)
+    else:  # linear in all the rest, whatever the values it is linearised at, as long as phiNL and ENL are 0
+        values = {"E": 1.0, "R0": R0, "phi0": 1.0, "phiNL": 0.0, "ENL": 0.0}
+        M = evaluate(chosen, values, h, eta, R, R_t).by_parameter
+        scale = np.linalg.norm(M, axis=0)
+        values |= dict(zip(chosen.free, np.linalg.lstsq(M / scale, loop.P, rcond=None)[0] / scale, strict=True))
+    _check_start(values, float(loop.R.mean()))
+    return {name: float(value) for name, value in values.items()}
+
+
+def _check_start(values: Mapping[str, float], R: float) -> None:
+    E, R0, phi0 = values["E"], values["R0"], values["phi0"]
+    if not (np.isfinite(E) and np.isfinite(R0) and 0.0 < R0 < 3.0 * R):
+        raise NoFit(
+            f"no unstressed radius fits the loop (R0 = {R0:.3g} m, E = {E:.3g} Pa, mean radius {R:.3g} m); "
+            "check that P and R are not swapped and belong together, or give R0."
+        )
+    if E <= 0.0:
+        raise NoFit(
+            f"E = {E:.3g} Pa is negative: the radius falls when the pressure rises; "
+            "check the sign and the order of the two channels, and R0 if it was given."
+        )
+    if phi0 <= 0.0:
+        raise NoFit(
+            f"phi0 = {phi0:.3g} Pa.s is negative: the pressure comes after the radius, so the loop would give "
+            "energy; check the time lag between the channels and that P and R are not swapped."
+        )
+
+
+def _check_thickness(site: str, R: float, h: float) -> None:
+    low, high = _THIN
+    if not low <= R / h <= high:
+        raise ValueError(
+            f"{site}.h = {h:g} m is not allowed: with a mean radius of {R:.3g} m, R/h = {R / h:.3g} must lie in "
+            f"[{low:g}, {high:g}]; check the units of h and R, and that P and R are not swapped."
+        )
+
+
+def _result(
+    site: str,
+    h: float,
+    eta: float,
+    chosen: WallModel,
+    loop: Loop,
+    filtered: spectral.Filtered,
+    solution: Solution,
+    beats: tuple[int, str, str],
+    lag_free: bool,
+) -> WallFit:
+    p, values = len(chosen.free), solution.values
+    dof = loop.N - len(solution.covariance)
+    covariance = solution.covariance * max(1.0, solution.chi2 / dof)
+    lag_sd = float(np.sqrt(covariance[-1, -1])) if lag_free else np.nan
+    pulsatile = loop.P - loop.P.mean()
+    return WallFit(
+        site,
+        h,
+        eta,
+        chosen,
+        values,
+        covariance[:p, :p],
+        (solution.lag, lag_sd),
+        1.0 - float(np.sum(solution.residual**2) / np.sum(pulsatile**2)),
+        solution.chi2,
+        dof,
+        solution.condition,
+        {
+            name: float(1e-3 * change / values[name])
+            for name, change in zip(chosen.free, solution.by_lag, strict=True)
+            if values[name]
+        },
+        plain(loop, chosen, values, h, eta, filtered.R),
+        filtered,
+        loop,
+        solution,
+        beats,
+    )
+
+
+# --- warnings -----------------------------------------------------------------------------------------------------
+
+
+def _with_warnings(fitted: WallFit) -> WallFit:
+    found = (_viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _few_beats)
+    return replace(fitted, warnings=tuple(text for check in found if (text := check(fitted))))
+
+
+def _viscosity(fitted: WallFit) -> str:
+    R_t = fitted.solution.R_t
+    lowest = float(np.min(wall_model.relative_viscosity(fitted.model, fitted.values, R_t)))
+    if lowest > 0.0:
+        return ""
+    rate = float(np.max(np.abs(R_t)) / fitted.values["R0"])
+    limit = abs(fitted.values["phi0"] / (2.0 * fitted.values["phiNL"]))
+    return (
+        f"{fitted.site}: the loop leaves the range in which phiNL is a viscosity: strain rates reach {rate:.2g} /s and "
+        f"the law turns at {limit:.2g} /s; fit the monotone model."
+    )
+
+
+def _collinear(fitted: WallFit) -> str:
+    if fitted.condition <= COLLINEAR:
+        return ""
+    return (
+        f"{fitted.site}: the columns are nearly collinear (condition number {fitted.condition:.0f}, warned above "
+        f"{COLLINEAR:g}): the parameters are determined together better than one by one; give R0 or leave one out."
+    )
+
+
+def _noise_of_R(fitted: WallFit) -> str:
+    worst = max(
+        fitted.model.free,
+        key=lambda name: abs(fitted.ignored_noise[name] - fitted.values[name]) / (fitted.sd(name) or np.inf),
+    )
+    shift = fitted.ignored_noise[worst] - fitted.values[worst]
+    if abs(shift) <= max(float(norm.ppf(0.975)) * fitted.sd(worst), NOISE_BIAS * abs(fitted.values[worst])):
+        return ""
+    return (
+        f"{fitted.site}: the noise of R biases ordinary least squares by more than the interval ({worst} by "
+        f"{shift / fitted.values[worst]:+.1%}); the values given are corrected for it."
+    )
+
+
+def _misfit(fitted: WallFit) -> str:
+    floor = max(fitted.loop.floor[0], 0.0)
+    if chi2_distribution.sf(fitted.chi2, fitted.dof) >= MISFIT or fitted.loop.noise[1:, 0, 0].mean() < 1e3 * floor:
+        return ""
+    return (
+        f"{fitted.site}: the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
+        f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error."
+    )
+
+
+def _undetermined(fitted: WallFit) -> str:
+    wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
+    return f"{fitted.site}: the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
+
+
+def _few_beats(fitted: WallFit) -> str:
+    n = fitted.beats[0]
+    if n >= FEWEST_BEATS:
+        return ""
+    return f"{fitted.site}: {n} beats say little about the noise; record at least {FEWEST_BEATS} for honest intervals."

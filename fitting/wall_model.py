@@ -1,0 +1,160 @@
+"""The wall law as a function of its parameters: P(R, dR/dt; E, R0, φ0, φ_NL, E_NL) and its derivatives.
+
+The terms are those of :mod:`solver.wall`, so that what is fitted is what the solver and the FMU compute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.network import Segment
+from solver.quantity import quantities
+from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS, ElasticLaw, ViscousLaw, Wall
+
+Array = np.ndarray
+Values = Mapping[str, float]
+
+PARAMETERS = ("E", "R0", "phi0", "phiNL", "ENL")
+UNITS = {name: quantities(Segment)[name].unit for name in PARAMETERS}
+
+
+@dataclass(frozen=True)
+class WallModel:
+    """Which law is fitted, and which of its parameters: names of :mod:`solver.wall`, and a part of ``PARAMETERS``.
+
+    P = K (ε + e ε²)[/s] + K_h/s σ_v(ε̇) with s = R/R0, ε = s - 1, ε̇ = R'/R0 (`eq:general`, `sheep_pressure_radius`).
+    """
+
+    name: str
+    elastic: str
+    viscous: str
+    free: tuple[str, ...]
+
+    @property
+    def elastic_law(self) -> ElasticLaw:
+        return ELASTIC_LAWS[self.elastic]
+
+    @property
+    def viscous_law(self) -> ViscousLaw:
+        return VISCOUS_LAWS[self.viscous]
+
+    def without(self, name: str) -> WallModel:
+        """The model with one parameter given instead of free."""
+        return WallModel(self.name, self.elastic, self.viscous, tuple(p for p in self.free if p != name))
+
+
+_LINEAR = ("E", "R0", "phi0")
+_NONLINEAR = (*_LINEAR, "phiNL")
+
+
+def model(name: str, elastic: str = "regression") -> WallModel:
+    """One of the models below with one of the elastic laws. Raises ValueError for an unknown name.
+
+    ``linear``: E, R0, φ0. ``nonlinear``: and φ_NL as in the paper (quadratic). ``extended``: and E_NL.
+    ``monotone``: φ_NL in the monotone form φ0 (e^{2rε̇} - 1)/(2r), which has no negative viscosity.
+    """
+    laws = {
+        "linear": ("quadratic", _LINEAR),
+        "nonlinear": ("quadratic", _NONLINEAR),
+        "extended": ("quadratic", (*_NONLINEAR, "ENL")),
+        "monotone": ("monotone", _NONLINEAR),
+    }
+    if name not in laws:
+        raise ValueError(f"model {name!r} is not known; use one of {', '.join(laws)}.")
+    if elastic not in ELASTIC_LAWS:
+        raise ValueError(f"elastic law {elastic!r} is not known; use one of {', '.join(ELASTIC_LAWS)}.")
+    viscous, free = laws[name]
+    return WallModel(name, elastic, viscous, free)
+
+
+def columns(model: WallModel, R: Array, R_t: Array) -> Array:
+    """The paper's matrix M : (…, N, p): [1, 1/R, R'/R, R'²/R] for the regression law and ``nonlinear``.
+
+    The β-law has R in place of 1/R, ``extended`` one more column of the elastic law, ``linear`` no R'²/R.
+    """
+    elastic = model.elastic_law.columns(R)
+    viscous = (R_t / R, R_t * R_t / R * model.viscous_law.bend(np.zeros(1)))
+    chosen = [*elastic[:2], *(elastic[2:] if "ENL" in model.free else ()), *viscous[: 1 + ("phiNL" in model.free)]]
+    return np.stack(np.broadcast_arrays(*chosen), axis=-1)
+
+
+def parameters_of(model: WallModel, C: Array, h: float, eta: float) -> dict[str, float]:
+    """E, R0, φ0, φ_NL, E_NL of the coefficients C of :func:`columns`.
+
+    For the regression law C = [E h'/R0, -E h', φ0 h'/R0, φ_NL h'/R0²] with h' = h/(1-η²) (the paper's vector C, with the
+    1/R0² that its last entry lacks).
+    """
+    bent = "ENL" in model.free
+    c = np.array([C[0], C[1], C[2] if bent else 0.0])
+    viscous = C[2 + bent :]
+    K, R0, e = model.elastic_law.solve(c)
+    E = K * R0 * (1.0 - eta**2) / h
+    phi0 = viscous[0] * R0 * (1.0 - eta**2) / h
+    phiNL = viscous[1] * R0 * R0 * (1.0 - eta**2) / h if len(viscous) > 1 else 0.0
+    return {"E": float(E), "R0": float(R0), "phi0": float(phi0), "phiNL": float(phiNL), "ENL": float(e * E)}
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """P : (N,) [Pa] on a loop; its derivatives by R, by R', and by each free parameter, (N, p)."""
+
+    P: Array
+    by_R: Array
+    by_R_t: Array
+    by_parameter: Array
+
+
+def evaluate(model: WallModel, values: Values, h: float, eta: float, R: Array, R_t: Array) -> Evaluated:
+    """The pressure on a loop R, R' : (N,) and all its first derivatives."""
+    E, R0, phi0, phiNL, ENL = (values[name] for name in PARAMETERS)
+    thickness = h / (1.0 - eta**2)
+    K, e = E * thickness / R0, ENL / E
+    s, rate = R / R0, R_t / R0
+    elastic, viscous = model.elastic_law, model.viscous_law
+    one = elastic.pressure(s, 1.0, 0.0)  # type: ignore[arg-type]
+    two = elastic.pressure(s, 1.0, 1.0) - one  # type: ignore[arg-type]
+    P_el, P_s = K * (one + e * two), elastic.derivative(s, K, e)  # type: ignore[arg-type]
+    x = phiNL / phi0 * rate
+    factor, slope = viscous.factor(x), viscous.slope(x)
+    P_v = thickness / R * phi0 * rate * factor
+    by = {
+        "E": thickness / R0 * one,
+        "R0": -(P_el + s * P_s + thickness / s * phi0 * rate * slope / R0) / R0,
+        "phi0": thickness / R * rate * (2.0 * factor - slope),
+        "phiNL": thickness / R * rate * rate * viscous.bend(x),
+        "ENL": thickness / R0 * two,
+    }
+    return Evaluated(
+        P_el + P_v,
+        P_s / R0 - P_v / R,
+        thickness / R * phi0 * slope / R0,
+        np.stack([by[name] for name in model.free], axis=-1),
+    )
+
+
+def relative_viscosity(model: WallModel, values: Values, R_t: Array) -> Array:
+    """dσ_v/dε̇ / φ0 along a loop: where it is not positive, no wall follows the law (notes on the paper, slip 3)."""
+    return model.viscous_law.slope(values["phiNL"] / values["phi0"] * R_t / values["R0"])
+
+
+def wall(model: WallModel, values: Values, h: float, eta: float, rho: float = 1060.0) -> Wall:
+    """The fitted wall as the solver's :class:`solver.wall.Wall` of one point."""
+    E, R0, phi0, phiNL, ENL = (np.array(values[name]) for name in PARAMETERS)
+    K_h = h / ((1.0 - eta**2) * R0)
+    return Wall(
+        elastic=model.elastic_law,
+        viscous=model.viscous_law,
+        A0=np.pi * R0**2,
+        K=E * K_h,
+        e=ENL / E,
+        K_h=np.array(K_h),
+        phi0=phi0,
+        r=phiNL / phi0,
+        P_ref=np.array(0.0),
+        rho=np.array(rho),
+        nonlinear=bool(phiNL != 0.0),
+        bent=bool(ENL != 0.0),
+    )
