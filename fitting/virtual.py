@@ -6,7 +6,6 @@ equation by scipy with formulas of its own: nothing here is shared with the regr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +66,7 @@ def jarvik_pressure(T: float, mean: float = 11e3, pulse: float = 4e3, harmonics:
     return c
 
 
-def pressure_at(p: Array, T: float, t: Array) -> Array:
+def pressure_at(p: Array, T: float, t: Array | float) -> Array:
     """P(t) = Re Σ p_k e^{2πikt/T} at times t of any shape."""
     return np.polynomial.polynomial.polyval(np.exp(2j * np.pi * np.asarray(t) / T), p).real
 

@@ -84,8 +84,8 @@ def columns(model: WallModel, R: Array, R_t: Array) -> Array:
 def parameters_of(model: WallModel, C: Array, h: float, eta: float) -> dict[str, float]:
     """E, R0, φ0, φ_NL, E_NL of the coefficients C of :func:`columns`.
 
-    For the regression law C = [E h'/R0, -E h', φ0 h'/R0, φ_NL h'/R0²] with h' = h/(1-η²) (the paper's vector C, with the
-    1/R0² that its last entry lacks).
+    For the regression law C = [E h'/R0, -E h', φ0 h'/R0, φ_NL h'/R0²] with h' = h/(1-η²): the paper's vector C, with
+    the 1/R0² that its last entry lacks.
     """
     bent = "ENL" in model.free
     c = np.array([C[0], C[1], C[2] if bent else 0.0])
