@@ -285,32 +285,36 @@ def _timing(values: Mapping[str, Array]) -> tuple[Array, float, float, dict[str,
     turns, excess = np.zeros(n_beats), 0.0
     spectra: dict[str, tuple[Array, Array]] = {}
     noise: dict[str, Array] = {}
+    k = np.arange(1, next(iter(F.values())).shape[1] + 1)
+    line = 1j / (2.0 * np.pi * k)  # of a straight line over the beat, but for its slope
     for _ in range(8):
         score, information = np.zeros(n_beats), 0.0
         parts = {}
+        back = np.exp(2j * np.pi * np.outer(turns, k))
         for name, spectrum in F.items():
-            k = np.arange(1, spectrum.shape[1] + 1)
-            turned = spectrum * np.exp(2j * np.pi * np.outer(turns, k))
+            turned = spectrum * back
             mean = turned.mean(axis=0)
             turned -= mean
-            S = noise.get(name, _pooled((np.abs(turned) ** 2).sum(axis=0) / (n_beats - 1)))
+            S = noise.get(name, _pooled(_power(turned)) / (n_beats - 1))
             S = np.maximum(S, (_EXACT**2) * (np.abs(mean) ** 2).sum())
             trusted = np.abs(mean) ** 2 > 9.0 * S / n_beats
             tau = -2j * np.pi * k * mean * trusted
-            line = 1j / (2.0 * np.pi * k)
             template = tau - line * (_inner(tau, line, S) / _inner(line, line, S))
-            score += ((turned.conj() * template).real / S).sum(axis=1)
+            score += (turned @ (template.conj() / S)).real
             information += _inner(template, template, S)
             spectra[name] = (mean, trusted)
-            parts[name] = (turned, tau, line, S)
+            parts[name] = (turned, tau, template, S)
         if not information > 0.0:
             return np.zeros(n_beats), 0.0, 1.0, spectra
         change = score / information
         change -= change.mean()
-        for name, (turned, tau, line, S) in parts.items():
+        for name, (turned, tau, template, S) in parts.items():
+            size = _inner(line, line, S)
             left = turned - np.outer(change, tau)
-            left -= np.outer((left.conj() * line / S).real.sum(axis=1) / _inner(line, line, S), line)
-            noise[name] = _pooled((np.abs(left) ** 2).sum(axis=0) / max(n_beats - 2, 1))
+            left -= np.outer((left @ (line.conj() / S)).real / size, line)
+            # the share of each harmonic's two numbers that shift and line have taken away
+            taken = (np.abs(line) ** 2 / size + np.abs(template) ** 2 / information) / (2.0 * S)
+            noise[name] = _pooled(_power(left)) / (_pooled(1.0 - taken) * (n_beats - 1))
         turns = turns + change
         excess = 2.0 * information * float(turns @ turns)
         if np.abs(change).max() ** 2 * information < 1e-6:
@@ -327,6 +331,11 @@ def _spectra(beats: Array) -> Array:
     N = beats.shape[1]
     K = min(_TIMING, (N - 1) // 2)
     return np.ascontiguousarray(np.fft.rfft(beats, axis=1)[:, 1 : K + 1]) / N
+
+
+def _power(X: Array) -> Array:
+    """Σ_b |X_bk|² : (K,)."""
+    return np.asarray(np.einsum("bk,bk->k", X, X.conj()).real)
 
 
 def _inner(a: Array, b: Array, S: Array) -> float:

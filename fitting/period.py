@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -131,25 +132,27 @@ def _vertex(r: Array, peaks: Array) -> tuple[Array, Array]:
 # --- the harmonic model -------------------------------------------------------------------------------------------
 
 
-def _phasors(f: float, count: int, stride: int, orders: Array) -> Array:
-    """e^{-2πi k f stride b}, b = 0..count-1 : (count, n_orders); cycles are reduced first to keep their digits."""
-    return np.exp(-2j * np.pi * (np.outer((np.arange(count) * (stride * f)) % 1.0, orders) % 1.0))
+@lru_cache(maxsize=8)  # the channels of a record share them
+def _phasors(f: float, count: int, stride: int, orders: int) -> Array:
+    """e^{-2πi k f stride b}, b = 0..count-1, k = 0..orders-1; cycles are reduced first to keep their digits."""
+    cycles = (np.arange(count) * (stride * f)) % 1.0
+    return np.exp(-2j * np.pi * (np.outer(cycles, np.arange(orders)) % 1.0))
 
 
-def sums(x: Array, f: float, orders: Array) -> Array:
-    """Σ_j x_j e^{-2πi k f j} for each order k : (n_orders,) complex."""
+def sums(x: Array, f: float, orders: int) -> Array:
+    """Σ_j x_j e^{-2πi k f j}, k = 0..orders-1 : (orders,) complex."""
     blocks = -(-len(x) // _BLOCK)
     table = np.zeros(blocks * _BLOCK)
     table[: len(x)] = x
     inner = _phasors(f, _BLOCK, 1, orders)
     both = table.reshape(blocks, _BLOCK) @ np.hstack([inner.real, inner.imag])
-    partial = both[:, : len(orders)] + 1j * both[:, len(orders) :]
+    partial = both[:, :orders] + 1j * both[:, orders:]
     return np.einsum("bk,bk->k", _phasors(f, blocks, _BLOCK, orders), partial)
 
 
 def evaluate(c: Array, f: float, n: int) -> Array:
     """m_j = Re Σ_k c_k e^{2πi k f j} at n samples : (n,)."""
-    orders, blocks = np.arange(len(c)), -(-n // _BLOCK)
+    orders, blocks = len(c), -(-n // _BLOCK)
     outer = c * _phasors(f, blocks, _BLOCK, orders).conj()
     inner = _phasors(f, _BLOCK, 1, orders).conj().T
     return (np.hstack([outer.real, -outer.imag]) @ np.vstack([inner.real, inner.imag])).ravel()[:n]
@@ -172,7 +175,7 @@ class Normal:
     @classmethod
     def of(cls, there: Array | None, f: float, K: int, n: int) -> Normal:
         """there : (n,) 1 where measured, 0 in gaps; None without gaps. One set serves all channels without gaps."""
-        s = sums(np.ones(n) if there is None else there, f, np.arange(2 * K + 1))
+        s = sums(np.ones(n) if there is None else there, f, 2 * K + 1)
         index = np.arange(2 * K + 1)
         lag = index[:, None] - index[None, :]
         matrix = np.where(lag >= 0, s[np.abs(lag)], s[np.abs(lag)].conj())
@@ -181,7 +184,7 @@ class Normal:
 
     def solve(self, x: Array) -> Array:
         """c_k, k = 0..K, by least squares; x : (n,), zero in gaps."""
-        b = sums(x, self.f, np.arange(self.K + 1))
+        b = sums(x, self.f, self.K + 1)
         X = cho_solve(self.factor, np.concatenate([b[:0:-1].conj(), b]))[self.K :]
         return np.concatenate([X[:1].real, 2.0 * X[1:]])
 

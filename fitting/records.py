@@ -7,6 +7,7 @@ through cell by cell to say where and why. Channels that no fit can use (dead, c
 
 from __future__ import annotations
 
+import codecs
 import csv
 import hashlib
 import io
@@ -17,41 +18,22 @@ from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 import polars as pl
 
 from solver.files import parse_quantity, write_whole
 
+from .sensors import KINDS, Kind, check_numbers, check_plateaus, check_ranges, refuse
+
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class Kind:
-    """What a channel measures: its noun, SI unit, the unit a sentence proposes, and the range of any artery."""
-
-    noun: str
-    unit: str
-    example: str
-    low: float = -np.inf
-    high: float = np.inf
-
-
-KINDS: dict[str, Kind] = {
-    "P": Kind("pressure", "Pa", "mmHg", -1e5, 1e6),
-    "Q": Kind("flow", "m^3/s", "mL/s"),
-    "R": Kind("radius", "m", "mm", 1e-5, 0.2),
-    "D": Kind("diameter", "m", "mm", 2e-5, 0.4),
-}
 _TIME = Kind("time", "s", "s")
 
-_FLAT = 1e-9  # a channel that varies by less than this share of its size is dead
-_RUN = 4  # equal samples at the extreme that may be a plateau
-_STEEP = 12.0  # quanta that a signal falls beside a plateau of a clipped channel; rounding alone makes fewer
-_VALVE = 0.05  # share of its range within which a flow may rest near zero: a closed valve, not a clipped sensor
-_WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
+_LONGEST_HEADER = 1 << 20  # bytes
 _SHORTEST = 8  # samples
+_LATEST = 1e10  # [s], times since 1970 included
 
 
 @dataclass(frozen=True)
@@ -97,28 +79,29 @@ def read_record(path: str | os.PathLike[str]) -> Record:
 
     Raises ValueError, one sentence with file, line and column, if the file or one of its channels cannot be used.
     """
-    source = os.fspath(path)
+    source = str(path)
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ValueError(f"{source}: cannot be read (not a regular file); give the name of a CSV file.")
     try:
-        data = Path(path).read_bytes()
+        with open(path, "rb") as stream, ThreadPoolExecutor(1) as pool:
+            digest = pool.submit(_digest, path)  # of half a gigabyte it takes as long as the numbers: beside them
+            titles = _titles(stream.readline(_LONGEST_HEADER), source)
+            names, kinds, factors = _columns(titles, source)
+            columns = _read_columns(path, titles, source)
+            sha256 = digest.result()
     except OSError as error:
         raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
-    with ThreadPoolExecutor(1) as pool:
-        digest = pool.submit(lambda content: hashlib.sha256(content).hexdigest(), data)
-        titles, header, body = _split(data, source)
-        names, kinds, factors = _columns(titles, source)
-        del data
-        columns = _read_columns(header, body, titles, source)
-        del body
-        time = _uniform(columns[0], factors[0], titles[0], source)
-        channels = {}
-        for i, (name, kind) in enumerate(zip(names, kinds, strict=True), start=1):
-            _check_numbers(columns[i], titles[i], source)
-            values = columns[i] * factors[i]
-            _check_plateaus(values, kind, titles[i], source)
-            channels[name] = values / 2.0 if kind == "D" else values
-            columns[i] = np.empty(0)  # as soon as it is not needed: a record may be large
-        _check_ranges(channels, dict(zip(names, titles[1:], strict=True)), source)
-        return Record(source, digest.result(), time, channels)
+    time = _uniform(columns[0], factors[0], titles[0], source)
+    channels = {}
+    for i, (name, kind) in enumerate(zip(names, kinds, strict=True), start=1):
+        with np.errstate(over="ignore"):
+            channels[name] = columns[i] * (factors[i] / 2.0 if kind == "D" else factors[i])
+        columns[i] = np.empty(0)  # as soon as it is not needed: a record may be large
+        check_numbers(channels[name], name, titles[i], source)
+    check_ranges(channels, dict(zip(names, titles[1:], strict=True)), source)
+    for name, title in zip(names, titles[1:], strict=True):
+        check_plateaus(channels[name], name, title, source)
+    return Record(source, sha256, time, channels)
 
 
 def write_record(
@@ -156,24 +139,19 @@ def write_record(
 # --- the header ---------------------------------------------------------------------------------------------------
 
 
-def _split(data: bytes, source: str) -> tuple[list[str], bytes, bytes]:
-    """The titles, the header line and the lines below it."""
-    data = data.removeprefix(b"\xef\xbb\xbf")
-    if not data.isascii():
-        try:
-            data.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
-    if not data.strip():
+def _digest(path: str | os.PathLike[str]) -> str:
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _titles(line: bytes, source: str) -> list[str]:
+    """The fields of the first line."""
+    line = line.removeprefix(codecs.BOM_UTF8)
+    if not line:
         raise ValueError(f"{source}: the file is empty; it must hold a header and samples.")
-    if b"\r" in data[:65536] and b"\n" not in data[:65536]:
-        data = data.replace(b"\r", b"\n")  # line ends of old spreadsheets
-    header, _, body = data.partition(b"\n")
-    if body.endswith((b"\n\n", b"\n\r\n")):
-        body = body.rstrip(b"\r\n")
-    text = header.decode("utf-8").rstrip("\r")
+    text = _decode(line, source).strip("\r\n").partition("\r")[0]
     try:
-        titles = next(csv.reader([text], skipinitialspace=True), [])
+        titles = next(csv.reader([text], skipinitialspace=True, strict=True), [])
     except csv.Error as error:
         raise ValueError(f"{source}: line 1: not a CSV header ({error}); write time [s],AA.P [mmHg], ...") from None
     if len(titles) < 2:
@@ -183,14 +161,21 @@ def _split(data: bytes, source: str) -> tuple[list[str], bytes, bytes]:
                     f"{source}: line 1: the fields are separated by {word}; "
                     "save it with commas between the fields and points as decimal marks."
                 )
-    return [title.strip() for title in titles], header, body
+    return [title.strip() for title in titles]
+
+
+def _decode(data: bytes, source: str) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
 
 
 def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list[float]]:
     """Channel names (D as R), kinds, and the factor to SI of every column, time first."""
     parts = [_title(title) for title in titles]
     if not parts or parts[0][0] != "time":
-        _refuse(source, 1, titles[0] if titles else "", "the first column must be the time; name it 'time [s]'")
+        refuse(source, 1, titles[0] if titles else "", "the first column must be the time; name it 'time [s]'")
     if len(parts) == 1:
         raise ValueError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
     names: list[str] = []
@@ -199,7 +184,7 @@ def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list
     for title, (name, unit) in zip(titles[1:], parts[1:], strict=True):
         site, _, kind = name.rpartition(".")
         if kind not in KINDS or not site or site != site.strip():
-            _refuse(
+            refuse(
                 source,
                 1,
                 title,
@@ -210,7 +195,7 @@ def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list
         own = f"{site}.R" if kind == "D" else name
         if own in names:
             both = "R and D of one site" if own != name or kinds[names.index(own)] != kind else "a name twice"
-            _refuse(source, 1, title, f"{both}; keep one of the two columns")
+            refuse(source, 1, title, f"{both}; keep one of the two columns")
         names.append(own)
         kinds.append(kind)
     return names, kinds, factors
@@ -232,7 +217,7 @@ def _factor(kind: Kind, unit: str, titles: list[str], source: str, title: str) -
     advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
     if fits and _other_is(title, titles, kind):
         advice = "P and R of the site seem swapped, so exchange the two names or their units"
-    _refuse(source, 1, title, f"{what} and does not fit a {kind.noun}; {advice}")
+    refuse(source, 1, title, f"{what} and does not fit a {kind.noun}; {advice}")
 
 
 def _convert(unit: str, wanted: str) -> float | None:
@@ -252,54 +237,60 @@ def _other_is(title: str, titles: list[str], kind: Kind) -> bool:
     return any(n in [f"{site}.{o}" for o in others] and u and _convert(u, kind.unit) for n, u in map(_title, titles))
 
 
-def _refuse(source: str, line: int, title: str, reason: str) -> NoReturn:
-    raise ValueError(f"{source}: line {line}, column {title!r}: {reason}.")
-
-
 # --- the numbers --------------------------------------------------------------------------------------------------
 
 
-def _read_columns(header: bytes, body: bytes, titles: list[str], source: str) -> list[Array]:
+def _read_columns(path: str | os.PathLike[str], titles: list[str], source: str) -> list[Array]:
     """One float array per column, NaN in gaps."""
-    if not body.strip():
-        raise ValueError(f"{source}: line 2: there are no samples below the header; add them.")
     schema = {str(i): pl.Float64() for i in range(len(titles))}
     try:
-        frame = pl.read_csv(body, has_header=False, schema=schema)
+        frame = pl.read_csv(Path(path), has_header=False, skip_rows=1, schema=schema, glob=False)
     except pl.exceptions.PolarsError:
-        return _read_slowly(body, titles, source)
-    if body.count(b",") != frame.height * (len(titles) - 1):
-        return _read_slowly(body, titles, source)  # a row too short is filled up by polars; here it is an error
-    return [frame[name].fill_null(np.nan).to_numpy() for name in frame.columns]
+        return _read_slowly(path, titles, source)
+    # polars fills up a row that is too short, and takes line ends of old spreadsheets for part of the header
+    if frame.height == 0 or (frame[:, -1].null_count() and _commas(path) != (frame.height + 1) * (len(titles) - 1)):
+        return _read_slowly(path, titles, source)
+    return [frame[name].fill_null(np.nan).rechunk().to_numpy() for name in frame.columns]
 
 
-_NUMBER = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE)
+def _commas(path: str | os.PathLike[str]) -> int:
+    with open(path, "rb") as stream:
+        return sum(block.count(b",") for block in iter(lambda: stream.read(1 << 22), b""))
 
 
-def _read_slowly(body: bytes, titles: list[str], source: str) -> list[Array]:
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
+)
+
+
+def _read_slowly(path: str | os.PathLike[str], titles: list[str], source: str) -> list[Array]:
     """The same cell by cell: for files with spaces in the cells, and to say where a bad cell is."""
     numbers = array("d")
-    rows = csv.reader(io.TextIOWrapper(io.BytesIO(body), encoding="utf-8", newline=""))
+    text = _decode(Path(path).read_bytes(), source).rstrip("\r\n")
+    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
+        next(rows)
         for row in rows:
-            line = rows.line_num + 1
             if len(row) != len(titles):
                 raise ValueError(
-                    f"{source}: line {line}: {len(row)} fields where the header has {len(titles)}; "
+                    f"{source}: line {rows.line_num}: {len(row)} fields where the header has {len(titles)}; "
                     "complete or remove the line (gaps are empty fields; decimal marks are points)."
                 )
-            for i, cell in enumerate(row):
-                text = cell.strip()
-                if not _NUMBER.fullmatch(text):
-                    hint = (
-                        "write the decimal mark as a point" if "," in text else "write a number, or nothing for a gap"
-                    )
-                    _refuse(source, line, titles[i], f"{text[:40]!r} is not a number; {hint}")
-                numbers.append(float(text or "nan"))
+            numbers.extend(
+                _number(cell.strip(), source, rows.line_num, title) for cell, title in zip(row, titles, strict=True)
+            )
     except csv.Error as error:
-        raise ValueError(f"{source}: line {rows.line_num + 1}: not CSV ({error}); correct the line.") from None
-    table = np.array(numbers).reshape(-1, len(titles))
-    return [np.ascontiguousarray(column) for column in table.T]
+        raise ValueError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
+    if not numbers:
+        raise ValueError(f"{source}: line 2: there are no samples below the header; add them.")
+    return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T))
+
+
+def _number(text: str, source: str, line: int, title: str) -> float:
+    if not _NUMBER.fullmatch(text):
+        hint = "write the decimal mark as a point" if "," in text else "write a number, or nothing for a gap"
+        refuse(source, line, title, f"{text[:40]!r} is not a number; {hint}")
+    return float(text or "nan")
 
 
 def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
@@ -310,17 +301,18 @@ def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
     n = len(given)
     bad = np.flatnonzero(~np.isfinite(given))
     if len(bad):
-        _refuse(source, int(bad[0]) + 2, title, "the time is missing or not finite; every sample needs its time")
+        refuse(source, int(bad[0]) + 2, title, "the time is missing or not finite; every sample needs its time")
     if n < _SHORTEST:
         raise ValueError(f"{source}: {n} samples are too few; a record holds several beats.")
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.diff(given)
         span = given[-1] - given[0]
-    if not np.isfinite(span):
-        _refuse(source, 2, title, "the times are too large; start the record at zero")
+        longest = max(abs(given[0]), abs(given[-1])) * factor
+    if not (np.isfinite(span) and longest < _LATEST):
+        refuse(source, 2, title, f"times beyond {_LATEST:g} s; check the unit, or start the record at zero")
     bad = np.flatnonzero(step <= 0.0)
     if len(bad):
-        _refuse(
+        refuse(
             source, int(bad[0]) + 3, title, f"the time does not increase ({given[bad[0]]:g} to {given[bad[0] + 1]:g})"
         )
     index = np.arange(n) - (n - 1) / 2.0
@@ -333,7 +325,7 @@ def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
         off = np.abs(step - usual)
         first = np.flatnonzero(off > min(max(1.01 * decimal, 1e-6 * usual), 0.999 * off.max()))
         at = int(first[0]) if len(first) else int(off.argmax())
-        _refuse(
+        refuse(
             source,
             at + 3,
             title,
@@ -347,96 +339,9 @@ def _last_decimal(values: Array) -> float:
     """The largest power of ten that all values are multiples of, 0 if there is none: the rounding of printing."""
     size = float(np.abs(values).max())
     for digits in range(-3, 16):
-        scaled = values * 10.0**digits
         if size * 10.0**digits > 1e11:
             return 0.0
+        scaled = values * 10.0**digits
         if np.abs(scaled - np.round(scaled)).max() < 1e-4:
             return float(10.0**-digits)
     return 0.0
-
-
-# --- channels that cannot be used ---------------------------------------------------------------------------------
-
-
-def _check_numbers(values: Array, title: str, source: str) -> None:
-    bad = np.flatnonzero(np.isinf(values))
-    if len(bad):
-        _refuse(source, int(bad[0]) + 2, title, "the value is infinite; leave the field empty for a gap")
-    measured = values[~np.isnan(values)]
-    if len(measured) == 0:
-        raise ValueError(f"{source}: column {title!r}: it holds gaps only; remove the column.")
-    low, high = float(measured.min()), float(measured.max())
-    if high / 2 - low / 2 <= _FLAT * max(abs(low), abs(high)) / 2:
-        raise ValueError(
-            f"{source}: column {title!r}: the channel is constant ({high:g}), it does not pulsate; "
-            "check the sensor, or remove the column."
-        )
-
-
-def _check_plateaus(values: Array, kind: str, title: str, source: str) -> None:
-    """Refuses a channel whose sensor was saturated: it enters and leaves a plateau at its extreme steeply.
-
-    Rounding makes plateaus too, but beside one of n samples a rounded smooth signal is a few quanta lower at n/4
-    samples from it; noise makes none. A flow may rest at zero.
-    """
-    range_ = float(np.nanmax(values) - np.nanmin(values))
-    for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
-        y = sign * values
-        top = float(np.nanmax(y))
-        if kind == "Q" and abs(top) < _VALVE * range_:
-            continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], y == top, [False]]).astype(np.int8)))
-        start, stop = edges[::2], edges[1::2]
-        beside = np.maximum(2, (stop - start) // 4)
-        whole = (stop - start >= _RUN) & (start - beside >= 0) & (stop - 1 + beside < len(y))
-        start, stop, beside = start[whole], stop[whole], beside[whole]
-        fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
-        start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
-        if len(fall) and np.median(fall) > _STEEP * _quantum(values):
-            _refuse(
-                source,
-                int(start[0]) + 2,
-                title,
-                f"the channel is clipped: it rests at its {word} value, {top * sign / _shown(kind):.6g} "
-                f"{KINDS[kind].example}; widen the sensor's range, or leave these fields empty",
-            )
-
-
-def _quantum(values: Array) -> float:
-    """The step between neighbouring values of a digitised signal [its unit]; small for a continuous one."""
-    steps = np.abs(np.diff(values))
-    return float(np.quantile(steps[steps > 0.0], 0.01))
-
-
-def _shown(kind: str) -> float:
-    return parse_quantity(f"1 {KINDS[kind].example}", KINDS[kind].unit, "unit")
-
-
-def _check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], source: str) -> None:
-    for name, values in channels.items():
-        site, _, letter = name.rpartition(".")
-        kind = KINDS[letter]
-        bad = np.flatnonzero((values < kind.low) | (values > kind.high))
-        if letter in "PR" and _swapped(channels.get(f"{site}.P"), channels.get(f"{site}.R")):
-            _refuse(source, 1, titles[name], f"P and R of {site} seem swapped; exchange the two names")
-        if len(bad):
-            _refuse(
-                source,
-                int(bad[0]) + 2,
-                titles[name],
-                f"{values[bad[0]]:.4g} {kind.unit} is outside {kind.low:g} to {kind.high:g} {kind.unit}; "
-                "the unit is probably wrong",
-            )
-
-
-def _swapped(P: Array | None, R: Array | None) -> bool:
-    """Whether P is a radius and R a pressure: out of range both, or R too wide for its small pressure and livelier."""
-    if P is None or R is None:
-        return False
-    low, high = KINDS["R"].low, KINDS["R"].high
-    small, large = float(np.nanmin(P)), float(np.nanmax(P))
-    middle = float(np.nanmedian(R))
-    if low <= small and large <= high and (middle > high or middle < low):
-        return True
-    livelier = np.nanmax(R) - np.nanmin(R) > middle * (large - small) / max(abs(small), abs(large))
-    return bool(middle > _WIDE and 0.0 < small and large < 3e3 and livelier)

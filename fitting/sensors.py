@@ -1,0 +1,134 @@
+"""What a channel of a record may be, and the channels that no fit can use: dead, clipped, out of range, swapped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from solver.files import parse_quantity
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a channel measures: its noun, SI unit, the unit a sentence proposes, and the range of any artery."""
+
+    noun: str
+    unit: str
+    example: str
+    low: float = -np.inf
+    high: float = np.inf
+
+
+KINDS: dict[str, Kind] = {
+    "P": Kind("pressure", "Pa", "mmHg", -1e5, 1e6),
+    "Q": Kind("flow", "m^3/s", "mL/s", -1.0, 1.0),
+    "R": Kind("radius", "m", "mm", 1e-5, 0.2),
+    "D": Kind("diameter", "m", "mm", 2e-5, 0.4),
+}
+
+_FLAT = 1e-9  # a channel that varies by less than this share of its size is dead
+_RUN = 4  # equal samples at the extreme that may be a plateau
+_STEEP = 12.0  # quanta that a signal falls beside a plateau of a clipped channel; rounding alone makes fewer
+_VALVE = 0.05  # share of its range within which a flow may rest near zero: a closed valve, not a clipped sensor
+_WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
+
+
+def refuse(source: str, line: int, title: str, reason: str) -> NoReturn:
+    """Raises the ValueError of a cell."""
+    raise ValueError(f"{source}: line {line}, column {title!r}: {reason}.")
+
+
+def check_numbers(values: Array, name: str, title: str, source: str) -> None:
+    """Refuses infinite values, a channel of gaps only, and a constant one: a dead sensor, or no pulsation to fit."""
+    bad = np.flatnonzero(np.isinf(values))
+    if len(bad):
+        refuse(source, int(bad[0]) + 2, title, "the value is infinite; leave the field empty for a gap")
+    measured = values[~np.isnan(values)]
+    if len(measured) == 0:
+        raise ValueError(f"{source}: column {title!r}: it holds gaps only; remove the column.")
+    low, high = float(measured.min()), float(measured.max())
+    if high / 2.0 - low / 2.0 <= _FLAT * max(abs(low), abs(high)) / 2.0:  # halves, lest it overflow
+        raise ValueError(
+            f"{source}: column {title!r}: the channel is constant ({high:g} {_kind(name).unit}), it does not pulsate; "
+            "check the sensor, or remove the column."
+        )
+
+
+def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
+    """Refuses a channel whose sensor was saturated: it enters and leaves a plateau at its extreme steeply.
+
+    Rounding makes plateaus too, but beside one of n samples a rounded smooth signal is a few quanta lower at n/4
+    samples from it; noise makes none. A flow may rest at zero.
+    """
+    kind = _kind(name)
+    range_ = float(np.nanmax(values) - np.nanmin(values))
+    for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
+        y = sign * values
+        top = float(np.nanmax(y))
+        if kind.noun == "flow" and abs(top) < _VALVE * range_:
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], y == top, [False]]).astype(np.int8)))
+        start, stop = edges[::2], edges[1::2]
+        beside = np.maximum(2, (stop - start) // 4)
+        whole = (stop - start >= _RUN) & (start - beside >= 0) & (stop - 1 + beside < len(y))
+        start, stop, beside = start[whole], stop[whole], beside[whole]
+        fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
+        start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
+        if len(fall) and np.median(fall) > _STEEP * _quantum(values):
+            refuse(
+                source,
+                int(start[0]) + 2,
+                title,
+                f"the channel is clipped: it rests at its {word} value, {top * sign / _shown(kind):.6g} {kind.example}; "
+                f"widen the sensor's range, or leave these fields empty",
+            )
+
+
+def _quantum(values: Array) -> float:
+    """The step between neighbouring values of a digitised signal [its unit]; small for a continuous one."""
+    steps = np.abs(np.diff(values))
+    return float(np.quantile(steps[steps > 0.0], 0.01))
+
+
+def _kind(name: str) -> Kind:
+    return KINDS[name.rpartition(".")[2]]
+
+
+def _shown(kind: Kind) -> float:
+    return parse_quantity(f"1 {kind.example}", kind.unit, kind.noun)
+
+
+def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], source: str) -> None:
+    """Refuses values that no artery has: the unit is wrong, or P and R of a site are swapped."""
+    for name, values in channels.items():
+        site, _, letter = name.rpartition(".")
+        kind = KINDS[letter]
+        bad = np.flatnonzero((values < kind.low) | (values > kind.high))
+        if letter in "PR" and _swapped(channels.get(f"{site}.P"), channels.get(f"{site}.R")):
+            refuse(source, 1, titles[name], f"P and R of {site} seem swapped; exchange the two names")
+        if len(bad):
+            refuse(
+                source,
+                int(bad[0]) + 2,
+                titles[name],
+                f"{values[bad[0]]:.4g} {kind.unit} is outside {kind.low:g} to {kind.high:g} {kind.unit}; "
+                "the unit is probably wrong",
+            )
+
+
+def _swapped(P: Array | None, R: Array | None) -> bool:
+    """Whether P is a radius and R a pressure: out of range both, or R too wide for its small pressure and livelier."""
+    if P is None or R is None:
+        return False
+    low, high = KINDS["R"].low, KINDS["R"].high
+    small, large = float(np.nanmin(P)), float(np.nanmax(P))
+    middle = float(np.nanmedian(R))
+    if low <= small and large <= high and (middle > high or middle < low):
+        return True
+    livelier = np.nanmax(R) - np.nanmin(R) > middle * (large - small) / max(abs(small), abs(large))
+    return bool(middle > _WIDE and 0.0 < small and large < 3e3 and livelier)
