@@ -84,8 +84,9 @@ def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
                 source,
                 int(start[0]) + 2,
                 title,
-                f"the channel is clipped: it rests at its {word} value, {top * sign / _shown(kind):.6g} {kind.example}; "
-                f"widen the sensor's range, or leave these fields empty",
+                f"the channel is clipped: it rests at its {word} value, "
+                f"{top * sign / _shown(kind):.6g} {kind.example}; "
+                "widen the sensor's range, or leave these fields empty",
             )
 
 
