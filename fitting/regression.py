@@ -34,6 +34,7 @@ Array = np.ndarray
 _MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
+NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
 NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
@@ -306,13 +307,13 @@ def _with_warnings(fitted: WallFit) -> WallFit:
 def _viscosity(fitted: WallFit) -> str:
     R_t = fitted.solution.R_t
     lowest = float(np.min(wall_model.relative_viscosity(fitted.model, fitted.values, R_t)))
-    if lowest > 0.0:
+    if lowest > NEAR_THE_TURN or fitted.model.viscous == "monotone":
         return ""
     rate = float(np.max(np.abs(R_t)) / fitted.values["R0"])
     limit = abs(fitted.values["phi0"] / (2.0 * fitted.values["phiNL"]))
     return (
-        f"{fitted.site}: the loop leaves the range in which phiNL is a viscosity: strain rates reach {rate:.2g} /s and "
-        f"the law turns at {limit:.2g} /s; fit the monotone model."
+        f"{fitted.site}: the loop {'leaves' if lowest <= 0.0 else 'nearly leaves'} the range of the quadratic phiNL: "
+        f"strain rates reach {rate:.2g} /s and its viscosity turns negative at {limit:.2g} /s; fit the monotone model."
     )
 
 

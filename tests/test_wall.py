@@ -162,11 +162,42 @@ def test_riemann_velocity_is_the_integral(law: ElasticLaw, e: float) -> None:
 X = np.linspace(-2.0, 2.0, 41)
 
 
+@every_elastic_law
+@every_ENL
+def test_columns_span_the_law(law: ElasticLaw, e: float) -> None:
+    """P_el = Σ cᵢ columnᵢ(R) exactly (4e-14 K), and ``solve`` gives K, R0 and e of c back (4e-13; conditioning)."""
+    R = R0 * STRETCH
+    columns = np.stack(law.columns(R), axis=-1)[:, : 3 if e else 2]
+    P = law.pressure(STRETCH, K, np.array(e))
+    c = np.linalg.lstsq(columns / columns[0], P, rcond=None)[0] / columns[0]
+    np.testing.assert_allclose(columns @ c, P, atol=1e-13 * K[0], rtol=0.0)
+    found = law.solve(np.array([*c, 0.0][:3]))
+    np.testing.assert_allclose(found, (K[0], R0, e), rtol=1e-12, atol=1e-12)
+
+
+@every_elastic_law
+def test_columns_without_a_wall(law: ElasticLaw) -> None:
+    """A pressure that is constant, or that never vanishes, belongs to no wall: R0 is NaN or 0."""
+    assert not law.solve(np.array([1e3, 0.0, 0.0]))[1] > 0.0
+    assert math.isnan(law.solve(np.array([1.0, 1.0, 1.0]))[1])
+
+
 @pytest.mark.parametrize("law", VISCOUS_LAWS.values(), ids=VISCOUS_LAWS)
 def test_viscous_slope_is_that_of_the_stress(law: Quadratic | Monotone) -> None:
     """slope(x) = d(x factor(x))/dx for |r ε̇| <= 2, to round-off (1e-15 of the largest term)."""
     slope = derivative(lambda x: x * law.factor(x), X)
     np.testing.assert_allclose(law.slope(X), slope, rtol=1e-15, atol=1e-15)
+
+
+@pytest.mark.parametrize("law", VISCOUS_LAWS.values(), ids=VISCOUS_LAWS)
+def test_viscous_bend_is_that_of_the_factor(law: Quadratic | Monotone) -> None:
+    """bend = d factor/dx, for x = r ε̇ in ±1; 1e-11 where the series ends (x = 0.01) and the difference begins."""
+    x = np.concatenate([np.linspace(-1.0, 1.0, 41), [0.0099, 0.0101, -0.0099, -0.0101]])
+    step = 1e-4
+    low, high = law.factor(x - step), law.factor(x + step)
+    far_low, far_high = law.factor(x - 2 * step), law.factor(x + 2 * step)
+    slope = (8.0 * (high - low) - (far_high - far_low)) / (12.0 * step)
+    np.testing.assert_allclose(law.bend(x), slope, rtol=0.0, atol=2e-11)
 
 
 @pytest.mark.parametrize("law", VISCOUS_LAWS.values(), ids=VISCOUS_LAWS)
