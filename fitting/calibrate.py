@@ -1,0 +1,445 @@
+"""Network calibration: parameters of a whole network from a record of its inflow and of P, Q and R at some sites.
+
+Gauss–Newton on the whitened harmonics of :mod:`fitting.network_data`. With the residual z(x), unknowns x counted from
+the network's own values and Gaussian priors of standard deviation s, it minimises
+
+    |z(x)|² + Σ (x_i/s_i)²
+
+One batch of the solver gives z and its derivatives, by finite differences, for little more than the price of z. A
+coarse stage comes near; the step is then halved once to measure the solver's own error, the response to the inflow's
+noise is taken at the found parameters, and a fine stage ends the search.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver import NonPhysicalState, NotPeriodic, Settings, simulate_periodic
+from solver.network import Network
+from solver.report import output_variables
+
+from .beats import Beats
+from .identifiability import Determined, determined, sentences
+from .network_data import (
+    INFLOW,
+    MAX_HARMONICS,
+    Target,
+    harmonics_above_noise,
+    inflow,
+    pulses,
+    response,
+    solver_error,
+    target,
+)
+from .parameter_set import ParameterSet, Value, unit_of
+from .provenance import software
+from .unknowns import Unknown, parameter_intervals, parameter_values, parse_unknowns
+
+Array = np.ndarray
+Progress = Callable[[float, str], None]
+
+# Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
+# derivative (measured, sheep network)
+_STEP = 3e-4
+DERIVATIVE_ERROR = 5e-4
+_COARSE = 2.5  # steps of the coarse stage, in those of the fine one
+_COARSE_ERROR = 1e-3  # of a channel's pulse: enough for the coarse stage, whose own error is below it
+_NEAR = 5e-3  # in prior units: from here one step of the fine stage leads home
+_EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
+_LARGEST_STEP = 3.0  # in prior units
+_FEWEST_STEPS = 20  # of the solver in a beat
+_SHORTEST = 100  # steps in a beat that the coarse stage needs
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The result. Covariances are of x (:class:`~fitting.unknowns.Unknown`), data and prior together.
+
+    values, ci95 : SI, by FMU variable name. shrinkage : posterior over prior standard deviation, None without a prior.
+    chi2, dof : of the data; where chi2/dof > 1 the data's covariance is multiplied by it. channels : whitened RMS per
+    channel (1 = noise). singular_values : of the whitened Jacobian in prior units, largest first, 0 where its own error
+    is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
+    or not explained, one sentence each. history : cost after each iteration, (coarse, fine). harmonics : K.
+    simulations : parameter sets that were simulated.
+    """
+
+    network: str
+    unknowns: tuple[Unknown, ...]
+    x: Array
+    covariance: Array
+    values: Mapping[str, float]
+    ci95: Mapping[str, tuple[float, float]]
+    shrinkage: tuple[float | None, ...]
+    chi2: float
+    dof: float
+    channels: Mapping[str, float]
+    singular_values: Array
+    directions: Array
+    at_bound: tuple[str, ...]
+    report: tuple[str, ...]
+    history: tuple[tuple[float, ...], tuple[float, ...]]
+    converged: bool
+    harmonics: int
+    simulations: int
+    seconds: float
+    laws: Mapping[str, str]
+    source: str
+    sha256: str
+
+    @property
+    def sd(self) -> Array:
+        """(p,) standard deviation of x."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def parameter_set(self, name: str | None = None) -> ParameterSet:
+        """The values that moved, with their intervals: start values of the network's FMU."""
+        values = {each: Value(value, unit_of(each), self.ci95[each]) for each, value in self.values.items()}
+        provenance = {
+            "method": "network calibration",
+            "network": self.network,
+            "record": self.source,
+            "sha256": self.sha256,
+            "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind}
+                         for u, x, s in zip(self.unknowns, self.x, self.sd, strict=True)},
+            "chi2_over_dof": self.chi2 / self.dof,
+            "channels": dict(self.channels),
+            "report": list(self.report),
+            "software": software(),
+        }  # fmt: skip
+        return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
+
+
+def calibrate(
+    beats: Beats,
+    network: Network,
+    unknowns: Iterable[str | Unknown],
+    *,
+    channels: Sequence[str] | None = None,
+    settings: Settings | None = None,
+    max_iterations: int = 20,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from a record of it.
+
+    beats : a record with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
+    settings : of the solver, default dt 1 ms. progress : called with a fraction of the work and a label.
+    Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
+    inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
+    this inflow before the search begins.
+    """
+    started = time.perf_counter()
+    settings = settings or Settings()
+    found = parse_unknowns(unknowns, network)
+    names = _channels(beats, network, channels)
+    K = _harmonics(beats, names, settings)
+    fine = _Problem(beats, network, found, names, K, settings, _Meter(progress))
+    coarse = fine.coarser()
+    pulse = pulses(beats, names)
+
+    x = np.zeros(len(found))
+    first = coarse.with_target(x, np.full((K + 1, len(names)), _COARSE_ERROR) * pulse)
+    meter = fine.meter
+    meter.stage(0.0, 0.4, "coarse")
+    near = _minimise(first, _start(first, x), max_iterations, (0.1, _NEAR))
+
+    meter.stage(0.4, 1.0, "fine")
+    x = near.point.x
+    batch = fine.batch(x)
+    last = fine.with_target(x, solver_error(batch[0], fine.finer().simulate(x[None])[0], pulse))
+    best = _minimise(last, last.point(x, batch), max_iterations, (0.01, 0.0))
+    if progress:
+        progress(1.0, "done")
+    return _result(last, near, best, time.perf_counter() - started)
+
+
+# --- the problem --------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Meter:
+    """Counts simulations and reports how far a stage is; a stage takes some four of them."""
+
+    progress: Progress | None
+    simulations: int = 0
+    span: tuple[float, float] = (0.0, 1.0)
+    label: str = ""
+    done: int = 0
+
+    def stage(self, low: float, high: float, label: str) -> None:
+        self.span, self.label, self.done = (low, high), label, 0
+
+    def simulated(self, members: int) -> None:
+        self.simulations += members
+        self.done += 1
+        if self.progress:
+            low, high = self.span
+            self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
+
+
+@dataclass(frozen=True)
+class _Point:
+    """x : (p,), z : (n,) whitened residual, J : (n, p) its derivatives, X : (K+1, m); cost : data and prior."""
+
+    x: Array
+    z: Array
+    J: Array
+    X: Array
+    cost: float
+
+
+@dataclass(frozen=True)
+class _Problem:
+    beats: Beats
+    network: Network
+    unknowns: tuple[Unknown, ...]
+    names: tuple[str, ...]
+    K: int
+    settings: Settings
+    meter: _Meter
+    tolerance: float = 1e-6  # of the periodic beat
+    target: Target | None = None
+
+    @property
+    def typical(self) -> Array:
+        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
+        return np.array([u.typical_sd for u in self.unknowns])
+
+    @property
+    def prior(self) -> Array:
+        """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
+        return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        return np.array([u.low for u in self.unknowns]), np.array([u.high for u in self.unknowns])
+
+    def coarser(self) -> _Problem:
+        dt = max(self.settings.dt, min(_COARSE * self.settings.dt, self.beats.T / _SHORTEST))
+        return replace(self, settings=replace(self.settings, dt=dt), tolerance=1e-4)
+
+    def finer(self) -> _Problem:
+        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
+
+    def with_target(self, x: Array, error: Array) -> _Problem:
+        """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
+        at = {name: float(value) for name, value in parameter_values(self.unknowns, self.network, x).items()}
+        H = response(self.network, self.names, self.beats.T, self.K, at)
+        return replace(self, target=target(self.beats, self.names, H, error))
+
+    def simulate(self, x: Array) -> Array:
+        """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
+        beat = simulate_periodic(
+            self.network,
+            inflow(self.beats, self.settings.dt),
+            self.beats.T,
+            parameters=parameter_values(self.unknowns, self.network, x),
+            settings=self.settings,
+            tolerance=self.tolerance,
+        )
+        self.meter.simulated(len(x))
+        waves = np.stack([beat[name][:, :-1] for name in self.names], axis=-1)
+        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1]
+
+    def steps(self, x: Array) -> Array:
+        """(p,) steps of the finite differences, away from an upper bound."""
+        steps = _STEP * self.typical
+        return np.where(x + steps > self.bounds[1], -steps, steps)
+
+    def batch(self, x: Array) -> Array:
+        """Coefficients (1+p, K+1, m) at x and one step away from it along each unknown."""
+        return self.simulate(np.concatenate([x[None], x + np.diag(self.steps(x))]))
+
+    def point(self, x: Array, batch: Array) -> _Point:
+        """Residual and derivatives at x from its batch."""
+        assert self.target is not None
+        z = self.target.residual(batch)
+        cost = float(z[0] @ z[0] + np.sum(self.prior * (x / self.typical) ** 2))
+        return _Point(x, z[0], (z[1:] - z[0]).T / self.steps(x), batch[0], cost)
+
+    def evaluate(self, x: Array) -> _Point:
+        return self.point(x, self.batch(x))
+
+
+def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> tuple[str, ...]:
+    if INFLOW not in beats.values:
+        raise ValueError(
+            f"{beats.source}: it has no {INFLOW}, which drives the simulation; record the inflow, or fit the wall of "
+            "one site from its P and R."
+        )
+    recorded = [name for name in beats.values if name != INFLOW]
+    names = tuple(recorded if chosen is None else chosen)
+    for name in names:
+        if name not in recorded:
+            raise ValueError(f"channel {name}: {beats.source} has no such channel; it has {', '.join(recorded)}.")
+        if name not in output_variables(network)[0]:
+            sites = ", ".join(site.name for site in network.sites)
+            raise ValueError(
+                f"{beats.source}: its channel {name} is no output of network {network.name} (sites {sites}); "
+                "add the site to the network or choose other channels."
+            )
+    if not names:
+        raise ValueError(f"{beats.source}: it has no channel but {INFLOW}; P, Q or R at one site at least is needed.")
+    return names
+
+
+def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
+    """K: as far as any channel is above its noise, both record and solver resolve it, and at most 40."""
+    steps = math.ceil(beats.T / settings.dt - 1e-9)
+    if steps < _FEWEST_STEPS:
+        raise ValueError(
+            f"{beats.source}: its period of {beats.T:g} s has {steps} steps of {settings.dt:g} s, fewer than "
+            f"{_FEWEST_STEPS}; choose a smaller dt or check the unit of its time."
+        )
+    return harmonics_above_noise(beats, names, min(MAX_HARMONICS, (beats.N - 1) // 2, steps // 2 - 1))
+
+
+# --- the search ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Search:
+    point: _Point
+    history: tuple[float, ...]
+    converged: bool
+
+
+def _start(problem: _Problem, x: Array) -> _Point:
+    try:
+        return problem.evaluate(x)
+    except (NonPhysicalState, NotPeriodic) as error:
+        raise ValueError(
+            f"{problem.beats.source}: with its inflow, network {problem.network.name} as given cannot be simulated: "
+            f"{error}"
+        ) from None
+
+
+def _minimise(problem: _Problem, point: _Point, max_iterations: int, enough: tuple[float, float]) -> _Search:
+    """Damped Gauss–Newton until no unknown moves by more than a part of its standard deviation, or of its prior's."""
+    history = [point.cost]
+    for _ in range(max_iterations):
+        known = _determined(problem, point, 1.0)
+        step = _step(problem, point, known, 0.0)
+        small = np.maximum(enough[0] * np.sqrt(np.diag(known.covariance)), enough[1] * problem.typical)
+        if np.all(np.abs(step) <= small):
+            return _Search(point, tuple(history), True)
+        better = _line(problem, point, known, step)
+        if better is None:
+            return _Search(point, tuple(history), False)
+        gained, point = point.cost - better.cost, better
+        history.append(point.cost)
+        if gained < enough[0] ** 2:  # as much as the same part of a standard deviation would gain
+            return _Search(point, tuple(history), True)
+    return _Search(point, tuple(history), False)
+
+
+def _line(problem: _Problem, point: _Point, known: Determined, step: Array) -> _Point | None:
+    """The next point: the full step, else halved (the simulation breaks down) or damped (the cost rises) ones."""
+    low, high = problem.bounds
+    damping, shorter = 0.0, 1.0
+    for _ in range(8):
+        try:
+            trial = problem.evaluate(np.clip(point.x + shorter * step, low, high))
+        except (NonPhysicalState, NotPeriodic, ValueError):
+            shorter /= 2.0
+            continue
+        if trial.cost < point.cost + _EQUAL:
+            return trial
+        damping = max(10.0 * damping, 1e-3 * float(known.singular_values[0]) ** 2)
+        step = _step(problem, point, known, damping)
+    return None
+
+
+def _step(problem: _Problem, point: _Point, known: Determined, damping: float) -> Array:
+    """Gauss–Newton step of x : (p,), damped by ``damping`` in prior units, with bounds that would be crossed held."""
+    typical, prior = problem.typical, problem.prior
+    low, high = problem.bounds
+    J = point.J * typical
+    gradient = J.T @ point.z + prior * point.x / typical
+    # along directions that the Jacobian's error alone makes up, a step would be a leap in the dark
+    blind = np.where(known.singular_values > 0.0, 0.0, known.doubt**2)
+    normal = J.T @ J + np.diag(prior + damping) + known.directions.T @ (blind[:, None] * known.directions)
+    free = np.ones(len(typical), bool)
+    step = np.zeros(len(typical))
+    for _ in range(len(typical)):
+        held = normal[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-13)[0]
+        to = np.clip(point.x / typical + step, low / typical, high / typical) - point.x / typical
+        crossed = free & (to != step)
+        if not crossed.any():
+            break
+        step[crossed] = to[crossed]
+        free &= ~crossed
+        if not free.any():
+            break
+    longest = np.abs(step).max()
+    return typical * step * min(1.0, _LARGEST_STEP / longest) if longest > 0.0 else step
+
+
+def _determined(problem: _Problem, point: _Point, scale: float) -> Determined:
+    return determined(point.J * problem.typical, problem.prior, problem.typical, scale, DERIVATIVE_ERROR)
+
+
+# --- the result ---------------------------------------------------------------------------------------------------
+
+
+def _result(problem: _Problem, near: _Search, best: _Search, seconds: float) -> Calibration:
+    assert problem.target is not None
+    point, unknowns = best.point, problem.unknowns
+    chi2 = float(point.z @ point.z)
+    dof = max(1.0, len(point.z) - _determined(problem, point, 1.0).effective)
+    known = _determined(problem, point, max(1.0, chi2 / dof))
+    low, high = problem.bounds
+    at_bound = tuple(u.name for u, x, a, b in zip(unknowns, point.x, low, high, strict=True) if x <= a or x >= b)
+    channels = problem.target.channel_rms(point.X)
+    sd = np.sqrt(np.diag(known.covariance))
+    report = [
+        *(f"{name} stopped at the end of its allowed range" for name in at_bound),
+        *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known),
+        *_misfit(chi2 / dof, dof, channels),
+    ]
+    if not best.converged:
+        report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
+    values = parameter_values(unknowns, problem.network, point.x)
+    return Calibration(
+        network=problem.network.name,
+        unknowns=unknowns,
+        x=point.x,
+        covariance=known.covariance,
+        values={name: float(value) for name, value in values.items()},
+        ci95=parameter_intervals(unknowns, problem.network, point.x, known.covariance),
+        shrinkage=tuple(u.prior_sd and float(s) / u.prior_sd for u, s in zip(unknowns, sd, strict=True)),
+        chi2=chi2,
+        dof=dof,
+        channels=channels,
+        singular_values=known.singular_values,
+        directions=known.directions,
+        at_bound=at_bound,
+        report=tuple(report),
+        history=(near.history, best.history),
+        converged=best.converged,
+        harmonics=problem.K,
+        simulations=problem.meter.simulations,
+        seconds=seconds,
+        laws={
+            "network.elastic_law": problem.network.elastic_law,
+            "network.viscous_law": problem.network.viscous_law,
+        },
+        source=problem.beats.source,
+        sha256=problem.beats.sha256,
+    )  # fmt: skip
+
+
+def _misfit(ratio: float, dof: float, channels: Mapping[str, float]) -> list[str]:
+    """A sentence if χ²/dof is above 1 by more than chance (four standard deviations)."""
+    if ratio <= 1.0 + 4.0 * math.sqrt(2.0 / dof):
+        return []
+    worst = max(channels, key=lambda name: channels[name])
+    return [
+        f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {worst} "
+        f"({channels[worst]:.3g} times its noise); the intervals are widened by {math.sqrt(ratio):.3g}"
+    ]

@@ -1,0 +1,177 @@
+"""What a network record says, ready to compare with a simulation: whitened Fourier coefficients of its mean beat.
+
+X_k = rfft(mean beat)/N of every channel, k = 0 … K. The residual of a simulation driven by the measured inflow is
+
+    X_k - X_k^sim(Q) = n_k - H_k q_k + e_k
+
+with the channels' own noise n, the noise q of the inflow, which every channel feels through the network's response H,
+and the solver's error e. Its covariance, channels jointly, is [1, -H] S_k [1, -H]^† + diag(e²); S_k is the covariance
+of channels and inflow from the scatter between beats. So a real change of inflow from beat to beat, which all channels
+follow, costs nothing, and noise of the flow meter counts in all of them. What sampling hides beyond half its rate is
+part of S_k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver import linear
+from solver.network import Network
+
+from .beats import Beats
+
+Array = np.ndarray
+
+INFLOW = "inlet.Q"
+MAX_HARMONICS = 40
+_ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel has as much is left out
+_ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
+_POOLED = 7.0  # harmonics that Beats.covariance takes together
+_TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
+
+
+@dataclass(frozen=True)
+class Target:
+    """The measured coefficients and their covariance.
+
+    names : the m channels. X : (K+1, m) complex. covariance : (K+1, m, m) complex Hermitian, E[x x^†] of an error x.
+    whitener : (K+1, m, m) that makes it unity.
+    """
+
+    names: tuple[str, ...]
+    X: Array
+    covariance: Array
+    whitener: Array
+
+    def residual(self, X: Array) -> Array:
+        """Whitened residual of simulated coefficients X : (B, K+1, m) -> (B, m (2K+1)), each N(0, 1) if all is well."""
+        white = np.einsum("kij,bkj->bki", self.whitener, X - self.X)
+        # a complex coefficient of unit variance has 1/2 in its real and 1/2 in its imaginary part
+        parts = [white[:, :1].real, np.sqrt(2.0) * white[:, 1:].real, np.sqrt(2.0) * white[:, 1:].imag]
+        return np.concatenate([part.reshape(len(X), -1) for part in parts], axis=1)
+
+    def channel_rms(self, X: Array) -> dict[str, float]:
+        """RMS of each channel's residual over its own standard deviation (1 = noise); X : (K+1, m)."""
+        ratio = np.abs(X - self.X) ** 2 / np.einsum("kii->ki", self.covariance).real
+        weight = np.where(np.arange(len(X)) == 0, 1.0, 2.0)[:, None]
+        rms = np.sqrt((weight * ratio).sum(axis=0) / weight.sum())
+        return dict(zip(self.names, rms.tolist(), strict=True))
+
+
+def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Array) -> Target:
+    """The target for channels ``names``; response : (K+1, m) H_k, solver_error : (K+1, m) sd of e_k."""
+    K = len(response) - 1
+    gain = np.concatenate([np.broadcast_to(np.eye(len(names)), (K + 1, *[len(names)] * 2)), -response[..., None]], -1)
+    covariance = gain @ _noise(beats, (*names, INFLOW))[: K + 1] @ np.conj(np.swapaxes(gain, 1, 2))
+    covariance[:, np.arange(len(names)), np.arange(len(names))] += solver_error**2
+    covariance[0] = covariance[0].real
+    # pascals and cubic metres per second: scaled before the factorisation
+    scale = np.sqrt(np.einsum("kii->ki", covariance).real)
+    factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
+    whitener = np.linalg.inv(factor) / scale[:, None, :]
+    return Target(tuple(names), coefficients(beats, names, K), covariance, whitener)
+
+
+def coefficients(beats: Beats, names: Sequence[str], K: int) -> Array:
+    """X_k of the mean beat, (K+1, m)."""
+    return np.stack([np.fft.rfft(beats.mean(name), norm="forward")[: K + 1] for name in names], axis=1)
+
+
+def pulses(beats: Beats, names: Sequence[str]) -> Array:
+    """Standard deviation over the mean beat of each channel, (m,); of the whole value where it does not pulsate."""
+    means = np.array([beats.mean(name) for name in names])
+    pulse = means.std(axis=1)
+    return np.where(pulse > 0.0, pulse, np.sqrt((means**2).mean(axis=1)) + np.finfo(float).tiny)
+
+
+def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
+    """The highest harmonic, at most ``most``, at which a channel is above its noise."""
+    X = coefficients(beats, names, most)
+    variance = np.einsum("kii->ki", _noise(beats, names))[: most + 1].real
+    above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance).any(axis=1))
+    return max(1, int(above[-1]) if len(above) else 1)
+
+
+def inflow(beats: Beats, dt: float) -> Callable[[Array], Array]:
+    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic."""
+    Q = beats.mean(INFLOW)
+    X = np.fft.rfft(Q, norm="forward")
+    weight = np.full(len(X), 2.0)
+    weight[0] = 1.0
+    if len(Q) % 2 == 0:
+        weight[-1] = 1.0  # the Nyquist coefficient is its own conjugate
+    kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
+    k, amplitude = np.arange(kept), (weight * X)[:kept]
+
+    def flow(t: Array) -> Array:
+        phase = np.mod(np.asarray(t, float) / beats.T, 1.0)
+        return (np.exp(2j * np.pi * phase[..., None] * k) @ amplitude).real
+
+    return flow
+
+
+def response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
+    """H_k : (K+1, m), the linearised network's channels per unit of inflow at harmonic k.
+
+    Raises ValueError as :func:`solver.linear.solve`.
+    """
+    impulse = np.zeros((2, 2 * K + 2))
+    impulse[1, 0] = 1.0  # every rfft coefficient is 1; the other member is rest, which the means are counted from
+    waves = linear.waveforms(network, impulse, T, dict(parameters))
+    return np.stack([np.fft.rfft(waves[name][1] - waves[name][0])[: K + 1] for name in names], axis=1)
+
+
+def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
+    """Standard deviation (K+1, m) of the solver's own error: what half the step changes, neighbours taken together.
+
+    X, X_finer : (K+1, m). The scheme is of second order or better, so the change is 3/4 of the error or more.
+    """
+    change = np.abs(X - X_finer) * (4.0 / 3.0)
+    padded = np.pad(change, ((1, 1), (0, 0)), mode="edge")
+    return np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:]) + _ROUND_OFF * pulse
+
+
+def _noise(beats: Beats, names: Sequence[str]) -> Array:
+    """Covariance (N//2+1, m, m) of the coefficients of mean beats: noise and what the sampling hides."""
+    S = beats.covariance(names)
+    dof = beats.n_beats - 1.0
+    variance = np.einsum("kii->ki", S).real
+    hidden = np.stack([_aliased(beats.mean(name), v) for name, v in zip(names, variance.T, strict=True)], axis=1)
+    S = np.concatenate([_shrunk(S[:1], dof), _shrunk(S[1:], _POOLED * dof)])
+    at = np.arange(len(names))
+    S[:, at, at] += hidden**2
+    return S
+
+
+def _shrunk(S: Array, dof: float) -> Array:
+    """Covariances (n, m, m) with their cross terms shrunk as far as they look like chance (Schäfer and Strimmer 2005).
+
+    Estimated from ``dof`` samples, independent channels have E|correlation|² = 1/dof. Without this, the inverse of a
+    matrix from few beats would see directions without noise that are not there.
+    """
+    sd = np.sqrt(np.einsum("kii->ki", S).real)
+    scale = sd[:, :, None] * sd[:, None, :]
+    correlation = np.divide(S, scale, out=np.zeros_like(S), where=scale > 0.0)
+    off = ~np.eye(S.shape[-1], dtype=bool)
+    found = float((np.abs(correlation[:, off]) ** 2).sum())
+    chance = len(S) * off.sum() / max(dof, 1.0)
+    keep = 1.0 - min(1.0, chance / found) if found > 0.0 else 0.0
+    return np.where(off, keep, 1.0) * S
+
+
+def _aliased(mean: Array, variance: Array) -> Array:
+    """Size (N//2+1,) of what frequencies beyond half the sampling rate add to each coefficient of a mean beat.
+
+    A kink (the start of an ejection) gives a tail C/k². Coefficient k then holds C/(N-k)² + C/(N+k)² beside its own
+    C/k²; C is read from the last quarter of the spectrum, over its noise.
+    """
+    N = len(mean)
+    k = np.arange(N // 2 + 1)
+    folded = 1.0 / (N - k) ** 2.0 + 1.0 / (N + k) ** 2.0
+    tail = k >= max(1, int(_TAIL * (N / 2.0)))
+    power = np.abs(np.fft.rfft(mean, norm="forward")) ** 2 - variance
+    C2 = float(np.mean(power[tail] / (1.0 / k[tail] ** 2.0 + folded[tail]) ** 2))
+    return np.sqrt(max(C2, 0.0)) * folded
