@@ -46,7 +46,7 @@ class WallFit:
 
     site; h [m] and eta as given; model; values : all five parameters in SI; covariance : (p, p) of ``model.free``.
     lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
-    r2 : 1 - |residual|²/|P - mean P|². chi2, dof : of the residual against its expected noise; where chi2 > dof the
+    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. chi2, dof : of the residual against its expected noise; where chi2 > dof the
     covariance has been scaled up by chi2/dof. condition : of the whitened columns, each of unit length.
     by_lag : relative change of E, R0 … for 1 ms by which P is delayed. ignored_noise : the values that ordinary least
     squares gives, without regard to the noise of R. filtered : the γ-loop. loop : what was fitted.
@@ -271,6 +271,7 @@ def _result(
     covariance = solution.covariance * max(1.0, solution.chi2 / dof)
     lag_sd = float(np.sqrt(covariance[-1, -1])) if lag_free else np.nan
     pulsatile = loop.P - loop.P.mean()
+    missed = loop.P - evaluate(chosen, values, h, eta, filtered.R, filtered.R_t).P
     return WallFit(
         site,
         h,
@@ -279,7 +280,7 @@ def _result(
         values,
         covariance[:p, :p],
         (solution.lag, lag_sd),
-        1.0 - float(np.sum(solution.residual**2) / np.sum(pulsatile**2)),
+        1.0 - float(np.sum(missed**2) / np.sum(pulsatile**2)),
         solution.chi2,
         dof,
         solution.condition,

@@ -1,0 +1,242 @@
+"""Command line of the fits: ``python -m fitting fit|virtual|cohort|calibrate|check``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from solver.files import find_network, parse_quantity, read_network, write_network
+
+from .beats import Beats, align
+from .parameter_set import read_set, write_set
+from .records import read_record
+from .regression import WallFit, bootstrap, fit
+from .wall_model import model
+
+app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True)
+
+Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no tables.")]
+Law = Annotated[str, typer.Option(help="Elastic law: regression (the paper's fit) or beta (the paper's network).")]
+
+
+@app.command("fit")
+def fit_command(
+    record: Annotated[Path, typer.Argument(help="CSV with `time [s]`, `<site>.P` and `<site>.R`.")],
+    site: Annotated[str, typer.Option(help="Name of the site: AA for AA.P and AA.R.")],
+    h: Annotated[str, typer.Option("--h", help='Wall thickness, measured: "0.38 mm".')],
+    R0: Annotated[
+        str | None, typer.Option("--R0", help='Unstressed radius if measured: "0.936 cm"; else fitted.')
+    ] = None,
+    wall: Annotated[str, typer.Option("--model", help="linear, nonlinear, extended or monotone.")] = "monotone",
+    law: Law = "regression",
+    eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
+    period: Period = None,
+    lag: Annotated[bool, typer.Option("--lag", help="Fit a time lag between P and R, too.")] = False,
+    replicates: Annotated[int, typer.Option("--bootstrap", help="Bootstrap replicates; 0: none.")] = 200,
+    out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the loop, measured against linear and chosen model.")
+    ] = None,
+    bench: Annotated[
+        Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Fit the wall of one site from its pressure and radius."""
+    with _sentences(), _bar(quiet) as progress:
+        progress(0.0, "reading")
+        beats = align(read_record(record), _seconds(period, "--period"))
+        chosen = model(wall, law)
+        options = {"R0": None if R0 is None else parse_quantity(R0, "m", "--R0"), "eta": eta, "lag_free": lag}
+        thickness = parse_quantity(h, "m", "--h")
+        names = list(dict.fromkeys(["linear", chosen.name]))
+        fits = [fit(beats, site, thickness, model(name, law), **options) for name in names]  # type: ignore[arg-type]
+        kept = fits[-1]
+        checked = (
+            bootstrap(kept, beats, replicates, progress=lambda f: progress(f, "bootstrap")) if replicates > 0 else {}
+        )
+        if out is not None:
+            write_set(kept.parameter_set(), out)
+        if bench is not None:
+            from .bench import bench_network
+
+            write_network(bench_network(site, kept.parameter_set(), beats.T), bench)
+        if figure is not None:
+            _draw(fits, beats, figure)
+    if not quiet:
+        _show_fit(fits, kept, beats, checked)
+        _say_written(out, figure, bench)
+
+
+@app.command("virtual")
+def virtual_command(
+    out: Annotated[Path, typer.Option(help="Folder for the records and cohort.csv.")],
+    animals: Annotated[int, typer.Option(help="How many.")] = 11,
+    seed: Annotated[int, typer.Option(help="Same seed, same animals.")] = 1,
+    dB: Annotated[float, typer.Option("--dB", help="Noise: 40 dB is 1 % of the pulsatile standard deviation.")] = 40.0,
+    quiet: Quiet = False,
+) -> None:
+    """Make a cohort of virtual animals: synthetic records with the paper's mean walls and a stated spread."""
+    from .virtual_cohort import virtual_cohort, write_cohort
+
+    with _sentences(), _bar(quiet) as progress:
+        progress(0.0, "making virtual animals")
+        write_cohort(virtual_cohort(seed, animals=animals, dB=dB), out)
+    if not quiet:
+        _say_written(out / "cohort.csv")
+
+
+@app.command("cohort")
+def cohort_command(
+    cohort: Annotated[Path, typer.Argument(help="CSV with animal, site, record, h [mm], R0 [mm].")],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    quiet: Quiet = False,
+) -> None:
+    """Fit many animals at many sites; means, spread, and the paper's claims tested."""
+    from .cohort import fit_cohort, read_cohort
+
+    with _sentences(), _bar(quiet) as progress:
+        found = fit_cohort(read_cohort(cohort), progress=progress)
+        found.write(out)
+    if not quiet:
+        _print(*found.tables())
+        _say_written(*sorted(out.glob("*.*")))
+
+
+@app.command("calibrate")
+def calibrate_command(
+    record: Annotated[Path, typer.Argument(help="CSV with `time [s]`, `inlet.Q` and P, Q or R at some sites.")],
+    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")],
+    free: Annotated[
+        list[str],
+        typer.Option(
+            help='What to find, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
+    start: Annotated[
+        Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
+    ] = None,
+    period: Period = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find parameters of a network from a record of it."""
+    from .calibrate import calibrate
+    from .tables import calibration_table
+
+    with _sentences(), _bar(quiet) as progress:
+        progress(0.0, "reading")
+        described = read_network(find_network(network))
+        if start is not None:
+            described = read_set(start).apply(described)
+        beats = align(read_record(record), _seconds(period, "--period"))
+        result = calibrate(beats, described, free, progress=progress)
+        if out is not None:
+            write_set(result.parameter_set(), out)
+    if not quiet:
+        _print(calibration_table(result))
+        _say(result.report)
+        _say_written(out)
+
+
+@app.command("check")
+def check_command(
+    parameters: Annotated[Path, typer.Argument(help="Parameter set: .json, .ssv or the name of a bundled one.")],
+    fmu: Annotated[Path, typer.Argument(help="The FMU, of a network or of a bench.")],
+    record: Annotated[Path, typer.Argument(help="CSV: a network record, or P and R of the bench's site.")],
+    out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
+    period: Period = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run an FMU with a parameter set in a fresh process and compare it with a record."""
+    from .check import check
+
+    with _sentences(), _bar(quiet) as progress:
+        report = check(
+            read_set(parameters),
+            fmu,
+            read_record(record),
+            period=_seconds(period, "--period"),
+            progress=lambda what: progress(0.0, what),
+        )
+        page = report.write(out)
+    if not quiet:
+        Console(soft_wrap=True).print(report.title, markup=False, highlight=False)
+        _say(report.warnings)
+        _say_written(page)
+
+
+# --- what the commands share --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _sentences() -> Iterator[None]:
+    """One sentence and exit code 2 for what a user can put right."""
+    try:
+        yield
+    except (ValueError, ArithmeticError, RuntimeError) as error:
+        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from None
+
+
+@contextmanager
+def _bar(quiet: bool) -> Iterator[Callable[[float, str], None]]:
+    """A progress bar on the error stream; the callback takes a fraction of the work and what is being done."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda fraction, what: bar.update(task, completed=fraction, description=what)
+
+
+def _seconds(text: str | None, name: str) -> float | None:
+    return None if text is None else parse_quantity(text, "s", name)
+
+
+def _draw(fits: list[WallFit], beats: Beats, path: Path) -> None:
+    from .figures import loop_figure, write_png  # matplotlib takes a second
+
+    write_png(loop_figure(fits, beats), path)
+
+
+def _show_fit(fits: list[WallFit], kept: WallFit, beats: Beats, checked: dict[str, tuple[float, float]]) -> None:
+    from .indices import indices
+    from .tables import fits_table, indices_table, sensitivity_table
+
+    _print(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, indices(kept, beats)))
+    if kept.lag[1] == kept.lag[1]:
+        _say([f"{kept.site}: P is late by {1e3 * kept.lag[0]:.3g} ± {1.96e3 * kept.lag[1]:.2g} ms."])
+    _say(kept.warnings)
+
+
+def _print(*tables: RenderableType) -> None:
+    console = Console()
+    for table in tables:
+        console.print(table)
+
+
+def _say(sentences: list[str] | tuple[str, ...]) -> None:
+    for text in sentences:
+        Console(soft_wrap=True).print(f"Note: {text}", markup=False, highlight=False)
+
+
+def _say_written(*paths: Path | None) -> None:
+    for path in paths:
+        if path is not None:
+            Console(soft_wrap=True).print(f"wrote {path}", markup=False, highlight=False)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,118 @@
+"""Figures of one site's fit, as in the paper: the P–R loop measured against linear and nonlinear model."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from solver.files import write_whole
+
+from .beats import Beats
+from .regression import WallFit
+
+Array = np.ndarray
+
+MMHG = 133.322387415  # Pa
+# Okabe and Ito's colours, which colour-blind readers can tell apart
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = (
+    "#000000",
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+)
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+}
+_TITLES = {
+    "linear": "Linear Kelvin–Voigt",
+    "nonlinear": "Nonlinear Kelvin–Voigt, quadratic",
+    "monotone": "Nonlinear Kelvin–Voigt, monotone",
+    "extended": "Nonlinear Kelvin–Voigt with $E_{NL}$",
+}
+
+
+def write_png(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a figure as PNG, whole or not at all. Raises ValueError if it cannot be written."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=160)
+    write_whole(path, buffer.getvalue())
+
+
+def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
+    """Measured loop and model for each fit side by side, and the residuals' spectrum of each against its noise."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(3.6 * (len(fits) + 1), 3.6), layout="constrained")
+        axes = figure.subplots(1, len(fits) + 1)
+        for ax, fitted in zip(axes, fits, strict=False):
+            _loop(ax, fitted, beats)
+        for ax in axes[1 : len(fits)]:
+            ax.sharey(axes[0])
+        _spectrum(axes[-1], fits)
+        figure.suptitle(f"Site {fits[0].site}: {beats.n_beats} beats of {beats.T:.4g} s", fontsize=10)
+    return figure
+
+
+def _loop(ax: Axes, fitted: WallFit, beats: Beats) -> None:
+    """Every measured beat, their mean, and the model."""
+    P, R = beats.site(fitted.site)
+    ax.plot(1e3 * R.T, P.T / MMHG, ".", color=SKY, markersize=2, alpha=0.35, zorder=1)
+    ax.plot([], [], ".", color=SKY, label="measured, all beats")
+    ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")
+    R_model, P_model = _closed(1e3 * fitted.solution.R, fitted.P_fitted / MMHG)
+    ax.plot(R_model, P_model, color=VERMILION, linewidth=1.8, linestyle=(0, (4, 2)), label="model")
+    ax.set_title(_TITLES.get(fitted.model.name, fitted.model.name))
+    ax.set_xlabel("radius R, mm")
+    ax.set_ylabel("pressure P, mmHg")
+    ax.text(
+        0.97,
+        0.03,
+        f"residual {100 * np.sqrt(max(1.0 - fitted.r2, 0.0)):.2g} % of the pulse\nχ²/dof {fitted.chi2 / fitted.dof:.2g}",
+        transform=ax.transAxes,
+        ha="right",
+        va="bottom",
+    )
+    ax.legend(loc="upper left", fontsize=8)
+
+
+def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
+    """|residual_k| per model and the noise expected of it, up to the last harmonic where P stands out."""
+    shown = _harmonics_shown(fits[0])
+    for fitted, colour, marker in zip(fits, (BLUE, VERMILION, GREEN, PURPLE), "osD^", strict=False):
+        k, size, _ = fitted.residual_spectrum()
+        ax.semilogy(k[1:shown], size[1:shown], marker, color=colour, markersize=4, label=fitted.model.name)
+    k, _, expected = fits[-1].residual_spectrum()
+    P = np.abs(np.fft.rfft(fits[0].loop.P)) / fits[0].loop.N
+    ax.semilogy(k[1:shown], P[1:shown], color=BLACK, linewidth=1.0, label="measured pressure")
+    ax.semilogy(k[1:shown], expected[1:shown], color=SKY, linewidth=2.0, label="noise (1 sd)")
+    ax.set_title("Residual of the pressure")
+    ax.set_xlabel("harmonic k")
+    ax.set_ylabel("amplitude of the Fourier coefficient, Pa")
+    ax.legend(fontsize=8)
+
+
+def _harmonics_shown(fitted: WallFit) -> int:
+    k, _, expected = fitted.residual_spectrum()
+    P = np.abs(np.fft.rfft(fitted.loop.P)) / fitted.loop.N
+    above = k[P > 3.0 * expected]
+    return int(min(len(k), max(12, 1.5 * above.max() if above.size else 12)))
+
+
+def _closed(x: Array, y: Array) -> tuple[Array, Array]:
+    return np.append(x, x[0]), np.append(y, y[0])

@@ -1,0 +1,101 @@
+"""What the command line prints: rich tables of fits and calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.table import Table
+
+from .calibrate import Calibration
+from .indices import Estimate
+from .regression import WallFit
+
+# parameter -> label, factor from SI
+_SHOWN = {
+    "E": ("E, MPa", 1e-6),
+    "R0": ("R0, mm", 1e3),
+    "phi0": ("φ0, kPa·s", 1e-3),
+    "phiNL": ("φNL, kPa·s²", 1e-3),
+    "ENL": ("ENL, MPa", 1e-6),
+}
+# unit of an index -> unit people read it in, factor from SI
+_READ = {
+    "Pa": ("MPa", 1e-6),
+    "1/Pa": ("10⁻³/mmHg", 133.322387415e3),
+    "m^2/Pa": ("mm²/mmHg", 133.322387415e6),
+    "m/s": ("m/s", 1.0),
+    "J/m": ("mJ/m", 1e3),
+    "s": ("ms", 1e3),
+    "1": ("", 1.0),
+}
+
+
+def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
+    """Parameters ± half the 95 % interval, one column a model."""
+    beats, source, _ = chosen.beats
+    table = Table(title=f"Wall of {chosen.site}: {beats} beats of {chosen.loop.T:.5g} s, {source}")
+    table.add_column("± half the 95 % interval")
+    for fitted in fits:
+        table.add_column(fitted.model.name + (" (kept)" if fitted is chosen else ""), justify="right")
+    for name, (label, factor) in _SHOWN.items():
+        if any(name in f.model.free for f in fits):
+            table.add_row(label, *(_estimate(f, name, factor) for f in fits))
+    table.add_row("φ0/E, ms", *(f"{1e3 * f.relaxation_time[0]:.4g}" for f in fits))
+    table.add_row("R²", *(f"{f.r2:.6f}" for f in fits))
+    table.add_row("χ²/dof", *(f"{f.chi2 / f.dof:.3g}" for f in fits))
+    table.add_row("condition number", *(f"{f.condition:.0f}" for f in fits))
+    table.add_row("γ, µm", *(f"{1e6 * f.filtered.gamma:.3g}" for f in fits))
+    table.add_row("harmonics kept", *(f"{len(f.filtered.kept)}" for f in fits))
+    return table
+
+
+def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, float]]) -> Table:
+    """What a time lag does, what ignoring the noise of R would give, and the bootstrap beside the interval."""
+    table = Table(title=f"How sure: {fitted.model.name} model of {fitted.site}")
+    table.add_column("parameter")
+    table.add_column("P late by 1 ms", justify="right")
+    table.add_column("noise of R ignored", justify="right")
+    table.add_column("95 % interval", justify="right")
+    if bootstrapped:
+        table.add_column("bootstrap of the beats", justify="right")
+    for name in fitted.model.free:
+        label, factor = _SHOWN[name]
+        bias = fitted.ignored_noise[name] / fitted.values[name] - 1.0
+        row = [label, f"{fitted.by_lag[name]:+.2%}", f"{bias:+.2%}", _interval(fitted.ci95(name), factor)]
+        if bootstrapped:
+            row.append(_interval(bootstrapped[name], factor))
+        table.add_row(*row)
+    return table
+
+
+def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
+    """What a physiologist reads."""
+    table = Table(title=f"{site} at the mean pressure of the beat")
+    for column in ("index", "value", "95 % interval", "unit"):
+        table.add_column(column, justify="left" if column in ("index", "unit") else "right")
+    for name, estimate in indices.items():
+        unit, factor = _READ[estimate.unit]
+        table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", _interval(estimate.ci95, factor), unit)
+    return table
+
+
+def calibration_table(result: Calibration) -> Table:
+    """Every value that moved, with its interval, in SI."""
+    table = Table(title=f"{result.network} calibrated: χ²/dof {result.chi2 / result.dof:.3g}")
+    table.add_column("parameter")
+    table.add_column("value (SI)", justify="right")
+    table.add_column("95 % interval", justify="right")
+    for name, value in result.values.items():
+        table.add_row(name, f"{value:.5g}", _interval(result.ci95[name], 1.0))
+    return table
+
+
+def _estimate(fitted: WallFit, name: str, factor: float) -> str:
+    if name not in fitted.model.free:
+        return f"{factor * fitted.values[name]:.5g} (given)" if fitted.values[name] else "–"
+    low, high = fitted.ci95(name)
+    return f"{factor * fitted.values[name]:.5g} ± {factor * (high - low) / 2.0:.2g}"
+
+
+def _interval(ends: tuple[float, float] | None, factor: float) -> str:
+    return "–" if ends is None else f"{factor * ends[0]:.5g} … {factor * ends[1]:.5g}"
