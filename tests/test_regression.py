@@ -157,7 +157,7 @@ def test_R0_given() -> None:
 def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) -> None:
     """200 seeds: median error within the targets; 95 % intervals cover 90–98 %; chi²/dof is 1.
 
-    Measured: E 0.02 %, R0 0.003 %, φ0 0.15 %, φ_NL 1 %. All seven sites: benchmarks/fitting.py. With 200 seeds the
+    Measured: E 0.02 %, R0 0.003 %, φ0 0.15 %, φ_NL 1 %. All seven sites: benchmarks/wall_fits.py. With 200 seeds the
     coverage of an exact interval is 95 ± 1.5 %.
     """
     wall = table_wall(site)
