@@ -54,9 +54,9 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
     relaxation_time       φ0/E [s]
     ====================  ====================================================================================
 
-    Intervals follow from the fit's covariance by the delta method (derivatives by central differences) with the loop and
-    its mean pressure as they are; that of loss_measured from the noise of the harmonics. Raises ValueError if the beats lack the site's channels, or the
-    fitted wall cannot carry their mean pressure.
+    Intervals follow from the fit's covariance by the delta method (derivatives by central differences), with the loop
+    and its mean pressure as they are; that of loss_measured from the noise of the harmonics.
+    Raises ValueError if the beats lack the site's channels, or the fitted wall cannot carry their mean pressure.
     Sources: D. H. Bergel, J. Physiol. 156 (1961) 445; J. C. Bramwell and A. V. Hill, Proc. R. Soc. B 93 (1922) 298.
     """
     P_mean = float(beats.mean(f"{fit.site}.P").mean())
