@@ -1,0 +1,47 @@
+"""The bench as a network: one short piece of artery under an imposed pressure, so that its FMU gives R for a P."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from solver.network import Inlet, Network, Pressure, Segment, Site
+
+from .parameter_set import ParameterSet
+
+LENGTH = 1e-3  # [m]; over a millimetre the pressure falls by less than a pascal, and the radius follows the wall alone
+NEEDED = ("R0", "h", "E")
+
+
+def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Network:
+    """A segment named as the site, closed at the inlet, with the pressure `<site>.outlet.P_venous` at its end.
+
+    parameters : must hold R0, h and E of the site; its other values of the site and of ``network``, and its laws, apply
+    too. T : period of the default inflow (which is 0) [s]. P_ref = 0: R0 is the radius without pressure.
+    Raises ValueError, one sentence, if a value is missing or not allowed.
+    """
+    missing = [f"{site}.{key}" for key in NEEDED if f"{site}.{key}" not in parameters.values]
+    if missing:
+        raise ValueError(f"parameter set {parameters.name}: a bench of {site} needs {', '.join(missing)}; add it.")
+    own = own_values(site, parameters)
+    wall: dict[str, Any] = {
+        key.removeprefix(f"{site}."): own.values[key].value for key in own.values if key.startswith(f"{site}.")
+    }
+    network = Network(
+        f"bench_{site}",
+        (Segment(site, LENGTH, **wall),),
+        Inlet(site, Q_max=0.0, T=T),
+        outlets=(Pressure(site),),
+        sites=(Site(site, site),),
+        reference=f"One artery on the bench, from the parameter set {parameters.name}.",
+    )
+    return own.apply(network)
+
+
+def own_values(site: str, parameters: ParameterSet) -> ParameterSet:
+    """What of a set counts on the bench of one site: the wall of that site but its length, eta and the laws."""
+    counts = {
+        name: value
+        for name, value in parameters.values.items()
+        if name.rpartition(".")[0] in (site, "network") and name != f"{site}.L"
+    }
+    return ParameterSet(parameters.name, counts, parameters.texts, parameters.provenance)

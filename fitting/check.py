@@ -1,0 +1,405 @@
+"""The last word on a parameter set: the FMU, run with it, against the record.
+
+Network: the record's mean inflow drives the FMU until its beat repeats, and every channel that both have is compared.
+Bench: there is no inflow; the measured pressure of one site drives the FMU of one short segment, and the radius is
+compared. The simulated beat has the record's phase because what drives it has.
+
+Residuals are *whitened*: the harmonics of measured less simulated mean beat over the standard deviation that the noise
+alone gives them. To that belongs the noise of what drives the FMU: a second run, with a slightly different beat, tells
+how the FMU answers each harmonic of it. The top quarter of the harmonics is left out, because there a sampled beat is
+not what drove the artery; the solver's own error is not in the noise.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver.files import write_whole
+
+from .beats import Beats, align
+from .bench import own_values
+from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
+from .parameter_set import ParameterSet
+from .records import Record
+
+Array = np.ndarray
+Progress = Callable[[str], None]
+
+INFLOW = "inlet.Q"
+DISPLAY = {"P": ("mmHg", 1 / 133.322387415), "Q": ("mL/s", 1e6), "R": ("mm", 1e3)}
+UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}
+_TRUSTED = 0.75  # of the Nyquist frequency
+_NUDGE = 0.01  # of the driving beat's pulsatile standard deviation: the second run's difference
+_NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
+_SEED = 11  # phases of the nudge
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How well one channel agrees: simulated less measured, in SI.
+
+    relative : L2 norm of the difference over that of the measured beat, without its mean for P and R.
+    largest : largest difference over the measured pulse. mean_error, pulse_error : of the mean and of max - min.
+    whitened : RMS over harmonics of residual/noise (1 = noise); whitened_sensor : by the sensor's own noise alone;
+    mean_z : the same for the mean, with sign. worst_harmonic, worst_z : where it is largest. None without noise.
+    """
+
+    name: str
+    unit: str
+    rmse: float
+    relative: float
+    largest: float
+    mean_error: float
+    pulse: float
+    pulse_error: float
+    whitened: float | None
+    whitened_sensor: float | None
+    mean_z: float | None
+    worst_harmonic: int | None
+    worst_z: float | None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Area of the pressure-radius loop of a site, ∮ P dR [Pa·m]: the energy that an area of wall loses in a beat."""
+
+    site: str
+    measured: float
+    simulated: float
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A mean beat, what the FMU says, and the standard deviation between beats: (N,) each, in SI."""
+
+    measured: Array
+    simulated: Array
+    scatter: Array
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What :func:`check` found. mode : "network" or "bench". waveforms : by channel, with what drove the FMU.
+
+    ``sources`` says which record, FMU and set it was; ``run`` how the FMU was run; ``warnings`` what to know.
+    """
+
+    mode: str
+    driver: str
+    T: float
+    channels: tuple[Channel, ...]
+    loops: tuple[Loop, ...]
+    sources: Mapping[str, Any]
+    run: Mapping[str, Any]
+    warnings: tuple[str, ...]
+    waveforms: Mapping[str, Waveform] = field(repr=False)
+
+    @property
+    def worst(self) -> Channel:
+        """The channel with the largest relative error."""
+        return max(self.channels, key=lambda channel: channel.relative)
+
+    @property
+    def title(self) -> str:
+        """One sentence: "worst channel CA.Q: 0.4 % of its norm, whitened 1.1"."""
+        worst = self.worst
+        norm = "norm" if worst.name.endswith(".Q") else "pulsatile norm"
+        noise = "" if worst.whitened is None else f", whitened {worst.whitened:.1f}"
+        return f"worst channel {worst.name}: {100 * worst.relative:.2g} % of its {norm}{noise}"
+
+    def to_json(self) -> str:
+        """Everything but the waveforms."""
+        data = {
+            "title": self.title,
+            "mode": self.mode,
+            "driver": self.driver,
+            "T": {"value": self.T, "unit": "s"},
+            "channels": {channel.name: asdict(channel) for channel in self.channels},
+            "loops": {loop.site: {**asdict(loop), "unit": "Pa.m"} for loop in self.loops},
+            "warnings": self.warnings,
+            "run": self.run,
+            "sources": self.sources,
+        }
+        return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def write(self, directory: str | os.PathLike[str]) -> Path:
+        """Write check.json, check.html and figures as PNG (waveforms, residuals, loops); returns the path of the page.
+
+        Raises ValueError if the directory cannot be written.
+        """
+        from .report import figures, page  # matplotlib takes a second
+
+        folder = Path(directory)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+        drawn = figures(self)
+        write_whole(folder / "check.json", self.to_json())
+        for name, figure in drawn.items():
+            write_whole(folder / f"{name}.png", figure.png)
+        write_whole(folder / "check.html", page(self, drawn))
+        return folder / "check.html"
+
+
+def check(
+    parameters: ParameterSet,
+    fmu: str | os.PathLike[str],
+    record: Record,
+    *,
+    period: float | None = None,
+    progress: Progress | None = None,
+) -> CheckReport:
+    """Run the FMU with the set as start values, driven by the record, and compare every channel that both have.
+
+    period : of the beat [s], by default found. progress : told what is being done.
+    Raises ValueError, one sentence, if set, FMU and record do not belong together; RunFailed with the FMU's sentence.
+    """
+    tell = progress or (lambda _: None)
+    described = read_fmu(fmu)
+    mode, driver, source, compared, starts = _plan(parameters, described, record)
+    tell("aligning the beats")
+    beats = align(record, period)
+    drive = beats.mean(source)
+    if mode == "bench":
+        starts = {**starts, "network.P_0": float(drive[0])}
+    tell("running the FMU")
+    answer = periodic_answer(described, driver, drive, beats.T, starts)
+    K = int(_TRUSTED * min(beats.N, steps_per_beat(described, beats.T)) / 2)
+    noise = {name: beats.covariance((name, source))[: K + 1] for name in compared}
+    response: dict[str, Array] = {}
+    noisy = tuple(name for name in compared if _is_noisy(noise[name], beats, name))
+    if noisy:
+        tell("running the FMU with a slightly different beat")
+        response = _response(described, driver, drive, beats, starts, answer, noisy, K)
+    waveforms = {
+        name: Waveform(beats.mean(name), fourier(answer.values[name], beats.N), beats.scatter(name))
+        for name in compared
+    }
+    channels = tuple(_channel(name, waveforms[name], noise[name], response.get(name)) for name in compared)
+    waveforms[source] = Waveform(drive, drive, beats.scatter(source))
+    return CheckReport(
+        mode,
+        source,
+        beats.T,
+        channels,
+        _loops(waveforms),
+        _sources(parameters, described, beats),
+        _run(described, beats, answer, K),
+        _warnings(parameters, described, record, compared, source, answer, starts),
+        waveforms,
+    )
+
+
+# --- what belongs together ----------------------------------------------------------------------------------------
+
+
+def _plan(
+    parameters: ParameterSet, fmu: FMU, record: Record
+) -> tuple[str, str, str, tuple[str, ...], dict[str, float | str]]:
+    """Mode, input that is driven, channel that drives it, channels to compare, start values."""
+    starts = parameters.start_values()
+    if INFLOW in record.channels:
+        mode, driver, source = "network", INFLOW, INFLOW
+        compared = tuple(name for name in record.channels if name in fmu.outputs)
+        if not compared:
+            raise ValueError(
+                f"{record.path}: none of its channels ({_some(record.channels)}) is an output of the FMU {fmu.name} "
+                f"({_some(fmu.outputs)}); check it against the FMU of the network that was recorded."
+            )
+    else:
+        site = _bench_site(fmu, record)
+        mode, driver, source, compared = "bench", f"{site}.outlet.P_venous", f"{site}.P", (f"{site}.R",)
+        starts = own_values(site, parameters).start_values()
+        if not any(name.startswith(f"{site}.") for name in starts):
+            raise ValueError(
+                f"parameter set {parameters.name}: it has no value of {site}, the site on the bench; use its own set."
+            )
+    for name in starts:
+        if name not in fmu.parameters and name not in fmu.inputs:
+            raise ValueError(
+                f"{name} of the parameter set {parameters.name}: the FMU {fmu.name} has no such variable; "
+                "use the FMU of the network that the set belongs to, or leave the value out."
+            )
+    return mode, driver, source, compared, starts
+
+
+def _bench_site(fmu: FMU, record: Record) -> str:
+    """The site of a bench FMU: one segment, a prescribed pressure at its end, P and R in the record."""
+    segments = [name.removesuffix(".L") for name in fmu.parameters if name.endswith(".L")]
+    site = segments[0] if len(segments) == 1 else ""
+    driven = f"{site}.outlet.P_venous" in fmu.inputs and f"{site}.R" in fmu.outputs
+    own = [
+        name for name in fmu.parameters if name.startswith(f"{site}.outlet.")
+    ]  # R_t, R1 …: not a prescribed pressure
+    if not driven or own:
+        raise ValueError(
+            f"{record.path}: it has no inlet.Q, which the FMU {fmu.name} needs; record the inflow, "
+            "or check P and R of one site with a bench FMU of it."
+        )
+    missing = [name for name in (f"{site}.P", f"{site}.R") if name not in record.channels]
+    if missing:
+        raise ValueError(
+            f"{record.path}: {' and '.join(missing)} is missing for the bench FMU {fmu.name}; "
+            f"it holds {_some(record.channels)}."
+        )
+    return site
+
+
+def _some(names: Any) -> str:
+    listed = list(names)
+    return ", ".join(listed[:8]) + (", …" if len(listed) > 8 else "")
+
+
+def _warnings(
+    parameters: ParameterSet,
+    fmu: FMU,
+    record: Record,
+    compared: tuple[str, ...],
+    source: str,
+    answer: Answer,
+    starts: Mapping[str, float | str],
+) -> tuple[str, ...]:
+    found = []
+    if answer.change > PERIODIC:
+        found.append(
+            f"The FMU is not periodic after {answer.beats} beats: the last differs by {answer.change:.1e} from the one "
+            "before. Start nearer to the mean pressure (network.P_0 of the network)."
+        )
+    left = [name for name in record.channels if name not in compared and name != source]
+    if left:
+        found.append(f"Not compared, because the FMU {fmu.name} has no such output here: {', '.join(left)}.")
+    unused = [name for name in parameters.start_values() if name not in starts]
+    if unused:
+        found.append(f"Not used on this bench: {_some(unused)}.")
+    return tuple(found)
+
+
+# --- comparing ----------------------------------------------------------------------------------------------------
+
+
+def _response(
+    fmu: FMU,
+    driver: str,
+    drive: Array,
+    beats: Beats,
+    starts: Mapping[str, float | str],
+    answer: Answer,
+    names: tuple[str, ...],
+    K: int,
+) -> dict[str, Array]:
+    """H_k of every channel : (K + 1,): its change of harmonic k over that of what drives the FMU.
+
+    All harmonics are nudged at once, in random phase and by 1 % together: the network is close to linear in so little.
+    """
+    phases = np.random.default_rng(_SEED).uniform(0.0, 2.0 * np.pi, K + 1)
+    phases[0] = 0.0
+    size = _NUDGE * float(np.std(drive)) / np.sqrt(2.0 * K + 1.0)
+    nudge = np.zeros(beats.N // 2 + 1, complex)
+    nudge[: K + 1] = size * np.exp(1j * phases)
+    nudged = drive + np.fft.irfft(nudge, beats.N, norm="forward")
+    other = periodic_answer(fmu, driver, nudged, beats.T, starts, answer.beats)
+    return {
+        name: _coefficients(fourier(other.values[name] - answer.values[name], beats.N), K) / nudge[: K + 1]
+        for name in names
+    }
+
+
+def _coefficients(beat: Array, K: int) -> Array:
+    return np.fft.rfft(beat, norm="forward")[: K + 1]
+
+
+def _is_noisy(S: Array, beats: Beats, name: str) -> bool:
+    """Whether the covariance of a channel is more than round-off."""
+    least = (_NOISELESS * float(np.ptp(beats.mean(name)))) ** 2 / beats.N
+    return bool(S[:, 0, 0].real.min() > least)
+
+
+def _channel(name: str, waveform: Waveform, S: Array, H: Array | None) -> Channel:
+    kind = name[-1]
+    measured, simulated = waveform.measured, waveform.simulated
+    difference = simulated - measured
+    size = np.linalg.norm(measured if kind == "Q" else measured - measured.mean())
+    pulse = float(np.ptp(measured))
+    return Channel(
+        name=name,
+        unit=UNITS[kind],
+        rmse=float(np.sqrt(np.mean(difference**2))),
+        relative=float(np.linalg.norm(difference) / size),
+        largest=float(np.abs(difference).max() / pulse),
+        mean_error=float(difference.mean()),
+        pulse=pulse,
+        pulse_error=float(np.ptp(simulated) - pulse),
+        **_whitened(_coefficients(difference, len(S) - 1), S, H),
+    )
+
+
+def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
+    """Residual x : (K + 1,) over its noise; S : (K + 1, 2, 2) covariance of channel and drive; H : the FMU's answer."""
+    keys = ("whitened", "whitened_sensor", "mean_z", "worst_harmonic", "worst_z")
+    if H is None:
+        return dict.fromkeys(keys)
+    own = S[:, 0, 0].real
+    # the measured drive is off by q, and with it the simulated channel by H q
+    noise = own + np.abs(H) ** 2 * S[:, 1, 1].real - 2.0 * (np.conj(H) * S[:, 0, 1]).real
+    if min(own.min(), noise.min()) <= 0.0:
+        return dict.fromkeys(keys)
+    z = np.abs(x) / np.sqrt(noise)
+    worst = int(z[1:].argmax()) + 1
+    sensor = np.abs(x[1:]) ** 2 / own[1:]
+    mean_z = float(x[0].real / np.sqrt(noise[0]))
+    values = (float(np.sqrt(np.mean(z[1:] ** 2))), float(np.sqrt(sensor.mean())), mean_z, worst, float(z[worst]))
+    return dict(zip(keys, values, strict=True))
+
+
+def _loops(waveforms: Mapping[str, Waveform]) -> tuple[Loop, ...]:
+    sites = [name.removesuffix(".R") for name in waveforms if name.endswith(".R")]
+    return tuple(
+        Loop(
+            site,
+            loop_area(waveforms[f"{site}.P"].measured, waveforms[f"{site}.R"].measured),
+            loop_area(waveforms[f"{site}.P"].simulated, waveforms[f"{site}.R"].simulated),
+        )
+        for site in sites
+        if f"{site}.P" in waveforms
+    )
+
+
+def loop_area(P: Array, R: Array) -> float:
+    """∮ P dR [Pa·m] of a beat (N,), spectrally exact: 4π Σ k Re(i P_k* R_k); positive where the wall loses energy."""
+    p, r = np.fft.rfft(P, norm="forward"), np.fft.rfft(R, norm="forward")
+    k = np.arange(len(p))
+    return float(4.0 * np.pi * np.sum(k * (np.conj(p) * 1j * r).real))
+
+
+# --- where it comes from ------------------------------------------------------------------------------------------
+
+
+def _sources(parameters: ParameterSet, fmu: FMU, beats: Beats) -> dict[str, Any]:
+    return {
+        "record": {"path": beats.source, "sha256": beats.sha256},
+        "fmu": {"path": fmu.path, "name": fmu.name, "guid": fmu.guid},
+        "parameter_set": {
+            "name": parameters.name,
+            "texts": dict(parameters.texts),
+            "provenance": dict(parameters.provenance),
+        },
+    }
+
+
+def _run(fmu: FMU, beats: Beats, answer: Answer, K: int) -> dict[str, Any]:
+    return {
+        "beats_measured": beats.n_beats,
+        "samples_a_beat": beats.N,
+        "beats_run": answer.beats,
+        "change": answer.change,
+        "step": {"value": beats.T / steps_per_beat(fmu, beats.T), "unit": "s"},
+        "harmonics": K,
+    }

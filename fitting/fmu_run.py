@@ -1,0 +1,175 @@
+"""An FMU as seen from outside: what its description says, and its periodic answer to a periodic input.
+
+Each run is a fresh process, because a process that has run one FMU keeps its code.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import fmpy
+import numpy as np
+
+Array = np.ndarray
+
+BEATS = (5, 10, 20, 40, 60)  # runs from rest, until the last two beats agree
+PERIODIC = 1e-4  # largest relative change of an output between them
+_STEADY = 1e-4  # of the largest output of the kind: a smaller pulse counts as none when beats are compared
+
+
+class RunFailed(RuntimeError):
+    """The FMU did not reach its stop time; the message is its own sentence."""
+
+
+@dataclass(frozen=True)
+class FMU:
+    """What modelDescription.xml says. inputs, parameters, outputs : names. dt : internal time step [s]."""
+
+    path: str
+    name: str
+    guid: str
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+    dt: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The last beat of a run: ``values`` : name -> (n,) [SI], sample j at time j T/n of the beat.
+
+    beats : that were run. change : largest relative change of an output from the beat before.
+    """
+
+    values: Mapping[str, Array]
+    beats: int
+    change: float
+
+
+def read_fmu(path: str | os.PathLike[str]) -> FMU:
+    """The description of an FMU of this project. Raises ValueError, one sentence, if the file is none."""
+    source = os.fspath(path)
+    try:
+        description = fmpy.read_model_description(source)
+    except OSError as error:
+        raise ValueError(f"{source}: cannot be read ({error.strerror or 'not a file'}); check the path.") from None
+    except (zipfile.BadZipFile, KeyError):
+        raise ValueError(f"{source}: not an FMU; build one with build_fmu.py.") from None
+    variables = {variable.name: variable for variable in description.modelVariables}
+    names = {
+        kind: tuple(name for name, variable in variables.items() if variable.causality == kind)
+        for kind in ("input", "parameter", "output")
+    }
+    if "inlet.Q" not in names["input"] or "solver.dt" not in names["parameter"]:
+        raise ValueError(f"{source}: not an arterial FMU (it has no inlet.Q or solver.dt); use one of build_fmu.py.")
+    return FMU(
+        source,
+        description.modelName,
+        description.guid,
+        names["input"],
+        names["parameter"],
+        names["output"],
+        float(variables["solver.dt"].start),
+    )
+
+
+def steps_per_beat(fmu: FMU, T: float) -> int:
+    """Internal steps of a beat: a whole number, each at most the FMU's dt (and the round-off of a period)."""
+    return max(8, int(np.ceil(T / fmu.dt - 1e-3)))
+
+
+def periodic_answer(
+    fmu: FMU,
+    driver: str,
+    beat: Array,
+    T: float,
+    start_values: Mapping[str, float | str],
+    beats: int | None = None,
+) -> Answer:
+    """The FMU driven by a beat that repeats until its answer does.
+
+    driver : an input. beat : (N,) [SI], its samples at j T/N, Fourier-interpolated. The internal step is T over a
+    whole number, so that beats fall on the grid. beats : run just so many; else 5 to 60, until two agree to 1e-4.
+    Raises RunFailed with the FMU's sentence.
+    """
+    for m in (beats,) if beats else BEATS:
+        n = steps_per_beat(fmu, T)
+        before, last = _run(fmu, driver, beat, T / n, n, m, {**start_values, "solver.dt": T / n})
+        change = _change(last, before)
+        if change <= PERIODIC:
+            break
+    return Answer(last, m, change)
+
+
+def fourier(beat: Array, M: int) -> Array:
+    """The trigonometric interpolant of a beat (N,) at M even phases: (M,). Exact for what N samples can hold."""
+    N = len(beat)
+    X = np.fft.rfft(beat, norm="forward")
+    X[1:] *= 2.0
+    if N % 2 == 0:
+        X[-1] *= 0.5  # the coefficient at the Nyquist frequency stands for one cosine
+    if M == N:
+        return np.asarray(beat, float).copy()
+    return np.polynomial.polynomial.polyval(np.exp(2j * np.pi * np.arange(M) / M), X).real
+
+
+def _run(
+    fmu: FMU, driver: str, beat: Array, h: float, n: int, beats: int, starts: Mapping[str, float | str]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """The last two beats of a run in a fresh process."""
+    # an input other than the inflow is held at its value in the middle of each step: half steps hold it exactly
+    parts = 1 if driver == "inlet.Q" else 2
+    values = np.tile(fourier(beat, parts * n), beats)
+    values = np.append(values, values[0])
+    time = np.arange(len(values)) * (h / parts)
+    stop = beats * n * h
+    time[-1] = max(time[-1], stop)
+    with TemporaryDirectory(prefix="check_", ignore_cleanup_errors=True) as folder:
+        inputs, start_values, result = (Path(folder) / name for name in ("inputs.csv", "starts.json", "result.csv"))
+        rows = [f"{t!r},{value!r}" for t, value in zip(time.tolist(), values.tolist(), strict=True)]
+        inputs.write_text("\n".join([f"time,{driver}", *rows, ""]), encoding="utf-8")
+        start_values.write_text(json.dumps(dict(starts)), encoding="utf-8")
+        options = {"--inputs": inputs, "--start-values": start_values, "--out": result}
+        line = [sys.executable, "-m", "fmu_src.run", os.path.abspath(fmu.path), "--quiet"]
+        line += [part for option, path in options.items() for part in (option, os.fspath(path))]
+        line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
+        done = subprocess.run(line, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise RunFailed(_sentence(done.stderr) or f"{fmu.path}: its process ended with {done.returncode}.")
+        with result.open(encoding="utf-8") as file:
+            names = [title.split(" [")[0] for title in file.readline().split(",")]
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+    if len(table) != beats * n + 1 or abs(table[-1, 0] - stop) > 1e-9 * stop:
+        raise RunFailed(f"{fmu.path}: the run stopped at {table[-1, 0]:g} s instead of {stop:g} s.")
+    columns = {name: table[:, names.index(name)] for name in fmu.outputs}
+    start = (beats - 1) * n
+    before = {name: column[start - n : start] for name, column in columns.items()}
+    return before, {name: column[start:-1] for name, column in columns.items()}
+
+
+def _sentence(text: str) -> str:
+    """What the process said last, without the name of its kind."""
+    lines = [line.strip() for line in text.strip().splitlines() if line.strip()]
+    return lines[-1].removeprefix("Error: ") if lines else ""
+
+
+def _change(last: Mapping[str, Array], before: Mapping[str, Array]) -> float:
+    """Largest relative L2 difference of an output from the beat before."""
+    largest = 0.0
+    for kind in "PQR":
+        names = [name for name in last if name.endswith(f".{kind}")]
+        whole = max((float(np.linalg.norm(last[name])) for name in names), default=0.0)
+        for name in names:
+            size = np.linalg.norm(last[name] if kind == "Q" else last[name] - last[name].mean())
+            scale = max(float(size), _STEADY * whole)
+            if scale > 0.0:
+                largest = max(largest, float(np.linalg.norm(last[name] - before[name])) / scale)
+    return largest
