@@ -87,7 +87,7 @@ class Beats:
     def covariance(self, names: Sequence[str]) -> Array:
         """Covariance of the Fourier coefficients X_k = rfft(mean)/N of the ensemble mean : (K + 1, m, m), K = N//2.
 
-            C_k = Σ_b (X_bk - X_k)(X_bk - X_k)* / (n (n - 1)),  averaged over the harmonics k - 3 .. k + 3
+            C_k = Σ_b (X_bk - X_k)(X_bk - X_k)* / (n (n - 1)),  averaged over the harmonics k - 3 .. k + 3 that exist
 
         of n beats and all m channels together; Hermitian, positive semi-definite; E X X*, so σ²/(N n) for white noise
         of standard deviation σ. The mean, k = 0, is apart: real, and larger where the means of successive beats are
@@ -100,8 +100,7 @@ class Beats:
         factors = np.sqrt([_serial_factor(self._beat_means(name)) for name in names])
         pooled[0] = C[0].real * np.outer(factors, factors)
         for k in range(1, K + 1):
-            half = min(_WINDOW, k - 1, K - k)  # symmetric, so that a slope in k does not bias it
-            pooled[k] = C[k - half : k + half + 1].mean(axis=0)
+            pooled[k] = C[max(1, k - _WINDOW) : k + _WINDOW + 1].mean(axis=0)
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
         return pooled
@@ -285,8 +284,9 @@ def _timing(values: Mapping[str, Array]) -> tuple[Array, float, float, dict[str,
     turns, excess = np.zeros(n_beats), 0.0
     spectra: dict[str, tuple[Array, Array]] = {}
     noise: dict[str, Array] = {}
+    N = next(iter(values.values())).shape[1]
     k = np.arange(1, next(iter(F.values())).shape[1] + 1)
-    line = 1j / (2.0 * np.pi * k)  # of a straight line over the beat, but for its slope
+    line = np.fft.rfft(np.arange(N) / N)[k] / N
     for _ in range(8):
         score, information = np.zeros(n_beats), 0.0
         parts = {}

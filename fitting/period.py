@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial import Legendre
 from scipy.linalg import cho_factor, cho_solve
 
 Array = np.ndarray
@@ -24,6 +25,7 @@ _WANDER = 0.25  # [Hz]; slower than any heart
 _LEAST = 0.5  # correlation from beat to beat; with less there is no beat
 _SLACK = 0.04  # by which the correlation one beat on may stay behind the one several beats on
 _BLOCK = 512
+_MANY = 200.0  # beats
 MOST = 128  # harmonics of a model; what lies above is left to the residual
 
 
@@ -204,28 +206,55 @@ def refine(values: Array, f: float) -> float:
 
 
 def _gauss_newton(x: Array, there: Array, f: float) -> float:
+    """The f of the least-squares fit of harmonics, drift and period to one stretch; x : (n,), zero in gaps."""
     n = len(x)
     gaps = None if there.all() else there.astype(float)
     measured = int(there.sum())
     index = np.arange(n) - (n - 1) / 2.0
+    drift = _drift(n, f) * there
     last = np.inf
     for _ in range(25):
         K = highest(f, n, measured)
-        normal = Normal.of(gaps, f, K, n)
-        c = normal.solve(x)
-        residual = (x - evaluate(c, f, n)) * there
+        model = _Stretch(Normal.of(gaps, f, K, n), there, drift)
+        residual, c = model.without(x)
         noise = 2.0 * (residual @ residual) / measured**2  # of |c_k|²; harmonics below it say nothing on the period
         trusted = np.maximum(0.0, 1.0 - 4.0 * noise / np.maximum(np.abs(c) ** 2, np.finfo(float).tiny))
         slope = evaluate(2j * np.pi * np.arange(K + 1) * trusted * c, f, n)
-        g = index * slope * there
-        g -= evaluate(normal.solve(g), f, n) * there  # what the coefficients explain is not the period's
+        g = model.without(index * slope * there)[0]  # what the other coefficients explain is not the period's
         size = g @ g
         if not size > 0.0:
             return f
-        step = float(residual @ g / size)
-        step = float(np.clip(step, -0.1 / n, 0.1 / n))
+        step = float(np.clip(residual @ g / size, -0.1 / n, 0.1 / n))
         f += step
         if abs(step) < 4e-16 * f or (abs(step) < 1e-9 * f and abs(step) > 0.3 * last):
             return f  # rounding has the last word
         last = abs(step)
     return f
+
+
+def _drift(n: int, f: float) -> Array:
+    """Polynomials of degree 1 to 3 over a stretch : (3, n); none for many beats, whose period no drift can feign."""
+    degrees = range(1, 4) if n * f < _MANY else range(0)
+    return np.array([Legendre.basis(d)(np.linspace(-1.0, 1.0, n)) for d in degrees]).reshape(len(degrees), n)
+
+
+class _Stretch:
+    """Least squares on harmonics and drift together: the harmonics are taken out of the drift first."""
+
+    def __init__(self, normal: Normal, there: Array, drift: Array) -> None:
+        self.normal, self.there = normal, there
+        self.coefficients = [normal.solve(each) for each in drift]
+        self.left = np.array([each - self._model(c) for each, c in zip(drift, self.coefficients, strict=True)])
+
+    def _model(self, c: Array) -> Array:
+        return evaluate(c, self.normal.f, len(self.there)) * self.there
+
+    def without(self, x: Array) -> tuple[Array, Array]:
+        """x less harmonics and drift, and the harmonics."""
+        c = self.normal.solve(x)
+        residual = x - self._model(c)
+        if len(self.left):
+            amounts = np.linalg.solve(self.left @ self.left.T, self.left @ residual)
+            residual = residual - amounts @ self.left
+            c = c - amounts @ np.array(self.coefficients)
+        return residual, c
