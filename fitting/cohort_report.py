@@ -1,0 +1,136 @@
+"""A cohort for readers: tables of the command line, JSON, and the files of a result folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import RenderableType
+from rich.table import Table
+
+from solver.files import write_whole
+
+from .cohort import QUANTITIES, Cohort, Recording, Summary
+from .cohort_claims import Claim
+from .figures import write_png
+from .figures_cohort import cohort_figures
+from .parameter_set import write_set
+from .provenance import software
+
+# heading, quantity, factor from SI
+_SHOWN = (
+    ("E, MPa", "E", 1e-6),
+    ("φ0, kPa·s", "phi0", 1e-3),
+    ("φ0/E, ms", "phi0/E", 1e3),
+    ("φNL/φ0, s", "phiNL/phi0", 1.0),
+    ("R0, mm", "R0", 1e3),
+    ("R0 measured, mm", "R0 measured", 1e3),
+)
+
+
+def label(cohort: Cohort) -> str:
+    """ "11 animals", and whether they are virtual."""
+    n = len(cohort.animals)
+    return f"{n} virtual animals (synthetic data)" if cohort.virtual else f"{n} animals"
+
+
+def tables(cohort: Cohort) -> list[RenderableType]:
+    """Means ± standard deviations of the main model by site, the claims, and what could not be used."""
+    means = Table(title=f"{label(cohort)}, {cohort.main} model: mean ± standard deviation between animals")
+    for heading in ("site", "n", *(heading for heading, _, _ in _SHOWN)):
+        means.add_column(heading, justify="left" if heading == "site" else "right")
+    for site, row in cohort.table().items():
+        n = str(row["E"].n) if "E" in row else "0"
+        means.add_row(site, n, *(_cell(row.get(quantity), factor) for _, quantity, factor in _SHOWN))
+    claims = Table(title="Claims of the paper", show_lines=True)
+    for heading in ("claim", "verdict", "why"):
+        claims.add_column(heading)
+    for claim in cohort.claims():
+        claims.add_row(claim.name, claim.verdict, claim.text)
+    if not cohort.failures:
+        return [means, claims]
+    unused = Table(title="Not used", show_lines=True)
+    for heading in ("animal", "site", "why"):
+        unused.add_column(heading)
+    for failure in cohort.failures:
+        unused.add_row(failure.entry.animal, failure.entry.site, failure.sentence)
+    return [means, claims, unused]
+
+
+def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
+    """Write cohort.json, mean_set.json, mean_set.ssv and the figures; their paths. Raises ValueError if it cannot."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
+    paths = [folder / "cohort.json", folder / "mean_set.json", folder / "mean_set.ssv"]
+    write_whole(paths[0], to_json(cohort))
+    means = cohort.mean_set()
+    for path in paths[1:]:
+        write_set(means, path)
+    for name, figure in cohort_figures(cohort).items():
+        paths.append(folder / f"{name}.png")
+        write_png(figure, paths[-1])
+    return paths
+
+
+def to_json(cohort: Cohort) -> str:
+    """All numbers as JSON text in SI; null for what one animal alone cannot tell."""
+    content = {
+        "data": "virtual animals: synthetic data, not measured" if cohort.virtual else "measured",
+        "software": software(),
+        "animals": cohort.animals,
+        "sites": cohort.sites,
+        "model": cohort.main,
+        "units": QUANTITIES,
+        "table": {
+            name: {site: {q: asdict(s) for q, s in row.items()} for site, row in cohort.table(name).items()}
+            for name in cohort.models
+        },
+        "claims": [_claim(claim) for claim in cohort.claims()],
+        "recordings": [_recording(each) for each in cohort.recordings],
+        "failures": [{**asdict(f.entry), "model": f.model, "sentence": f.sentence} for f in cohort.failures],
+    }
+    return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _cell(summary: Summary | None, factor: float) -> str:
+    if summary is None:
+        return "–"
+    spread = "" if math.isnan(summary.sd) else f" ± {summary.sd * factor:.2g}"
+    return f"{summary.mean * factor:.4g}{spread}"
+
+
+def _claim(claim: Claim) -> dict[str, Any]:
+    return {**asdict(claim), "numbers": dict(claim.numbers)}
+
+
+def _recording(each: Recording) -> dict[str, Any]:
+    fits = {
+        name: {
+            "values": dict(fitted.values),
+            "sd": {key: fitted.sd(key) for key in fitted.model.free},
+            "r2": fitted.r2,
+            "chi2_per_dof": fitted.chi2 / fitted.dof,
+            "beats": fitted.beats[0],
+            "period": fitted.loop.T,
+            "warnings": fitted.warnings,
+        }
+        for name, fitted in each.fits.items()
+    }
+    return {**asdict(each.entry), "sha256": each.sha256, "fits": fits}
+
+
+def _plain(x: Any) -> Any:
+    """With None for numbers that are not finite, which JSON does not have."""
+    if isinstance(x, Mapping):
+        return {key: _plain(value) for key, value in x.items()}
+    if isinstance(x, list | tuple):
+        return [_plain(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x

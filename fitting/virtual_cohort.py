@@ -1,0 +1,240 @@
+"""A cohort of virtual animals: synthetic bench recordings of every artery of the paper. No public recording exists.
+
+The means are the paper's (Table 1 and its text); the spread between animals is not in the paper and is ours, as are
+heart rates, pressures and sensors: see :func:`virtual_cohort`. The truth stays apart from the recordings.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from solver.files import write_whole
+
+from .records import write_record
+from .virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at
+
+Array = np.ndarray
+
+SD = 0.20  # of E and of φ0, relative
+COMMON = 0.5  # part of their variance that the sites of an animal share
+CORRELATION = 0.8  # of log E and log φ0: the paper finds φ0/E nearly constant
+SD_R0 = 0.01
+SD_RATIO = 0.30  # of φ_NL/φ0
+SD_MEASURED = 0.005  # error of the measured R0, relative
+PERIODS = (0.40, 0.62)  # s
+MEANS = (10e3, 12e3)  # Pa
+PULSES = (3.5e3, 4.5e3)  # Pa
+
+_POINTS = 256  # of a beat at which the wall is solved: five times the harmonics of the pressure
+
+README = """Virtual animals: synthetic data, made by a computer program from the wall law and random numbers.
+No animal was measured, and no public recording of the sheep of the paper exists.
+
+cohort.csv   one line per animal and site: record, wall thickness h, measured unstressed radius R0
+*_*.csv      the recordings: time, pressure, radius, with synthetic noise, drift and quantisation
+truth.json   the parameters they were made with: for tests of a fit, never for the fit itself
+
+Means: Table 1 and the text of Ghigo et al. (2017). All else is an assumption of this program.
+Spread between animals (log-normal): 20 % of E and of phi0, half of the variance common to the sites of an animal,
+correlation 0.8 between log E and log phi0 (so 12.6 % of phi0/E); 1 % of R0; 30 % of phiNL/phi0.
+The measured R0 is the true one with an error of 0.5 %.
+"""
+
+
+@dataclass(frozen=True)
+class VirtualRecording:
+    """What the bench would give: time, P, R : (n,) in SI, and measured R0, h [m]."""
+
+    animal: str
+    site: str
+    time: Array
+    P: Array
+    R: Array
+    R0: float
+    h: float
+
+    @property
+    def file(self) -> str:
+        """Name of its file, "S01_AA.csv"."""
+        return f"{self.animal.removeprefix('virtual-')}_{self.site}.csv"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What a recording was made with: the wall, period [s], mean and pulse of P [Pa]."""
+
+    wall: VirtualWall
+    T: float
+    mean: float
+    pulse: float
+
+
+@dataclass(frozen=True)
+class VirtualCohort:
+    """Recordings of virtual animals, and apart from them their truth by (animal, site)."""
+
+    seed: int
+    recordings: tuple[VirtualRecording, ...]
+    truth: Mapping[tuple[str, str], Truth]
+
+
+def virtual_cohort(
+    seed: int,
+    animals: int = 11,
+    sites: Sequence[str] = tuple(SITES),
+    *,
+    dB: float = 40.0,
+    beats: int = 15,
+    rate: float = 200.0,
+    drift: float = 0.02,
+    bits: int | None = 12,
+    viscous: str = "monotone",
+    ENL: float = 0.0,
+    scale_phi0: Mapping[str, float] | None = None,
+) -> VirtualCohort:
+    """Recordings of ``animals`` at ``sites`` of the paper, all random numbers from ``seed``.
+
+    Means are the paper's. Spread (ours), log-normal: 20 % of E and of φ0, half of the variance common to an animal's
+    sites, correlation 0.8 of their logarithms, so 12.6 % of φ0/E; 1 % of R0, 30 % of φ_NL/φ0, each site by itself;
+    h as in Table 1. Every recording has its own period (0.40–0.62 s), mean (10–12 kPa), pulse (3.5–4.5 kPa) and phase.
+
+    dB, drift, bits : sensors, as in :func:`fitting.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
+    scale_phi0 : factors on φ0 by site, to break a rule on purpose. Raises ValueError for an unknown site.
+    """
+    unknown = [site for site in sites if site not in SITES]
+    if unknown:
+        raise ValueError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
+    rng = np.random.default_rng(seed)
+    truth = {}
+    for number in range(1, animals + 1):
+        walls = _animal(rng, sites, viscous, ENL, scale_phi0 or {})
+        for site, wall in zip(sites, walls, strict=True):
+            T, mean, pulse = (float(rng.uniform(*span)) for span in (PERIODS, MEANS, PULSES))
+            truth[f"virtual-S{number:02d}", site] = Truth(wall, T, mean, pulse)
+    pressures = np.array([jarvik_pressure(each.T, each.mean, each.pulse) for each in truth.values()])
+    radii = solve_radii([each.wall for each in truth.values()], pressures, np.array([e.T for e in truth.values()]))
+    recordings = []
+    for (animal, site), each, p, R in zip(truth, truth.values(), pressures, radii, strict=True):
+        time = np.arange(int(np.ceil(beats * each.T * rate))) / rate
+        t = time + rng.uniform(0.0, each.T)
+        c = np.fft.rfft(R)[: _POINTS // 2] * (2.0 / _POINTS)
+        c[0] *= 0.5
+        P, R = (measured(pressure_at(x, each.T, t), rng, dB, drift, bits) for x in (p, c))
+        R0 = each.wall.R0 * float(np.exp(rng.normal(0.0, SD_MEASURED)))
+        recordings.append(VirtualRecording(animal, site, time, P, R, R0, each.wall.h))
+    return VirtualCohort(seed, tuple(recordings), truth)
+
+
+def write_cohort(
+    cohort: VirtualCohort, folder: str | os.PathLike[str], progress: Callable[[float, str], None] | None = None
+) -> Path:
+    """Write recordings, cohort.csv, truth.json and a README.txt into a folder; the path of cohort.csv.
+
+    The folder is made if it is missing; cohort.csv is written last. progress : gets the fraction done and the file.
+    Raises ValueError if it cannot be written.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
+    lines = ["animal,site,record,h [mm],R0 [mm]"]
+    for i, each in enumerate(cohort.recordings):
+        if progress:
+            progress(i / len(cohort.recordings), each.file)
+        channels = {f"{each.site}.P": each.P, f"{each.site}.R": each.R}
+        units = {f"{each.site}.P": "mmHg", f"{each.site}.R": "mm"}
+        write_record(folder / each.file, each.time, channels, units)
+        lines.append(f"{each.animal},{each.site},{each.file},{1e3 * each.h:.4g},{1e3 * each.R0:.5g}")
+    truth = [{"animal": animal, "site": site, **asdict(each)} for (animal, site), each in cohort.truth.items()]
+    label = "virtual animals: synthetic data, not measured"
+    write_whole(folder / "README.txt", README)
+    write_whole(
+        folder / "truth.json", json.dumps({"data": label, "seed": cohort.seed, "recordings": truth}, indent=1) + "\n"
+    )
+    write_whole(folder / "cohort.csv", "\n".join(lines) + "\n")
+    return folder / "cohort.csv"
+
+
+def solve_radii(walls: Sequence[VirtualWall], p: Array, T: Array, N: int = _POINTS) -> Array:
+    """R : (n, N) [m] of n walls of the regression law at N even points of their beats, in one integration.
+
+    p : (n, K + 1) coefficients of the pressures, T : (n,) periods [s]. As :func:`fitting.virtual.solve_radius`, in the
+    phase t/T and to 1e-9. Raises ValueError for walls of another elastic law, of two viscous laws, or without solution.
+    """
+    viscous = {wall.viscous for wall in walls}
+    if len(viscous) != 1 or {wall.elastic for wall in walls} != {"regression"}:
+        raise ValueError("virtual walls solved together must all have the regression law and one viscous law.")
+    R0, h, E, phi0, phiNL, ENL, eta = np.array([[getattr(w, name) for name in _FIELDS] for w in walls]).T
+    load = (1.0 - eta**2) * R0 / h
+    r = phiNL / phi0
+    strain_rate = _monotone_rate if viscous == {"monotone"} else _quadratic_rate
+
+    def rate(phase: float, strain: Array) -> Array:
+        P = np.polynomial.polynomial.polyval(np.exp(2j * np.pi * phase), p.T).real
+        return T * strain_rate(load * (1.0 + strain) * P - E * strain - ENL * strain**2, phi0, r)
+
+    # where the elastic wall carries the mean pressure; the wall forgets it within φ0/E, a twentieth of the first beat
+    start = load * p[:, 0].real / (E - load * p[:, 0].real)
+    phases = 1.0 + np.arange(N) / N
+    done = solve_ivp(rate, (0.0, 2.0), start, "DOP853", phases, rtol=1e-9, atol=1e-11, max_step=0.02)
+    if not done.success:
+        raise ValueError(f"the virtual walls could not be integrated: {done.message}")
+    return np.asarray(R0[:, None] * (1.0 + done.y))
+
+
+_FIELDS = ("R0", "h", "E", "phi0", "phiNL", "ENL", "eta")
+
+
+def _monotone_rate(stress: Array, phi0: Array, r: Array) -> Array:
+    linear = stress / phi0
+    zero = r == 0.0
+    # a trial step may ask for more than the law's largest stress: a huge rate makes the step shorter
+    bent = np.log(np.maximum(1.0 + 2.0 * r * linear, 1e-9)) / np.where(zero, 1.0, 2.0 * r)
+    return np.where(zero, linear, bent)
+
+
+def _quadratic_rate(stress: Array, phi0: Array, r: Array) -> Array:
+    linear = stress / phi0
+    root = 1.0 + 4.0 * r * linear
+    if np.any(root <= 0.0):
+        raise ValueError(
+            f"virtual walls: phiNL/phi0 = {r[int(np.argmin(root))]:g} s has no strain rate for a viscous stress of "
+            f"{stress[int(np.argmin(root))]:g} Pa; use the monotone law."
+        )
+    return 2.0 * linear / (1.0 + np.sqrt(root))
+
+
+def _animal(
+    rng: np.random.Generator, sites: Sequence[str], viscous: str, ENL: float, scale_phi0: Mapping[str, float]
+) -> list[VirtualWall]:
+    """The walls of one animal."""
+    common = _stiffness_and_viscosity(rng, COMMON)
+    walls = []
+    for site in sites:
+        R0, h, E, phi0, ratio = SITES[site]
+        factors = common * _stiffness_and_viscosity(rng, 1.0 - COMMON)
+        E, phi0 = E * float(factors[0]), phi0 * float(factors[1]) * scale_phi0.get(site, 1.0)
+        R0, ratio = R0 * _lognormal(rng, SD_R0), ratio * _lognormal(rng, SD_RATIO)
+        walls.append(VirtualWall(R0, h, E, phi0, ratio * phi0, ENL * E, viscous=viscous))
+    return walls
+
+
+def _stiffness_and_viscosity(rng: np.random.Generator, part: float) -> Array:
+    """Factors on E and φ0 of mean 1 : (2,), that bring ``part`` of the variance of their logarithms."""
+    variance = part * np.log1p(SD**2)
+    normal = rng.multivariate_normal([0.0, 0.0], variance * np.array([[1.0, CORRELATION], [CORRELATION, 1.0]]))
+    return np.asarray(np.exp(normal - variance / 2.0))
+
+
+def _lognormal(rng: np.random.Generator, sd: float) -> float:
+    """A factor of mean 1 and relative standard deviation ``sd``."""
+    variance = float(np.log1p(sd**2))
+    return float(np.exp(rng.normal(-variance / 2.0, np.sqrt(variance))))
