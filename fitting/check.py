@@ -23,6 +23,7 @@ import numpy as np
 
 from solver.files import write_whole
 
+from .agreement import Channel, Loop, Waveform, coefficients, compare_channel, compare_loops, is_noisy
 from .beats import Beats, align
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
@@ -33,55 +34,9 @@ Array = np.ndarray
 Progress = Callable[[str], None]
 
 INFLOW = "inlet.Q"
-DISPLAY = {"P": ("mmHg", 1 / 133.322387415), "Q": ("mL/s", 1e6), "R": ("mm", 1e3)}
-UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}
 _TRUSTED = 0.75  # of the Nyquist frequency
 _NUDGE = 0.01  # of the driving beat's pulsatile standard deviation: the second run's difference
-_NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
 _SEED = 11  # phases of the nudge
-
-
-@dataclass(frozen=True)
-class Channel:
-    """How well one channel agrees: simulated less measured, in SI.
-
-    relative : L2 norm of the difference over that of the measured beat, without its mean for P and R.
-    largest : largest difference over the measured pulse. mean_error, pulse_error : of the mean and of max - min.
-    whitened : RMS over harmonics of residual/noise (1 = noise); whitened_sensor : by the sensor's own noise alone;
-    mean_z : the same for the mean, with sign. worst_harmonic, worst_z : where it is largest. None without noise.
-    """
-
-    name: str
-    unit: str
-    rmse: float
-    relative: float
-    largest: float
-    mean_error: float
-    pulse: float
-    pulse_error: float
-    whitened: float | None
-    whitened_sensor: float | None
-    mean_z: float | None
-    worst_harmonic: int | None
-    worst_z: float | None
-
-
-@dataclass(frozen=True)
-class Loop:
-    """Area of the pressure-radius loop of a site, ∮ P dR [Pa·m]: the energy that an area of wall loses in a beat."""
-
-    site: str
-    measured: float
-    simulated: float
-
-
-@dataclass(frozen=True)
-class Waveform:
-    """A mean beat, what the FMU says, and the standard deviation between beats: (N,) each, in SI."""
-
-    measured: Array
-    simulated: Array
-    scatter: Array
 
 
 @dataclass(frozen=True)
@@ -175,7 +130,7 @@ def check(
     K = int(_TRUSTED * min(beats.N, steps_per_beat(described, beats.T)) / 2)
     noise = {name: beats.covariance((name, source))[: K + 1] for name in compared}
     response: dict[str, Array] = {}
-    noisy = tuple(name for name in compared if _is_noisy(noise[name], beats, name))
+    noisy = tuple(name for name in compared if is_noisy(noise[name], beats, name))
     if noisy:
         tell("running the FMU with a slightly different beat")
         response = _response(described, driver, drive, beats, starts, answer, noisy, K)
@@ -183,14 +138,14 @@ def check(
         name: Waveform(beats.mean(name), fourier(answer.values[name], beats.N), beats.scatter(name))
         for name in compared
     }
-    channels = tuple(_channel(name, waveforms[name], noise[name], response.get(name)) for name in compared)
+    channels = tuple(compare_channel(name, waveforms[name], noise[name], response.get(name)) for name in compared)
     waveforms[source] = Waveform(drive, drive, beats.scatter(source))
     return CheckReport(
         mode,
         source,
         beats.T,
         channels,
-        _loops(waveforms),
+        compare_loops(waveforms),
         _sources(parameters, described, beats),
         _run(described, beats, answer, K),
         _warnings(parameters, described, record, compared, source, answer, starts),
@@ -307,76 +262,9 @@ def _response(
     nudged = drive + np.fft.irfft(nudge, beats.N, norm="forward")
     other = periodic_answer(fmu, driver, nudged, beats.T, starts, answer.beats)
     return {
-        name: _coefficients(fourier(other.values[name] - answer.values[name], beats.N), K) / nudge[: K + 1]
+        name: coefficients(fourier(other.values[name] - answer.values[name], beats.N), K) / nudge[: K + 1]
         for name in names
     }
-
-
-def _coefficients(beat: Array, K: int) -> Array:
-    return np.fft.rfft(beat, norm="forward")[: K + 1]
-
-
-def _is_noisy(S: Array, beats: Beats, name: str) -> bool:
-    """Whether the covariance of a channel is more than round-off."""
-    least = (_NOISELESS * float(np.ptp(beats.mean(name)))) ** 2 / beats.N
-    return bool(S[:, 0, 0].real.min() > least)
-
-
-def _channel(name: str, waveform: Waveform, S: Array, H: Array | None) -> Channel:
-    kind = name[-1]
-    measured, simulated = waveform.measured, waveform.simulated
-    difference = simulated - measured
-    size = np.linalg.norm(measured if kind == "Q" else measured - measured.mean())
-    pulse = float(np.ptp(measured))
-    return Channel(
-        name=name,
-        unit=UNITS[kind],
-        rmse=float(np.sqrt(np.mean(difference**2))),
-        relative=float(np.linalg.norm(difference) / size),
-        largest=float(np.abs(difference).max() / pulse),
-        mean_error=float(difference.mean()),
-        pulse=pulse,
-        pulse_error=float(np.ptp(simulated) - pulse),
-        **_whitened(_coefficients(difference, len(S) - 1), S, H),
-    )
-
-
-def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
-    """Residual x : (K + 1,) over its noise; S : (K + 1, 2, 2) covariance of channel and drive; H : the FMU's answer."""
-    keys = ("whitened", "whitened_sensor", "mean_z", "worst_harmonic", "worst_z")
-    if H is None:
-        return dict.fromkeys(keys)
-    own = S[:, 0, 0].real
-    # the measured drive is off by q, and with it the simulated channel by H q
-    noise = own + np.abs(H) ** 2 * S[:, 1, 1].real - 2.0 * (np.conj(H) * S[:, 0, 1]).real
-    if min(own.min(), noise.min()) <= 0.0:
-        return dict.fromkeys(keys)
-    z = np.abs(x) / np.sqrt(noise)
-    worst = int(z[1:].argmax()) + 1
-    sensor = np.abs(x[1:]) ** 2 / own[1:]
-    mean_z = float(x[0].real / np.sqrt(noise[0]))
-    values = (float(np.sqrt(np.mean(z[1:] ** 2))), float(np.sqrt(sensor.mean())), mean_z, worst, float(z[worst]))
-    return dict(zip(keys, values, strict=True))
-
-
-def _loops(waveforms: Mapping[str, Waveform]) -> tuple[Loop, ...]:
-    sites = [name.removesuffix(".R") for name in waveforms if name.endswith(".R")]
-    return tuple(
-        Loop(
-            site,
-            loop_area(waveforms[f"{site}.P"].measured, waveforms[f"{site}.R"].measured),
-            loop_area(waveforms[f"{site}.P"].simulated, waveforms[f"{site}.R"].simulated),
-        )
-        for site in sites
-        if f"{site}.P" in waveforms
-    )
-
-
-def loop_area(P: Array, R: Array) -> float:
-    """∮ P dR [Pa·m] of a beat (N,), spectrally exact: 4π Σ k Re(i P_k* R_k); positive where the wall loses energy."""
-    p, r = np.fft.rfft(P, norm="forward"), np.fft.rfft(R, norm="forward")
-    k = np.arange(len(p))
-    return float(4.0 * np.pi * np.sum(k * (np.conj(p) * 1j * r).real))
 
 
 # --- where it comes from ------------------------------------------------------------------------------------------

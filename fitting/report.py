@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .check import DISPLAY, Channel, CheckReport
+from .agreement import DISPLAY, Channel
+from .check import CheckReport
 
 Array = np.ndarray
 

@@ -19,8 +19,9 @@ import pytest
 
 from build_fmu import build
 from fitting import fmu_run
+from fitting.agreement import loop_area
 from fitting.bench import LENGTH, bench_network
-from fitting.check import CheckReport, check, loop_area
+from fitting.check import CheckReport, check
 from fitting.fmu_run import RunFailed, fourier
 from fitting.parameter_set import ParameterSet, Value, read_set
 from fitting.records import Record, read_record, write_record

@@ -1,0 +1,131 @@
+"""How well a simulated beat agrees with a measured one, channel by channel and loop by loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .beats import Beats
+
+Array = np.ndarray
+
+DISPLAY = {"P": ("mmHg", 1 / 133.322387415), "Q": ("mL/s", 1e6), "R": ("mm", 1e3)}
+UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}
+_NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How well one channel agrees: simulated less measured, in SI.
+
+    relative : L2 norm of the difference over that of the measured beat, without its mean for P and R.
+    largest : largest difference over the measured pulse. mean_error, pulse_error : of the mean and of max - min.
+    whitened : RMS over harmonics of residual/noise (1 = noise); whitened_sensor : by the sensor's own noise alone;
+    mean_z : the same for the mean, with sign. worst_harmonic, worst_z : where it is largest. None without noise.
+    """
+
+    name: str
+    unit: str
+    rmse: float
+    relative: float
+    largest: float
+    mean_error: float
+    pulse: float
+    pulse_error: float
+    whitened: float | None
+    whitened_sensor: float | None
+    mean_z: float | None
+    worst_harmonic: int | None
+    worst_z: float | None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Area of the pressure-radius loop of a site, ∮ P dR [Pa·m]: the energy that an area of wall loses in a beat."""
+
+    site: str
+    measured: float
+    simulated: float
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A mean beat, what the FMU says, and the standard deviation between beats: (N,) each, in SI."""
+
+    measured: Array
+    simulated: Array
+    scatter: Array
+
+
+def coefficients(beat: Array, K: int) -> Array:
+    """X_k = rfft(beat)/N, k = 0 … K."""
+    return np.fft.rfft(beat, norm="forward")[: K + 1]
+
+
+def is_noisy(S: Array, beats: Beats, name: str) -> bool:
+    """Whether the covariance of a channel is more than round-off."""
+    least = (_NOISELESS * float(np.ptp(beats.mean(name)))) ** 2 / beats.N
+    return bool(S[:, 0, 0].real.min() > least)
+
+
+def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) -> Channel:
+    """Measured against simulated beat; S : (K + 1, 2, 2) covariance of channel and drive, H : (K + 1,) the FMU's answer
+    to each harmonic of the drive, None if there is no noise."""
+    kind = name[-1]
+    measured, simulated = waveform.measured, waveform.simulated
+    difference = simulated - measured
+    size = np.linalg.norm(measured if kind == "Q" else measured - measured.mean())
+    pulse = float(np.ptp(measured))
+    return Channel(
+        name=name,
+        unit=UNITS[kind],
+        rmse=float(np.sqrt(np.mean(difference**2))),
+        relative=float(np.linalg.norm(difference) / size),
+        largest=float(np.abs(difference).max() / pulse),
+        mean_error=float(difference.mean()),
+        pulse=pulse,
+        pulse_error=float(np.ptp(simulated) - pulse),
+        **_whitened(coefficients(difference, len(S) - 1), S, H),
+    )
+
+
+def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
+    """Residual x : (K + 1,) over what the noise of channel and drive gives it."""
+    keys = ("whitened", "whitened_sensor", "mean_z", "worst_harmonic", "worst_z")
+    if H is None:
+        return dict.fromkeys(keys)
+    own = S[:, 0, 0].real
+    # the measured drive is off by q, and with it the simulated channel by H q
+    noise = own + np.abs(H) ** 2 * S[:, 1, 1].real - 2.0 * (np.conj(H) * S[:, 0, 1]).real
+    if min(own.min(), noise.min()) <= 0.0:
+        return dict.fromkeys(keys)
+    z = np.abs(x) / np.sqrt(noise)
+    worst = int(z[1:].argmax()) + 1
+    sensor = np.abs(x[1:]) ** 2 / own[1:]
+    mean_z = float(x[0].real / np.sqrt(noise[0]))
+    values = (float(np.sqrt(np.mean(z[1:] ** 2))), float(np.sqrt(sensor.mean())), mean_z, worst, float(z[worst]))
+    return dict(zip(keys, values, strict=True))
+
+
+def compare_loops(waveforms: Mapping[str, Waveform]) -> tuple[Loop, ...]:
+    """The loop of every site that has pressure and radius."""
+    sites = [name.removesuffix(".R") for name in waveforms if name.endswith(".R")]
+    return tuple(
+        Loop(
+            site,
+            loop_area(waveforms[f"{site}.P"].measured, waveforms[f"{site}.R"].measured),
+            loop_area(waveforms[f"{site}.P"].simulated, waveforms[f"{site}.R"].simulated),
+        )
+        for site in sites
+        if f"{site}.P" in waveforms
+    )
+
+
+def loop_area(P: Array, R: Array) -> float:
+    """∮ P dR [Pa·m] of a beat (N,), spectrally exact: 4π Σ k Re(i P_k* R_k); positive where the wall loses energy."""
+    p, r = np.fft.rfft(P, norm="forward"), np.fft.rfft(R, norm="forward")
+    k = np.arange(len(p))
+    return float(4.0 * np.pi * np.sum(k * (np.conj(p) * 1j * r).real))
