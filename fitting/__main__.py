@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+
+# before NumPy is imported: the matrices are small, and threads that wait for one another cost more than they bring
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,9 +17,11 @@ import typer
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from solver import NonPhysicalState, NotPeriodic
 from solver.files import find_network, parse_quantity, read_network, write_network
 
 from .beats import Beats, align
+from .fmu_run import RunFailed
 from .parameter_set import read_set, write_set
 from .records import read_record
 from .regression import WallFit, bootstrap, fit
@@ -181,7 +189,7 @@ def _sentences() -> Iterator[None]:
     """One sentence and exit code 2 for what a user can put right."""
     try:
         yield
-    except (ValueError, ArithmeticError, RuntimeError) as error:
+    except (ValueError, NonPhysicalState, NotPeriodic, RunFailed) as error:
         Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
         raise typer.Exit(2) from None
 

@@ -83,7 +83,8 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats) -> None:
     ax.text(
         0.97,
         0.03,
-        f"residual {100 * np.sqrt(max(1.0 - fitted.r2, 0.0)):.2g} % of the pulse\nχ²/dof {fitted.chi2 / fitted.dof:.2g}",
+        f"residual {100 * np.sqrt(max(1.0 - fitted.r2, 0.0)):.2g} % of the pulse\n"
+        f"χ²/dof {_rounded(fitted.chi2 / fitted.dof)}",
         transform=ax.transAxes,
         ha="right",
         va="bottom",
@@ -112,6 +113,10 @@ def _harmonics_shown(fitted: WallFit) -> int:
     P = np.abs(np.fft.rfft(fitted.loop.P)) / fitted.loop.N
     above = k[P > 3.0 * expected]
     return int(min(len(k), max(12, 1.5 * above.max() if above.size else 12)))
+
+
+def _rounded(x: float) -> str:
+    return f"{x:.0f}" if x >= 10.0 else f"{x:.2g}"
 
 
 def _closed(x: Array, y: Array) -> tuple[Array, Array]:
