@@ -230,7 +230,8 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
     """The harmonic model at the phases j/N plus the residual of the nearest sample.
 
     The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so that
-    white noise keeps its variance.
+    white noise keeps its variance. That little motion would add to the mean beat; what the residual's mean has below
+    the model's highest harmonic is taken out again, so that the mean beat is the model there.
     """
     n = len(record.time)
     nearest = np.minimum(np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp), n - 1)
@@ -248,7 +249,10 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
         normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
         c = normal.solve(x)
         residual = values - middle - evaluate(c, f, n)
-        cut[name] = residual[nearest].reshape(n_beats, N) + (evaluate(c, 1.0 / N, N) + middle)
+        moved = residual[nearest].reshape(n_beats, N)
+        spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
+        spectrum[len(c) :] = 0.0
+        cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
     return cut
 
 

@@ -22,9 +22,9 @@ FEWEST = 8  # samples a beat
 _SCREENED = 64.0  # [s] of each channel that the search looks at
 _FINE = 5e-3  # [s], the time step of the search
 _WANDER = 0.25  # [Hz]; slower than any heart
-_LEAST = 0.5  # correlation from beat to beat; with less there is no beat
+_LEAST = 0.6  # correlation from beat to beat; with less there is no beat
 _SLACK = 0.04  # by which the correlation one beat on may stay behind the one several beats on
-_BLOCK = 512
+_ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends the search
 _MANY = 200.0  # beats
 MOST = 128  # harmonics of a model; what lies above is left to the residual
 
@@ -134,6 +134,11 @@ def _vertex(r: Array, peaks: Array) -> tuple[Array, Array]:
 # --- the harmonic model -------------------------------------------------------------------------------------------
 
 
+def _block(n: int) -> int:
+    """Samples in a block: about √n, so that the fewest phasors are computed."""
+    return 1 << round(np.log2(max(n, 2)) / 2)
+
+
 @lru_cache(maxsize=8)  # the channels of a record share them
 def _phasors(f: float, count: int, stride: int, orders: int) -> Array:
     """e^{-2πi k f stride b}, b = 0..count-1, k = 0..orders-1; cycles are reduced first to keep their digits."""
@@ -143,20 +148,22 @@ def _phasors(f: float, count: int, stride: int, orders: int) -> Array:
 
 def sums(x: Array, f: float, orders: int) -> Array:
     """Σ_j x_j e^{-2πi k f j}, k = 0..orders-1 : (orders,) complex."""
-    blocks = -(-len(x) // _BLOCK)
-    table = np.zeros(blocks * _BLOCK)
+    block = _block(len(x))
+    blocks = -(-len(x) // block)
+    table = np.zeros(blocks * block)
     table[: len(x)] = x
-    inner = _phasors(f, _BLOCK, 1, orders)
-    both = table.reshape(blocks, _BLOCK) @ np.hstack([inner.real, inner.imag])
+    inner = _phasors(f, block, 1, orders)
+    both = table.reshape(blocks, block) @ np.hstack([inner.real, inner.imag])
     partial = both[:, :orders] + 1j * both[:, orders:]
-    return np.einsum("bk,bk->k", _phasors(f, blocks, _BLOCK, orders), partial)
+    return np.einsum("bk,bk->k", _phasors(f, blocks, block, orders), partial)
 
 
 def evaluate(c: Array, f: float, n: int) -> Array:
     """m_j = Re Σ_k c_k e^{2πi k f j} at n samples : (n,)."""
-    orders, blocks = len(c), -(-n // _BLOCK)
-    outer = c * _phasors(f, blocks, _BLOCK, orders).conj()
-    inner = _phasors(f, _BLOCK, 1, orders).conj().T
+    block = _block(n)
+    orders, blocks = len(c), -(-n // block)
+    outer = c * _phasors(f, blocks, block, orders).conj()
+    inner = _phasors(f, block, 1, orders).conj().T
     return (np.hstack([outer.real, -outer.imag]) @ np.vstack([inner.real, inner.imag])).ravel()[:n]
 
 
@@ -226,8 +233,9 @@ def _gauss_newton(x: Array, there: Array, f: float) -> float:
             return f
         step = float(np.clip(residual @ g / size, -0.1 / n, 0.1 / n))
         f += step
-        if abs(step) < 4e-16 * f or (abs(step) < 1e-9 * f and abs(step) > 0.3 * last):
-            return f  # rounding has the last word
+        doubt = np.sqrt(residual @ residual / (measured * size))  # standard deviation of f
+        if abs(step) < max(4e-16 * f, _ENOUGH * doubt) or (abs(step) < 1e-9 * f and abs(step) > 0.3 * last):
+            return f  # rounding has the last word where there is no noise
         last = abs(step)
     return f
 
