@@ -107,8 +107,9 @@ class Cohort:
 
     @property
     def main(self) -> str:
-        """The model that results are quoted from: monotone if it was fitted, else nonlinear, else the first."""
-        return next((name for name in ("monotone", "nonlinear") if name in self.models), self.models[0])
+        """The model that results are quoted from: monotone if it could be fitted, else nonlinear, else the first."""
+        fitted = [name for name in self.models if self.fits(name)]
+        return next((name for name in ("monotone", "nonlinear") if name in fitted), fitted[0])
 
     @property
     def sites(self) -> tuple[str, ...]:
@@ -151,9 +152,14 @@ class Cohort:
         return result
 
     def mean_set(self, model: str | None = None) -> ParameterSet:
-        """The means over animals as start values, with the 95 % intervals of these means, and the mean h."""
+        """The means over animals as start values, with the 95 % intervals of these means, and the mean h.
+
+        Raises ValueError for a model that fits nothing.
+        """
         name = self.main if model is None else model
         fits = self.fits(name)
+        if not fits:
+            raise ValueError(f"the {name} model fits no recording of the cohort; use another model.")
         law = next(iter(fits.values())).model
         values = {}
         for site in self.sites:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from solver.files import write_whole
 
 from .records import write_record
-from .virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at
+from .virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, table_wall
 
 Array = np.ndarray
 
@@ -98,6 +98,7 @@ def virtual_cohort(
     viscous: str = "monotone",
     ENL: float = 0.0,
     scale_phi0: Mapping[str, float] | None = None,
+    exact_means: bool = False,
 ) -> VirtualCohort:
     """Recordings of ``animals`` at ``sites`` of the paper, all random numbers from ``seed``.
 
@@ -106,15 +107,19 @@ def virtual_cohort(
     h as in Table 1. Every recording has its own period (0.40–0.62 s), mean (10–12 kPa), pulse (3.5–4.5 kPa) and phase.
 
     dB, drift, bits : sensors, as in :func:`fitting.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
-    scale_phi0 : factors on φ0 by site, to break a rule on purpose. Raises ValueError for an unknown site.
+    scale_phi0 : factors on φ0 by site, to break a rule on purpose. exact_means : scale E, φ0, R0 and φ_NL so that their
+    means over these animals, not over all that could be, are the paper's; intervals are then wider than they need be.
+    Raises ValueError for an unknown site.
     """
     unknown = [site for site in sites if site not in SITES]
     if unknown:
         raise ValueError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
     rng = np.random.default_rng(seed)
+    herd = [_animal(rng, sites, viscous, ENL, scale_phi0 or {}) for _ in range(animals)]
+    if exact_means:
+        herd = _centred(herd, [table_wall(site) for site in sites])
     truth = {}
-    for number in range(1, animals + 1):
-        walls = _animal(rng, sites, viscous, ENL, scale_phi0 or {})
+    for number, walls in enumerate(herd, start=1):
         for site, wall in zip(sites, walls, strict=True):
             T, mean, pulse = (float(rng.uniform(*span)) for span in (PERIODS, MEANS, PULSES))
             truth[f"virtual-S{number:02d}", site] = Truth(wall, T, mean, pulse)
@@ -225,6 +230,17 @@ def _animal(
         R0, ratio = R0 * _lognormal(rng, SD_R0), ratio * _lognormal(rng, SD_RATIO)
         walls.append(VirtualWall(R0, h, E, phi0, ratio * phi0, ENL * E, viscous=viscous))
     return walls
+
+
+def _centred(herd: list[list[VirtualWall]], means: list[VirtualWall]) -> list[list[VirtualWall]]:
+    """The same animals, each site's E, φ0, R0 and φ_NL scaled so that their means are those given."""
+    names = ("E", "phi0", "R0", "phiNL")
+    drawn = np.array([[[getattr(wall, name) for name in names] for wall in walls] for walls in herd])
+    scaled = drawn * np.array([[getattr(wall, name) for name in names] for wall in means]) / drawn.mean(axis=0)
+    return [
+        [replace(wall, E=E, phi0=phi0, R0=R0, phiNL=phiNL) for wall, (E, phi0, R0, phiNL) in zip(*pair, strict=True)]
+        for pair in zip(herd, scaled.tolist(), strict=True)
+    ]
 
 
 def _stiffness_and_viscosity(rng: np.random.Generator, part: float) -> Array:

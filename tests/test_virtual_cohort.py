@@ -1,0 +1,129 @@
+"""Virtual animals: their walls, their spread, their files."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from fitting.records import read_record
+from fitting.virtual import SITES, jarvik_pressure, solve_radius, table_wall
+from fitting.virtual_cohort import Truth, VirtualCohort, solve_radii, virtual_cohort, write_cohort
+
+
+@pytest.mark.parametrize("viscous", ["monotone", "quadratic"])
+def test_walls_solved_together_equal_walls_solved_one_by_one(viscous):
+    """The one integration of all walls against that of each, 1e-12 with its own formulas: 2e-9 of the pulse."""
+    sites = list(SITES) if viscous == "monotone" else ["DD", "CA", "FA"]  # the others leave the quadratic law's range
+    walls = [table_wall(site, viscous=viscous) for site in sites] + [table_wall("MD", phiNL=0.0, viscous=viscous)]
+    T = np.linspace(0.42, 0.6, len(walls))
+    p = np.array([jarvik_pressure(period, 10.5e3, 3.5e3) for period in T])
+    together = solve_radii(walls, p, T, 64)
+    for wall, pressure, period, R in zip(walls, p, T, together, strict=True):
+        alone = solve_radius(wall, pressure, period, 64)
+        assert np.abs(R - alone).max() < 4e-9 * np.ptp(alone)
+
+
+def test_walls_without_a_solution_are_refused():
+    p, T = np.array([jarvik_pressure(0.5)]), np.array([0.5])
+    with pytest.raises(ValueError, match="has no strain rate for a viscous stress of .* use the monotone law"):
+        solve_radii([table_wall("BT", viscous="quadratic", phiNL=-40e3)], p, T)
+    with pytest.raises(ValueError, match="must all have the regression law and one viscous law"):
+        solve_radii([table_wall("BT", elastic="beta")], p, T)
+
+
+def _logs(cohort: VirtualCohort, what) -> np.ndarray:
+    """log what(wall) : (animals, sites)."""
+    sites = list(dict.fromkeys(site for _, site in cohort.truth))
+    return np.log([what(truth.wall) for truth in cohort.truth.values()]).reshape(-1, len(sites))
+
+
+def test_spread_between_animals_is_the_stated_one():
+    """20 % of E and φ0, half of it common, correlation 0.8, 12.6 % of φ0/E; means of Table 1. 400 animals, 2 sites."""
+    cohort = virtual_cohort(3, animals=400, sites=("MD", "CA"), beats=1)
+    E, phi0 = _logs(cohort, lambda wall: wall.E), _logs(cohort, lambda wall: wall.phi0)
+    se = 1.0 / np.sqrt(2 * 800)  # relative, of a standard deviation from 800 values, half of which are independent
+    means, E, phi0 = (np.exp(E).mean(axis=0), np.exp(phi0).mean(axis=0)), E - E.mean(axis=0), phi0 - phi0.mean(axis=0)
+    assert E.std() == pytest.approx(0.198, rel=4 * se)
+    assert phi0.std() == pytest.approx(0.198, rel=4 * se)
+    assert (phi0 - E).std() == pytest.approx(0.198 * np.sqrt(0.4), rel=4 * se)
+    assert np.corrcoef(E.T)[0, 1] == pytest.approx(0.5, abs=4 * 0.75 / np.sqrt(400))
+    assert np.corrcoef(E.ravel(), phi0.ravel())[0, 1] == pytest.approx(0.8, abs=4 * 0.36 / np.sqrt(400))
+    for i, site in enumerate(("MD", "CA")):
+        assert means[0][i] == pytest.approx(SITES[site][2], rel=4 * 0.2 / np.sqrt(400))
+        assert means[1][i] == pytest.approx(SITES[site][3], rel=4 * 0.2 / np.sqrt(400))
+    ratio = _logs(cohort, lambda wall: abs(wall.phiNL / wall.phi0))
+    assert np.expm1(ratio.std(axis=0) ** 2) ** 0.5 == pytest.approx([0.3, 0.3], rel=4 / np.sqrt(800))
+    assert _logs(cohort, lambda wall: wall.R0).std(axis=0) == pytest.approx([0.01, 0.01], rel=4 / np.sqrt(800))
+    error = [np.log(r.R0 / t.wall.R0) for r, t in zip(cohort.recordings, cohort.truth.values(), strict=True)]
+    assert np.std(error) == pytest.approx(0.005, rel=4 * se)
+
+
+def test_heart_rates_pressures_and_noise_are_the_stated_ones():
+    cohort = virtual_cohort(5, animals=6, sites=("AA", "FA"), dB=np.inf, drift=0.0, bits=None)
+    for recording, truth in zip(cohort.recordings, cohort.truth.values(), strict=True):
+        assert 0.40 <= truth.T <= 0.62 and abs(truth.T * 200 - round(truth.T * 200)) > 1e-6
+        assert 15 * truth.T <= recording.time[-1] + 1 / 200 < 15 * truth.T + 1 / 200
+        assert np.ptp(recording.P) == pytest.approx(truth.pulse, rel=1e-3)  # samples miss the very top
+        assert 10e3 <= truth.mean <= 12e3 and 3.5e3 <= truth.pulse <= 4.5e3
+        _law_holds(recording, truth)
+    noisy = virtual_cohort(5, animals=6, sites=("AA", "FA"), dB=40.0, drift=0.0, bits=None)
+    for clean, other in zip(cohort.recordings, noisy.recordings, strict=True):
+        assert np.std(other.P - clean.P) == pytest.approx(0.01 * np.std(clean.P), rel=0.1)
+        assert np.std(other.R - clean.R) == pytest.approx(0.01 * np.std(clean.R), rel=0.1)
+
+
+def _law_holds(recording, truth: Truth) -> None:
+    """P = K ε/s + K_h/s φ0 (e^{2rε̇} - 1)/(2r), with ε̇ by fourth-order differences of the samples."""
+    wall, R, dt = truth.wall, recording.R, recording.time[1]
+    rate = (8 * (R[3:-1] - R[1:-3]) - (R[4:] - R[:-4])) / (12 * dt * wall.R0)
+    r, K_h = wall.phiNL / wall.phi0, wall.h / (0.75 * wall.R0)
+    s = R[2:-2] / wall.R0
+    P = K_h / s * (wall.E * (s - 1) + wall.phi0 * np.expm1(2 * r * rate) / (2 * r))
+    assert np.abs(P - recording.P[2:-2]).max() < 6e-5 * truth.pulse  # of the differences
+
+
+def test_the_same_seed_gives_the_same_animals_and_another_one_others():
+    one, two, other = (virtual_cohort(seed, animals=2, sites=("DD",), beats=2) for seed in (8, 8, 9))
+    assert np.array_equal(one.recordings[1].R, two.recordings[1].R)
+    assert one.truth == two.truth != other.truth
+
+
+def test_exact_means():
+    """The means of these very animals are those of Table 1, not only those of all that could be drawn; 1e-14."""
+    walls = [t.wall for t in virtual_cohort(4, animals=5, sites=("PD",), beats=1, exact_means=True).truth.values()]
+    table = table_wall("PD")
+    for name in ("E", "phi0", "R0", "phiNL"):
+        values = [getattr(wall, name) for wall in walls]
+        assert np.mean(values) == pytest.approx(getattr(table, name), rel=1e-14) and np.std(values) > 0.0
+
+
+def test_unknown_site():
+    with pytest.raises(ValueError, match="no site 'XX' in the paper; use AA, PD"):
+        virtual_cohort(1, animals=2, sites=("AA", "XX"))
+
+
+def test_files_hold_the_recordings_and_say_that_they_are_virtual(tmp_path):
+    cohort = virtual_cohort(2, animals=2, sites=("AA", "CA"), beats=3)
+    steps = []
+    path = write_cohort(cohort, tmp_path / "new" / "folder", lambda fraction, what: steps.append((fraction, what)))
+    assert steps == [(0.0, "S01_AA.csv"), (0.25, "S01_CA.csv"), (0.5, "S02_AA.csv"), (0.75, "S02_CA.csv")]
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    assert list(rows[0]) == ["animal", "site", "record", "h [mm]", "R0 [mm]"]
+    assert rows[3] == {
+        "animal": "virtual-S02",
+        "site": "CA",
+        "record": "S02_CA.csv",
+        "h [mm]": "0.78",
+        "R0 [mm]": f"{1e3 * cohort.recordings[3].R0:.5g}",
+    }
+    record = read_record(path.parent / "S02_CA.csv")
+    assert record.channels["CA.P"] == pytest.approx(cohort.recordings[3].P, rel=1e-14)
+    assert record.channels["CA.R"] == pytest.approx(cohort.recordings[3].R, rel=1e-14)
+    assert "Virtual animals: synthetic data" in (path.parent / "README.txt").read_text()
+    truth = json.loads((path.parent / "truth.json").read_text())
+    assert truth["data"] == "virtual animals: synthetic data, not measured"
+    assert truth["recordings"][3]["wall"]["E"] == cohort.truth["virtual-S02", "CA"].wall.E
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="cannot be made"):
+        write_cohort(cohort, tmp_path / "file" / "folder")
