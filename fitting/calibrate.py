@@ -28,6 +28,7 @@ from .identifiability import Determined, determined, sentences
 from .network_data import (
     INFLOW,
     MAX_HARMONICS,
+    NEIGHBOURS,
     Target,
     harmonics_above_noise,
     inflow,
@@ -65,7 +66,7 @@ class Calibration:
     channel (1 = noise). singular_values : of the whitened Jacobian in prior units, largest first, 0 where its own error
     is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
     or not explained, one sentence each. history : cost after each iteration, (coarse, fine). harmonics : K.
-    simulations : parameter sets that were simulated.
+    simulations : parameter sets that were simulated. others : the network's parameters that did not move [SI].
     """
 
     network: str
@@ -87,6 +88,7 @@ class Calibration:
     harmonics: int
     simulations: int
     seconds: float
+    others: Mapping[str, float]
     laws: Mapping[str, str]
     source: str
     sha256: str
@@ -96,9 +98,14 @@ class Calibration:
         """(p,) standard deviation of x."""
         return np.sqrt(np.diag(self.covariance))
 
-    def parameter_set(self, name: str | None = None) -> ParameterSet:
-        """The values that moved, with their intervals: start values of the network's FMU."""
+    def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
+        """The values that moved, with their intervals: start values of the network's FMU.
+
+        complete : with all other parameters of the network too, for an FMU that was built with other values.
+        """
         values = {each: Value(value, unit_of(each), self.ci95[each]) for each, value in self.values.items()}
+        if complete:
+            values |= {each: Value(x, unit_of(each)) for each, x in self.others.items()}
         provenance = {
             "method": "network calibration",
             "network": self.network,
@@ -228,7 +235,7 @@ class _Problem:
     def with_target(self, x: Array, error: Array) -> _Problem:
         """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
         at = {name: float(value) for name, value in parameter_values(self.unknowns, self.network, x).items()}
-        H = response(self.network, self.names, self.beats.T, self.K, at)
+        H = response(self.network, self.names, self.beats.T, self.K + NEIGHBOURS, at)
         return replace(self, target=target(self.beats, self.names, H, error))
 
     def simulate(self, x: Array) -> Array:
@@ -393,8 +400,8 @@ def _result(problem: _Problem, near: _Search, best: _Search, seconds: float) -> 
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - _determined(problem, point, 1.0).effective)
     known = _determined(problem, point, max(1.0, chi2 / dof))
-    low, high = problem.bounds
-    at_bound = tuple(u.name for u, x, a, b in zip(unknowns, point.x, low, high, strict=True) if x <= a or x >= b)
+    close = np.minimum(point.x - problem.bounds[0], problem.bounds[1] - point.x) <= 1e-9 * problem.typical
+    at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     channels = problem.target.channel_rms(point.X)
     sd = np.sqrt(np.diag(known.covariance))
     report = [
@@ -425,6 +432,11 @@ def _result(problem: _Problem, near: _Search, best: _Search, seconds: float) -> 
         harmonics=problem.K,
         simulations=problem.meter.simulations,
         seconds=seconds,
+        others={
+            name: value
+            for name, value in problem.network.parameters().items()
+            if name not in values and not problem.network.parameter_quantities()[name].input
+        },
         laws={
             "network.elastic_law": problem.network.elastic_law,
             "network.viscous_law": problem.network.viscous_law,

@@ -5,16 +5,15 @@ X_k = rfft(mean beat)/N of every channel, k = 0 … K. The residual of a simulat
     X_k - X_k^sim(Q) = n_k - H_k q_k + e_k
 
 with the channels' own noise n, the noise q of the inflow, which every channel feels through the network's response H,
-and the solver's error e. Its covariance, channels jointly, is [1, -H] S_k [1, -H]^† + diag(e²); S_k is the covariance
-of channels and inflow from the scatter between beats. So a real change of inflow from beat to beat, which all channels
-follow, costs nothing, and noise of the flow meter counts in all of them. What sampling hides beyond half its rate is
-part of S_k.
+and the solver's error e. Its covariance, channels jointly, is S_n + H S_q H^† + diag(e²), with S_n and S_q from the
+scatter between beats. A real change of inflow from beat to beat, which all channels follow, is taken out first: it
+costs nothing. What sampling hides beyond half its rate is part of S_n and S_q.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +29,7 @@ MAX_HARMONICS = 40
 _ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel has as much is left out
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
 _POOLED = 7.0  # harmonics that Beats.covariance takes together
+NEIGHBOURS = 3  # harmonics on either side that it takes
 _TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 
 
@@ -62,11 +62,28 @@ class Target:
 
 
 def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Array) -> Target:
-    """The target for channels ``names``; response : (K+1, m) H_k, solver_error : (K+1, m) sd of e_k."""
-    K = len(response) - 1
-    gain = np.concatenate([np.broadcast_to(np.eye(len(names)), (K + 1, *[len(names)] * 2)), -response[..., None]], -1)
-    covariance = gain @ _noise(beats, (*names, INFLOW))[: K + 1] @ np.conj(np.swapaxes(gain, 1, 2))
-    covariance[:, np.arange(len(names)), np.arange(len(names))] += solver_error**2
+    """The target for channels ``names``.
+
+    response : (n, m) H_k for k = 0 … n - 1 > K, those beyond K for the covariance's neighbours; solver_error : (K+1, m)
+    standard deviation of e_k.
+    """
+    K = len(solver_error) - 1
+    share = _noise_share(beats, names, response)
+    # what is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
+    # inflow as measured: a covariance that can be pooled and shrunk. The noise of the inflow then comes back, times H
+    real = _following(beats, names, (1.0 - share)[:, None] * response)
+    values = {name: beats.values[name] - change for name, change in zip(names, real, strict=True)}
+    steady = replace(beats, values={INFLOW: beats.values[INFLOW], **values})
+    H = response[: K + 1]
+    one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
+    gain = np.concatenate([one, -(share[: K + 1, None] * H)[..., None]], axis=2)
+    covariance = gain @ _scatter(steady, (*names, INFLOW))[: K + 1] @ np.conj(np.swapaxes(gain, 1, 2))
+    # what sampling hides of the inflow is common to all channels, as its noise is
+    hidden = _hidden(beats, (*names, INFLOW))[: K + 1]
+    common = hidden[:, -1:] * H
+    covariance = covariance + common[:, :, None] * common[:, None, :].conj()
+    at = np.arange(len(names))
+    covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
     covariance[0] = covariance[0].real
     # pascals and cubic metres per second: scaled before the factorisation
     scale = np.sqrt(np.einsum("kii->ki", covariance).real)
@@ -90,8 +107,8 @@ def pulses(beats: Beats, names: Sequence[str]) -> Array:
 def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
     X = coefficients(beats, names, most)
-    variance = np.einsum("kii->ki", _noise(beats, names))[: most + 1].real
-    above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance).any(axis=1))
+    variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
+    above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
 
 
@@ -134,16 +151,48 @@ def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
     return np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:]) + _ROUND_OFF * pulse
 
 
-def _noise(beats: Beats, names: Sequence[str]) -> Array:
-    """Covariance (N//2+1, m, m) of the coefficients of mean beats: noise and what the sampling hides."""
-    S = beats.covariance(names)
-    dof = beats.n_beats - 1.0
+def _following(beats: Beats, names: Sequence[str], response: Array) -> list[Array]:
+    """What channels of that response (n, m) would do from beat to beat if they followed the measured inflow."""
+    change = np.nan_to_num(beats.values[INFLOW] - beats.mean(INFLOW), nan=0.0)
+    q = np.fft.rfft(change, axis=1)
+    n = min(len(response), beats.N // 2 + 1)
+    result = []
+    for H in response.T:
+        moved = np.zeros_like(q)
+        moved[:, :n] = H[:n] * q[:, :n]
+        result.append(np.fft.irfft(moved, beats.N, axis=1))
+    return result
+
+
+def _noise_share(beats: Beats, names: Sequence[str], response: Array) -> Array:
+    """The part (n,) of the inflow's variance from beat to beat that no channel follows: noise of the flow meter.
+
+    By regression of the channels on what they would do, each weighted by its own variance: 0 if the flow is measured
+    exactly, 1 if it is the same in every beat and all change is noise.
+    """
+    m = len(names)
+    moved = dict(zip((f"{name} follows" for name in names), _following(beats, names, response), strict=True))
+    both = replace(beats, values={**{name: beats.values[name] for name in names}, **moved})
+    S = both.covariance((*names, *moved))
     variance = np.einsum("kii->ki", S).real
-    hidden = np.stack([_aliased(beats.mean(name), v) for name, v in zip(names, variance.T, strict=True)], axis=1)
-    S = np.concatenate([_shrunk(S[:1], dof), _shrunk(S[1:], _POOLED * dof)])
-    at = np.arange(len(names))
-    S[:, at, at] += hidden**2
-    return S
+    at = np.arange(m)
+    weight = np.divide(1.0, variance[:, :m], out=np.zeros_like(variance[:, :m]), where=variance[:, :m] > 0.0)
+    followed = (weight * S[:, at, m + at].real).sum(axis=1)
+    could = (weight * variance[:, m:]).sum(axis=1)
+    share = 1.0 - np.divide(followed, could, out=np.zeros_like(could), where=could > 0.0)
+    return np.pad(np.clip(share, 0.0, 1.0), (0, max(0, len(response) - len(share))), mode="edge")[: len(response)]
+
+
+def _scatter(beats: Beats, names: Sequence[str]) -> Array:
+    """Covariance (N//2+1, m, m) of the coefficients of mean beats, from the scatter between beats."""
+    S, dof = beats.covariance(names), beats.n_beats - 1.0
+    return np.concatenate([_shrunk(S[:1], dof), _shrunk(S[1:], _POOLED * dof)])
+
+
+def _hidden(beats: Beats, names: Sequence[str]) -> Array:
+    """Size (N//2+1, m) of what the sampling hides in the coefficients of mean beats."""
+    variance = np.einsum("kii->ki", beats.covariance(names)).real
+    return np.stack([_aliased(beats.mean(name), v) for name, v in zip(names, variance.T, strict=True)], axis=1)
 
 
 def _shrunk(S: Array, dof: float) -> Array:
@@ -165,13 +214,14 @@ def _shrunk(S: Array, dof: float) -> Array:
 def _aliased(mean: Array, variance: Array) -> Array:
     """Size (N//2+1,) of what frequencies beyond half the sampling rate add to each coefficient of a mean beat.
 
-    A kink (the start of an ejection) gives a tail C/k². Coefficient k then holds C/(N-k)² + C/(N+k)² beside its own
-    C/k²; C is read from the last quarter of the spectrum, over its noise.
+    A kink (the start of an ejection) gives a tail C/k². Sampled, coefficient k holds Σ_m C/(k + mN)², which is
+    C (π/N)²/sin²(πk/N), of which C/k² is its own; C is read from the last quarter of the spectrum, over its noise.
     """
     N = len(mean)
     k = np.arange(N // 2 + 1)
-    folded = 1.0 / (N - k) ** 2.0 + 1.0 / (N + k) ** 2.0
+    whole, own = (np.pi / N) ** 2 / np.sin(np.pi * np.maximum(k, 1) / N) ** 2, 1.0 / np.maximum(k, 1) ** 2.0
+    folded = np.where(k == 0, np.pi**2 / 3.0 / N**2, whole - own)
     tail = k >= max(1, int(_TAIL * (N / 2.0)))
     power = np.abs(np.fft.rfft(mean, norm="forward")) ** 2 - variance
-    C2 = float(np.mean(power[tail] / (1.0 / k[tail] ** 2.0 + folded[tail]) ** 2))
+    C2 = float(np.mean(power[tail] / whole[tail] ** 2))
     return np.sqrt(max(C2, 0.0)) * folded
