@@ -194,7 +194,7 @@ def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list
         factors.append(_factor(KINDS[kind], unit, titles, source, title))
         own = f"{site}.R" if kind == "D" else name
         if own in names:
-            both = "R and D of one site" if own != name or kinds[names.index(own)] != kind else "a name twice"
+            both = "a name twice" if kinds[names.index(own)] == kind else "R and D of one site"
             refuse(source, 1, title, f"{both}; keep one of the two columns")
         names.append(own)
         kinds.append(kind)

@@ -45,13 +45,12 @@ def refuse(source: str, line: int, title: str, reason: str) -> NoReturn:
 
 def check_numbers(values: Array, name: str, title: str, source: str) -> None:
     """Refuses infinite values, a channel of gaps only, and a constant one: a dead sensor, or no pulsation to fit."""
-    bad = np.flatnonzero(np.isinf(values))
-    if len(bad):
-        refuse(source, int(bad[0]) + 2, title, "the value is infinite; leave the field empty for a gap")
-    measured = values[~np.isnan(values)]
-    if len(measured) == 0:
+    low, high = _extremes(values)
+    if np.isinf(low) or np.isinf(high):
+        line = int(np.flatnonzero(np.isinf(values))[0]) + 2
+        refuse(source, line, title, "the value is infinite; leave the field empty for a gap")
+    if np.isnan(low):
         raise ValueError(f"{source}: column {title!r}: it holds gaps only; remove the column.")
-    low, high = float(measured.min()), float(measured.max())
     if high / 2.0 - low / 2.0 <= _FLAT * max(abs(low), abs(high)) / 2.0:  # halves, lest it overflow
         raise ValueError(
             f"{source}: column {title!r}: the channel is constant ({high:g} {_kind(name).unit}), it does not pulsate; "
@@ -66,12 +65,13 @@ def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
     samples from it; noise makes none. A flow may rest at zero.
     """
     kind = _kind(name)
-    range_ = float(np.nanmax(values) - np.nanmin(values))
-    for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
-        y = sign * values
-        top = float(np.nanmax(y))
-        if kind.noun == "flow" and abs(top) < _VALVE * range_:
+    low, high = _extremes(values)
+    for sign, top, word in ((1.0, high, "highest"), (-1.0, -low, "lowest")):
+        if kind.noun == "flow" and abs(top) < _VALVE * (high - low):
             continue
+        if np.count_nonzero(values == sign * top) < _RUN:
+            continue
+        y = sign * values
         edges = np.flatnonzero(np.diff(np.concatenate([[False], y == top, [False]]).astype(np.int8)))
         start, stop = edges[::2], edges[1::2]
         beside = np.maximum(2, (stop - start) // 4)
@@ -88,6 +88,15 @@ def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
                 f"{top * sign / _shown(kind):.6g} {kind.example}; "
                 "widen the sensor's range, or leave these fields empty",
             )
+
+
+def _extremes(values: Array) -> tuple[float, float]:
+    """Lowest and highest value that is not a gap; NaN if there is none."""
+    low, high = float(values.min()), float(values.max())
+    if np.isnan(low):  # gaps are rare, so look for them only where they show
+        values = values[~np.isnan(values)]
+        low, high = (float(values.min()), float(values.max())) if len(values) else (np.nan, np.nan)
+    return low, high
 
 
 def _quantum(values: Array) -> float:
@@ -109,10 +118,11 @@ def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], sourc
     for name, values in channels.items():
         site, _, letter = name.rpartition(".")
         kind = KINDS[letter]
-        bad = np.flatnonzero((values < kind.low) | (values > kind.high))
         if letter in "PR" and _swapped(channels.get(f"{site}.P"), channels.get(f"{site}.R")):
             refuse(source, 1, titles[name], f"P and R of {site} seem swapped; exchange the two names")
-        if len(bad):
+        low, high = _extremes(values)
+        if low < kind.low or high > kind.high:
+            bad = np.flatnonzero((values < kind.low) | (values > kind.high))
             refuse(
                 source,
                 int(bad[0]) + 2,
@@ -127,9 +137,9 @@ def _swapped(P: Array | None, R: Array | None) -> bool:
     if P is None or R is None:
         return False
     low, high = KINDS["R"].low, KINDS["R"].high
-    small, large = float(np.nanmin(P)), float(np.nanmax(P))
-    middle = float(np.nanmedian(R))
+    (small, large), (narrow, wide) = _extremes(P), _extremes(R)
+    middle = 0.5 * (narrow + wide)
     if low <= small and large <= high and (middle > high or middle < low):
         return True
-    livelier = np.nanmax(R) - np.nanmin(R) > middle * (large - small) / max(abs(small), abs(large))
+    livelier = wide - narrow > middle * (large - small) / max(abs(small), abs(large))
     return bool(middle > _WIDE and 0.0 < small and large < 3e3 and livelier)
