@@ -39,7 +39,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/speed.py
 
 docs: $(VENV)/installed-docs
-	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src build_fmu
+	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting build_fmu
 	@echo "Open build/docs/index.html"
 
 clean:

@@ -145,10 +145,16 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
     return result
 
 
+# a power of a power, or a number of three digits: 9**9**9**9 would keep exact arithmetic busy for ever
+_ENDLESS = re.compile(r"\d{3}|(\*\*|\^)[^*^/]*\d\s*\)*\s*(\*\*|\^)")
+
+
 def _factor(text: str, unit: str, shown: str) -> Fraction:
     """The exact factor from the unit in ``text`` to ``unit``; no text means that unit itself."""
     wanted, registry = _pint_spelling(unit), _registry()
     try:
+        if _ENDLESS.search(text):
+            raise ValueError
         given = registry.parse_units(_pint_spelling(text)) if text else registry.parse_units(wanted)
     # the parser of pint lets all of these through for text that is not a unit
     except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
