@@ -14,47 +14,31 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic, Settings, simulate_periodic
+from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
 
 from .beats import Beats
 from .identifiability import Determined, determined, sentences
-from .network_data import (
-    INFLOW,
-    MAX_HARMONICS,
-    NEIGHBOURS,
-    Target,
-    harmonics_above_noise,
-    inflow,
-    pulses,
-    response,
-    solver_error,
-    target,
-)
+from .network_data import INFLOW, MAX_HARMONICS, harmonics_above_noise, pulses, solver_error
+from .network_problem import DERIVATIVE_ERROR, Meter, Point, Problem, Progress
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
 from .unknowns import Unknown, parameter_intervals, parameter_values, parse_unknowns
 
 Array = np.ndarray
-Progress = Callable[[float, str], None]
 
-# Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
-# derivative (measured, sheep network)
-_STEP = 3e-4
-DERIVATIVE_ERROR = 5e-4
-_COARSE = 2.5  # steps of the coarse stage, in those of the fine one
 _COARSE_ERROR = 1e-3  # of a channel's pulse: enough for the coarse stage, whose own error is below it
 _NEAR = 5e-3  # in prior units: from here one step of the fine stage leads home
 _EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
 _LARGEST_STEP = 3.0  # in prior units
 _FEWEST_STEPS = 20  # of the solver in a beat
-_SHORTEST = 100  # steps in a beat that the coarse stage needs
 
 
 @dataclass(frozen=True)
@@ -137,14 +121,14 @@ def calibrate(
     settings : of the solver, default dt 1 ms. progress : called with a fraction of the work and a label.
     Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
     inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
-    this inflow before the search begins.
+    this inflow where the search begins.
     """
     started = time.perf_counter()
     settings = settings or Settings()
     found = parse_unknowns(unknowns, network)
     names = _channels(beats, network, channels)
     K = _harmonics(beats, names, settings)
-    fine = _Problem(beats, network, found, names, K, settings, _Meter(progress))
+    fine = Problem(beats, network, found, names, K, settings, Meter(progress))
     coarse = fine.coarser()
     pulse = pulses(beats, names)
 
@@ -152,124 +136,24 @@ def calibrate(
     first = coarse.with_target(x, np.full((K + 1, len(names)), _COARSE_ERROR) * pulse)
     meter = fine.meter
     meter.stage(0.0, 0.4, "coarse")
-    near = _minimise(first, _start(first, x), max_iterations, (0.1, _NEAR))
+    with _refusal(f"{beats.source}: with its inflow, network {network.name} as given cannot be simulated"):
+        start = first.evaluate(x)
+    near = _minimise(first, start, max_iterations, (0.1, _NEAR))
 
     meter.stage(0.4, 1.0, "fine")
     x = near.point.x
-    batch = fine.batch(x)
-    last = fine.with_target(x, solver_error(batch[0], fine.finer().simulate(x[None])[0], pulse))
+    with _refusal(
+        f"{beats.source}: network {network.name}, found with longer steps, cannot be simulated with fine ones"
+    ):
+        batch = fine.batch(x)
+        last = fine.with_target(x, solver_error(batch[0], fine.finer().simulate(x[None])[0], pulse))
     best = _minimise(last, last.point(x, batch), max_iterations, (0.01, 0.0))
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, time.perf_counter() - started)
 
 
-# --- the problem --------------------------------------------------------------------------------------------------
-
-
-@dataclass
-class _Meter:
-    """Counts simulations and reports how far a stage is; a stage takes some four of them."""
-
-    progress: Progress | None
-    simulations: int = 0
-    span: tuple[float, float] = (0.0, 1.0)
-    label: str = ""
-    done: int = 0
-
-    def stage(self, low: float, high: float, label: str) -> None:
-        self.span, self.label, self.done = (low, high), label, 0
-
-    def simulated(self, members: int) -> None:
-        self.simulations += members
-        self.done += 1
-        if self.progress:
-            low, high = self.span
-            self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
-
-
-@dataclass(frozen=True)
-class _Point:
-    """x : (p,), z : (n,) whitened residual, J : (n, p) its derivatives, X : (K+1, m); cost : data and prior."""
-
-    x: Array
-    z: Array
-    J: Array
-    X: Array
-    cost: float
-
-
-@dataclass(frozen=True)
-class _Problem:
-    beats: Beats
-    network: Network
-    unknowns: tuple[Unknown, ...]
-    names: tuple[str, ...]
-    K: int
-    settings: Settings
-    meter: _Meter
-    tolerance: float = 1e-6  # of the periodic beat
-    target: Target | None = None
-
-    @property
-    def typical(self) -> Array:
-        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
-        return np.array([u.typical_sd for u in self.unknowns])
-
-    @property
-    def prior(self) -> Array:
-        """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
-        return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        return np.array([u.low for u in self.unknowns]), np.array([u.high for u in self.unknowns])
-
-    def coarser(self) -> _Problem:
-        dt = max(self.settings.dt, min(_COARSE * self.settings.dt, self.beats.T / _SHORTEST))
-        return replace(self, settings=replace(self.settings, dt=dt), tolerance=1e-4)
-
-    def finer(self) -> _Problem:
-        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
-
-    def with_target(self, x: Array, error: Array) -> _Problem:
-        """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
-        at = {name: float(value) for name, value in parameter_values(self.unknowns, self.network, x).items()}
-        H = response(self.network, self.names, self.beats.T, self.K + NEIGHBOURS, at)
-        return replace(self, target=target(self.beats, self.names, H, error))
-
-    def simulate(self, x: Array) -> Array:
-        """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
-        beat = simulate_periodic(
-            self.network,
-            inflow(self.beats, self.settings.dt),
-            self.beats.T,
-            parameters=parameter_values(self.unknowns, self.network, x),
-            settings=self.settings,
-            tolerance=self.tolerance,
-        )
-        self.meter.simulated(len(x))
-        waves = np.stack([beat[name][:, :-1] for name in self.names], axis=-1)
-        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1]
-
-    def steps(self, x: Array) -> Array:
-        """(p,) steps of the finite differences, away from an upper bound."""
-        steps = _STEP * self.typical
-        return np.where(x + steps > self.bounds[1], -steps, steps)
-
-    def batch(self, x: Array) -> Array:
-        """Coefficients (1+p, K+1, m) at x and one step away from it along each unknown."""
-        return self.simulate(np.concatenate([x[None], x + np.diag(self.steps(x))]))
-
-    def point(self, x: Array, batch: Array) -> _Point:
-        """Residual and derivatives at x from its batch."""
-        assert self.target is not None
-        z = self.target.residual(batch)
-        cost = float(z[0] @ z[0] + np.sum(self.prior * (x / self.typical) ** 2))
-        return _Point(x, z[0], (z[1:] - z[0]).T / self.steps(x), batch[0], cost)
-
-    def evaluate(self, x: Array) -> _Point:
-        return self.point(x, self.batch(x))
+# --- the record ----------------------------------------------------------------------------------------------------
 
 
 def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> tuple[str, ...]:
@@ -310,22 +194,21 @@ def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
 
 @dataclass(frozen=True)
 class _Search:
-    point: _Point
+    point: Point
     history: tuple[float, ...]
     converged: bool
 
 
-def _start(problem: _Problem, x: Array) -> _Point:
+@contextmanager
+def _refusal(what: str) -> Iterator[None]:
+    """A simulation that breaks down where there is nothing to go back to, as one sentence."""
     try:
-        return problem.evaluate(x)
+        yield
     except (NonPhysicalState, NotPeriodic) as error:
-        raise ValueError(
-            f"{problem.beats.source}: with its inflow, network {problem.network.name} as given cannot be simulated: "
-            f"{error}"
-        ) from None
+        raise ValueError(f"{what}: {error}") from None
 
 
-def _minimise(problem: _Problem, point: _Point, max_iterations: int, enough: tuple[float, float]) -> _Search:
+def _minimise(problem: Problem, point: Point, max_iterations: int, enough: tuple[float, float]) -> _Search:
     """Damped Gauss–Newton until no unknown moves by more than a part of its standard deviation, or of its prior's."""
     history = [point.cost]
     for _ in range(max_iterations):
@@ -344,7 +227,7 @@ def _minimise(problem: _Problem, point: _Point, max_iterations: int, enough: tup
     return _Search(point, tuple(history), False)
 
 
-def _line(problem: _Problem, point: _Point, known: Determined, step: Array) -> _Point | None:
+def _line(problem: Problem, point: Point, known: Determined, step: Array) -> Point | None:
     """The next point: the full step, else halved (the simulation breaks down) or damped (the cost rises) ones."""
     low, high = problem.bounds
     damping, shorter = 0.0, 1.0
@@ -361,7 +244,7 @@ def _line(problem: _Problem, point: _Point, known: Determined, step: Array) -> _
     return None
 
 
-def _step(problem: _Problem, point: _Point, known: Determined, damping: float) -> Array:
+def _step(problem: Problem, point: Point, known: Determined, damping: float) -> Array:
     """Gauss–Newton step of x : (p,), damped by ``damping`` in prior units, with bounds that would be crossed held."""
     typical, prior = problem.typical, problem.prior
     low, high = problem.bounds
@@ -375,26 +258,24 @@ def _step(problem: _Problem, point: _Point, known: Determined, damping: float) -
     for _ in range(len(typical)):
         held = normal[np.ix_(free, ~free)] @ step[~free]
         step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-13)[0]
-        to = np.clip(point.x / typical + step, low / typical, high / typical) - point.x / typical
-        crossed = free & (to != step)
-        if not crossed.any():
-            break
-        step[crossed] = to[crossed]
+        to = np.clip(point.x + typical * step, low, high)
+        crossed = free & (to != point.x + typical * step)
+        step[crossed] = ((to - point.x) / typical)[crossed]
         free &= ~crossed
-        if not free.any():
+        if not crossed.any() or not free.any():
             break
     longest = np.abs(step).max()
     return typical * step * min(1.0, _LARGEST_STEP / longest) if longest > 0.0 else step
 
 
-def _determined(problem: _Problem, point: _Point, scale: float) -> Determined:
+def _determined(problem: Problem, point: Point, scale: float) -> Determined:
     return determined(point.J * problem.typical, problem.prior, problem.typical, scale, DERIVATIVE_ERROR)
 
 
 # --- the result ---------------------------------------------------------------------------------------------------
 
 
-def _result(problem: _Problem, near: _Search, best: _Search, seconds: float) -> Calibration:
+def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> Calibration:
     assert problem.target is not None
     point, unknowns = best.point, problem.unknowns
     chi2 = float(point.z @ point.z)

@@ -184,9 +184,14 @@ def _noise_share(beats: Beats, names: Sequence[str], response: Array) -> Array:
 
 
 def _scatter(beats: Beats, names: Sequence[str]) -> Array:
-    """Covariance (N//2+1, m, m) of the coefficients of mean beats, from the scatter between beats."""
+    """Covariance (N//2+1, m, m) of the coefficients of mean beats, from the scatter between beats.
+
+    Widened so that the inverse of a variance from few beats is right on average: E[1/s²] = ν/(ν - 2)/σ² for ν real
+    samples (the mean), ν/(ν - 1)/σ² for ν complex ones.
+    """
     S, dof = beats.covariance(names), beats.n_beats - 1.0
-    return np.concatenate([_shrunk(S[:1], dof), _shrunk(S[1:], _POOLED * dof)])
+    mean, rest = _shrunk(S[:1], dof), _shrunk(S[1:], _POOLED * dof)
+    return np.concatenate([mean * dof / max(dof - 2.0, dof / 3.0), rest * _POOLED * dof / (_POOLED * dof - 1.0)])
 
 
 def _hidden(beats: Beats, names: Sequence[str]) -> Array:
