@@ -243,7 +243,7 @@ def _read_columns(path: str | os.PathLike[str], titles: list[str], source: str) 
     schema = {str(i): pl.Float64() for i in range(len(titles))}
     try:
         frame = pl.read_csv(Path(path), has_header=False, skip_rows=1, schema=schema, glob=False)
-    except pl.exceptions.PolarsError:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException):  # its CSV reader panics on some broken files
         return _read_slowly(path, titles, source)
     # polars fills up a row that is too short, and takes line ends of old spreadsheets for part of the header
     if frame.height == 0 or (frame[:, -1].null_count() and _commas(path) != (frame.height + 1) * (len(titles) - 1)):
