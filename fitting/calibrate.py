@@ -285,9 +285,10 @@ def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> C
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     channels = problem.target.channel_rms(point.X)
     sd = np.sqrt(np.diag(known.covariance))
+    terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
         *(f"{name} stopped at the end of its allowed range" for name in at_bound),
-        *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known),
+        *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
         *_misfit(chi2 / dof, dof, channels),
     ]
     if not best.converged:

@@ -52,8 +52,14 @@ def determined(jacobian: Array, prior: Array, sizes: Array, scale: float, error:
     return Determined(s, doubt, directions, covariance * np.outer(sizes, sizes), effective, sizes)
 
 
-def sentences(names: Sequence[str], prior_sd: Sequence[float | None], known: Determined) -> list[str]:
-    """One sentence for every unknown, or combination of them, that the data determine less than the prior does."""
+def sentences(
+    names: Sequence[str], prior_sd: Sequence[float | None], known: Determined, terms: Sequence[str] | None = None
+) -> list[str]:
+    """One sentence for every unknown, or combination of them, that the data determine less than the prior does.
+
+    terms : how an unknown is written in a sum ("ln all.E" where it is a logarithm); default its name.
+    """
+    terms = names if terms is None else terms
     sd = np.sqrt(np.diag(known.covariance))
     weak = known.singular_values < _WEAK
     said: set[int] = set()
@@ -74,12 +80,12 @@ def sentences(names: Sequence[str], prior_sd: Sequence[float | None], known: Det
             along = known.covariance[np.ix_(parts, parts)]
             spread = np.sqrt(max(float(np.array([1.0, factor]) @ along @ np.array([1.0, factor])), 0.0))
             result.append(
-                f"of {names[a]} and {names[b]} only the combination {_sum([names[a], names[b]], [1.0, factor])} is "
+                f"of {names[a]} and {names[b]} only the combination {_sum([terms[a], terms[b]], [1.0, factor])} is "
                 f"determined (sd {spread:.2g})"
             )
         else:
             said.update(int(i) for i in parts)
-            combination = _sum([names[int(i)] for i in parts], direction[parts] * known.sizes[parts])
+            combination = _sum([terms[int(i)] for i in parts], direction[parts] * known.sizes[parts])
             result.append(f"the data do not determine a change along {combination}")
     correlation = known.covariance / np.outer(sd, sd)
     for a in range(len(names)):
