@@ -147,7 +147,7 @@ def calibrate_command(
         beats = align(read_record(record), _seconds(period, "--period"))
         result = calibrate(beats, described, free, progress=progress)
         if out is not None:
-            write_set(result.parameter_set(), out)
+            write_set(result.parameter_set(complete=start is not None), out)
     if not quiet:
         _print(calibration_table(result))
         _say(result.report)
@@ -214,7 +214,8 @@ def _seconds(text: str | None, name: str) -> float | None:
 
 
 def _draw(fits: list[WallFit], beats: Beats, path: Path) -> None:
-    from .figures import loop_figure, write_png  # matplotlib takes a second
+    from .figures import loop_figure  # matplotlib takes a second
+    from .style import write_png
 
     write_png(loop_figure(fits, beats), path)
 

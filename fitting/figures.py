@@ -2,57 +2,25 @@
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from solver.files import write_whole
-
 from .beats import Beats
 from .regression import WallFit
+from .style import BLACK, BLUE, GREEN, MMHG, PURPLE, SKY, STYLE, VERMILION
 
 Array = np.ndarray
 
-MMHG = 133.322387415  # Pa
-# Okabe and Ito's colours, which colour-blind readers can tell apart
-BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = (
-    "#000000",
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-)
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titleweight": "bold",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.6,
-    "lines.linewidth": 1.3,
-    "legend.frameon": False,
-}
 _TITLES = {
     "linear": "Linear Kelvin–Voigt",
     "nonlinear": "Nonlinear Kelvin–Voigt, quadratic",
     "monotone": "Nonlinear Kelvin–Voigt, monotone",
     "extended": "Nonlinear Kelvin–Voigt with $E_{NL}$",
 }
-
-
-def write_png(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure as PNG, whole or not at all. Raises ValueError if it cannot be written."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=160)
-    write_whole(path, buffer.getvalue())
 
 
 def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:

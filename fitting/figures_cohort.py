@@ -13,7 +13,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from .cohort import Cohort
 from .cohort_claims import Claim
-from .figures import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMILION
+from .style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMILION
 
 
 def cohort_figures(cohort: Cohort) -> dict[str, Figure]:

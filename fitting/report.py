@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,21 +18,11 @@ from matplotlib.patches import Patch
 
 from .agreement import DISPLAY, Channel
 from .check import CheckReport
+from .style import BLACK, SKY, STYLE, VERMILION, png
 
 Array = np.ndarray
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart
-MEASURED, SIMULATED, BAND = "#000000", "#D55E00", "#56B4E9"
-_STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titleweight": "bold",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.6,
-    "lines.linewidth": 1.3,
-    "legend.frameon": False,
-}
+MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
 _COLUMNS = 3
 _MOST_POINTS = 1000  # of a curve on the page
 _DASHED = (0, (4, 2))
@@ -56,7 +45,7 @@ class Drawing:
 
 def figures(report: CheckReport) -> dict[str, Drawing]:
     """The figures of a report by file name: waveforms, residuals, and loops where P and R are compared."""
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         drawn = {"waveforms": _waveforms(report), "residuals": _residuals(report)}
         if report.loops:
             drawn["loops"] = _loops(report)
@@ -80,6 +69,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
         loops=[_loop_row(loop.site, loop.measured, loop.simulated) for loop in report.loops],
         drawings=drawings,
         worst=report.worst.name,
+        provenance=_provenance(report.sources["parameter_set"]["provenance"]),
     )
 
 
@@ -108,6 +98,19 @@ def _row(channel: Channel) -> dict[str, str]:
 def _loop_row(site: str, measured: float, simulated: float) -> dict[str, str]:
     change = f"{100 * (simulated / measured - 1):+.2g}".replace("-", "−") if measured else "–"
     return {"site": site, "measured": f"{measured:.4g}", "simulated": f"{simulated:.4g}", "change": change}
+
+
+def _provenance(entries: Mapping[str, Any]) -> dict[str, str]:
+    """Where the set comes from, in words; what is empty is left out."""
+    return {f"set: {key.replace('_', ' ')}": _words(value) for key, value in entries.items() if value not in ([], {})}
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key}: {_words(each)}" for key, each in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_words, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _signed(value: float) -> str:
@@ -212,7 +215,4 @@ def _legend(figure: Figure, *curves: tuple[str, str, Any], band: str = "") -> No
 
 
 def _drawing(figure: Figure, caption: str) -> Drawing:
-    stream = io.BytesIO()
-    # the same report, the same bytes
-    figure.savefig(stream, format="png", dpi=2 * _PIXELS, metadata={"Software": None})
-    return Drawing(stream.getvalue(), round(figure.get_figwidth() * _PIXELS), caption)
+    return Drawing(png(figure, 2 * _PIXELS), round(figure.get_figwidth() * _PIXELS), caption)
