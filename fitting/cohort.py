@@ -1,37 +1,28 @@
-"""Many animals, many sites: every recording fitted, then means, scatter and the paper's claims.
-
-A cohort file is a CSV with a line per recording: ``animal,site,record,h [mm],R0 [mm]``. ``record`` is a file beside
-it, h the measured wall thickness, R0 the measured unstressed radius (may be left empty): both are measured, R0 is
-fitted all the same and compared.
-"""
+"""Many animals, many sites: every recording fitted, then means, scatter and the paper's claims."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from rich.console import RenderableType
 from scipy.stats import t as t_distribution
 
-from solver.files import parse_quantity
-from solver.network import Segment
-from solver.quantity import quantities
-
 from . import cohort_claims
 from .beats import align
 from .cohort_claims import Cells, Claim
+from .cohort_file import Entry, read_cohort
 from .parameter_set import ParameterSet, Value
 from .provenance import software
 from .records import read_record
 from .regression import WallFit, fit
 from .wall_model import PARAMETERS, UNITS, WallModel, model
+
+__all__ = ["Cohort", "Entry", "fit_cohort", "read_cohort"]
 
 EXTENDED = WallModel("extended monotone", "regression", "monotone", PARAMETERS)
 """The monotone model and E_NL. The quadratic ``extended`` takes the bend of a monotone viscosity for E_NL."""
@@ -47,19 +38,6 @@ QUANTITIES = {
     "strain": "1",
 }
 """What a table holds, with units; ``strain`` is the mean strain of the loop."""
-
-_COLUMNS = ("animal", "site", "record", "h", "R0")
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A line of a cohort file: h and R0 [m], R0 None if it was not measured; record : path that can be opened."""
-
-    animal: str
-    site: str
-    record: str
-    h: float
-    R0: float | None = None
 
 
 @dataclass(frozen=True)
@@ -195,12 +173,21 @@ class Cohort:
         extended = {"monotone": EXTENDED.name, "nonlinear": "extended"}.get(main, "")
         if extended in self.models and self.fits(extended):
             strain, bend = self.values("strain", extended), self.values("ENL/E", extended)
-            found.append(cohort_claims.negligible_elastic_bend({cell: bend[cell] * strain[cell] for cell in bend}))
-        if main != "linear" and "linear" in self.models:
+            claim = cohort_claims.negligible_elastic_bend({cell: bend[cell] * strain[cell] for cell in bend})
+            found.append(self._without_lost(claim, extended))
+        if main != "linear" and "linear" in self.models and self.fits("linear"):
             pairs = {key: (self.values(key, "linear"), self.values(key)) for key in ("E", "phi0")}
             both = {key: {c: a[c] / b[c] for c in b if c in a} for key, (a, b) in pairs.items()}
-            found.append(cohort_claims.same_in_both_models(both, ("linear", main)))
+            found.append(self._without_lost(cohort_claims.same_in_both_models(both, ("linear", main)), "linear"))
         return tuple(found)
+
+    def _without_lost(self, claim: Claim, model: str) -> Claim:
+        """The claim, that says so if recordings are left out of it: they may be the very ones that speak against it."""
+        lost = [cell for cell in self.fits() if cell not in self.fits(model)]
+        if not lost:
+            return claim
+        cells = ", ".join(" ".join(cell) for cell in lost)
+        return replace(claim, text=f"{claim.text} Without {cells}, where the {model} model could not be fitted.")
 
     def to_json(self) -> str:
         """All numbers as JSON text in SI; null for what one animal alone cannot tell."""
@@ -222,39 +209,6 @@ class Cohort:
         from .cohort_report import write  # matplotlib takes a second
 
         return write(self, folder)
-
-
-def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
-    """The entries of a cohort file; records are looked for beside it.
-
-    Raises ValueError, one sentence with file and line, for a missing column, cell or record, a number that is none or
-    out of range, or an animal with two lines for one site.
-    """
-    source = os.fspath(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
-    rows = csv.reader(io.StringIO(text), skipinitialspace=True)
-    entries: list[Entry] = []
-    try:
-        places, units = _header(next(rows, []))
-        for row in rows:
-            if any(cell.strip() for cell in row):
-                where = f"line {rows.line_num}"
-                entry = _entry(row, places, units, Path(path).parent, where)
-                if any((e.animal, e.site) == (entry.animal, entry.site) for e in entries):
-                    raise ValueError(f"{where}: {entry.animal} has a line for {entry.site} already; keep one.")
-                entries.append(entry)
-        if not entries:
-            raise ValueError("line 2: there is no recording below the header; add a line for each.")
-    except csv.Error as error:
-        raise ValueError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
-    return entries
 
 
 def fit_cohort(
@@ -304,44 +258,6 @@ def _fit(entry: Entry, models: list[WallModel], eta: float, failures: list[Failu
         except ValueError as error:
             failures.append(Failure(entry, each.name, f"{each.name} model: {error}"))
     return Recording(entry, beats.sha256, fits)
-
-
-# --- reading ------------------------------------------------------------------------------------------------------
-
-
-def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str]]:
-    """Place and unit of each column; a missing unit is SI."""
-    places, units = {}, {}
-    for i, title in enumerate(titles):
-        match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?", title.strip())
-        if match and match[1] in _COLUMNS:
-            if match[1] in places:
-                raise ValueError(f"line 1: the column {match[1]} occurs twice; keep one.")
-            places[match[1]], units[match[1]] = i, (match[2] or "").strip()
-    missing = [name for name in _COLUMNS if name not in places]
-    if missing:
-        raise ValueError(
-            f"line 1: the column {' and '.join(missing)} is missing; "
-            "the header must be animal,site,record,h [mm],R0 [mm]."
-        )
-    return places, units
-
-
-def _entry(row: list[str], places: dict[str, int], units: dict[str, str], folder: Path, where: str) -> Entry:
-    cells = {name: row[i].strip() if i < len(row) else "" for name, i in places.items()}
-    for name in ("animal", "site", "record", "h"):
-        if not cells[name]:
-            raise ValueError(f"{where}: {name} is missing; only R0 may be left empty.")
-    record = folder / cells["record"]
-    if not record.is_file():
-        raise ValueError(f"{where}: there is no record file {record}; correct the name or remove the line.")
-    lengths = {}
-    for name in ("h", "R0"):
-        if cells[name]:
-            shown = f"{where}: {name}"
-            lengths[name] = parse_quantity(f"{cells[name]} {units[name]}", "m", shown)
-            quantities(Segment)[name].check(shown, lengths[name])
-    return Entry(cells["animal"], cells["site"], str(record), lengths["h"], lengths.get("R0"))
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------

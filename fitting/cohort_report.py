@@ -17,10 +17,10 @@ from solver.files import write_whole
 
 from .cohort import QUANTITIES, Cohort, Recording, Summary
 from .cohort_claims import Claim
-from .style import write_png
 from .figures_cohort import cohort_figures
 from .parameter_set import write_set
 from .provenance import software
+from .style import write_png
 
 # heading, quantity, factor from SI
 _SHOWN = (

@@ -1,0 +1,100 @@
+"""Cohort files: a CSV with a line per recording, ``animal,site,record,h [mm],R0 [mm]``.
+
+``record`` is a file beside it, h the measured wall thickness, R0 the measured unstressed radius, which may be left
+empty: it is fitted all the same, and compared.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from solver.files import parse_quantity
+from solver.network import Segment
+from solver.quantity import quantities
+
+_COLUMNS = ("animal", "site", "record", "h", "R0")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of a cohort file: h and R0 [m], R0 None if it was not measured; record : path that can be opened."""
+
+    animal: str
+    site: str
+    record: str
+    h: float
+    R0: float | None = None
+
+
+def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
+    """The entries of a cohort file; records are looked for beside it.
+
+    Raises ValueError, one sentence with file and line, for a missing column, cell or record, a number that is none or
+    out of range, or an animal with two lines for one site.
+    """
+    source = os.fspath(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
+    except OSError as error:
+        raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
+    rows = csv.reader(io.StringIO(text), skipinitialspace=True)
+    entries: list[Entry] = []
+    try:
+        places, units = _header(next(rows, []))
+        for row in rows:
+            if any(cell.strip() for cell in row):
+                where = f"line {rows.line_num}"
+                entry = _entry(row, places, units, Path(path).parent, where)
+                if any((e.animal, e.site) == (entry.animal, entry.site) for e in entries):
+                    raise ValueError(f"{where}: {entry.animal} has a line for {entry.site} already; keep one.")
+                entries.append(entry)
+        if not entries:
+            raise ValueError("line 2: there is no recording below the header; add a line for each.")
+    except csv.Error as error:
+        raise ValueError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
+    return entries
+
+
+def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str]]:
+    """Place and unit of each column; a missing unit is SI."""
+    places, units = {}, {}
+    for i, title in enumerate(titles):
+        match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?", title.strip())
+        if match and match[1] in _COLUMNS:
+            if match[1] in places:
+                raise ValueError(f"line 1: the column {match[1]} occurs twice; keep one.")
+            places[match[1]], units[match[1]] = i, (match[2] or "").strip()
+    missing = [name for name in _COLUMNS if name not in places]
+    if missing:
+        raise ValueError(
+            f"line 1: the column {' and '.join(missing)} is missing; "
+            "the header must be animal,site,record,h [mm],R0 [mm]."
+        )
+    return places, units
+
+
+def _entry(row: list[str], places: dict[str, int], units: dict[str, str], folder: Path, where: str) -> Entry:
+    cells = {name: row[i].strip() if i < len(row) else "" for name, i in places.items()}
+    for name in ("animal", "site", "record", "h"):
+        if not cells[name]:
+            raise ValueError(f"{where}: {name} is missing; only R0 may be left empty.")
+    record = folder / cells["record"]
+    if not record.is_file():
+        raise ValueError(f"{where}: there is no record file {record}; correct the name or remove the line.")
+    lengths = {}
+    for name in ("h", "R0"):
+        if cells[name]:
+            shown = f"{where}: {name}"
+            lengths[name] = parse_quantity(f"{cells[name]} {units[name]}", "m", shown)
+            quantities(Segment)[name].check(shown, lengths[name])
+    return Entry(cells["animal"], cells["site"], str(record), lengths["h"], lengths.get("R0"))
