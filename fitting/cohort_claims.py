@@ -23,7 +23,8 @@ ALPHA = 0.05
 RATIO_MARGIN = 0.25
 """For φ0/E: 1.25 is the usual limit for the equivalence of ratios, as of bioavailabilities; E itself differs by a
 factor of 6.7 between the paper's arteries, and its 15–20 ms are ±15 %."""
-RADIUS_MARGIN = 0.02  # for R0: a tenth of a strain of 0.15–0.2 at the aorta
+RADIUS_MARGIN = 0.02
+"""For R0: a tenth of the aorta's strain of 0.15–0.2. The carotid's is 0.01: look at the smallest margin there."""
 MODEL_MARGIN = 0.10  # between models: half the spread of E and φ0 between animals
 NEGLIGIBLE = 0.05  # of the elastic stress, for E_NL ε²
 NO_BEND = 0.05  # s: φ_NL/φ0 that changes the viscosity by 10 % at 1/s, a bench loop's fastest strain rate

@@ -101,10 +101,14 @@ def to_json(cohort: Cohort) -> str:
 
 
 def _cell(summary: Summary | None, factor: float) -> str:
+    """Mean ± standard deviation, both to the second digit of the latter."""
     if summary is None:
         return "–"
-    spread = "" if math.isnan(summary.sd) else f" ± {summary.sd * factor:.2g}"
-    return f"{summary.mean * factor:.4g}{spread}"
+    mean, sd = factor * summary.mean, factor * summary.sd
+    if not sd > 0.0:
+        return f"{mean:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(sd)))
+    return f"{mean:.{digits}f} ± {sd:.{digits}f}"
 
 
 def _claim(claim: Claim) -> dict[str, Any]:

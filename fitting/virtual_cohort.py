@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -44,7 +45,8 @@ truth.json   the parameters they were made with: for tests of a fit, never for t
 Means: Table 1 and the text of Ghigo et al. (2017). All else is an assumption of this program.
 Spread between animals (log-normal): 20 % of E and of phi0, half of the variance common to the sites of an animal,
 correlation 0.8 between log E and log phi0 (so 12.6 % of phi0/E); 1 % of R0; 30 % of phiNL/phi0.
-The measured R0 is the true one with an error of 0.5 %.
+The measured R0 is the true one with an error of 0.5 %. Each recording has its own period (0.40 to 0.62 s), mean
+pressure (10 to 12 kPa) and pulse (3.5 to 4.5 kPa). Noise, drift and quantisation of the sensors are in truth.json.
 """
 
 
@@ -78,9 +80,13 @@ class Truth:
 
 @dataclass(frozen=True)
 class VirtualCohort:
-    """Recordings of virtual animals, and apart from them their truth by (animal, site)."""
+    """Recordings of virtual animals, and apart from them their truth by (animal, site).
+
+    settings : the arguments they were made with.
+    """
 
     seed: int
+    settings: Mapping[str, Any]
     recordings: tuple[VirtualRecording, ...]
     truth: Mapping[tuple[str, str], Truth]
 
@@ -134,7 +140,18 @@ def virtual_cohort(
         P, R = (measured(pressure_at(x, each.T, t), rng, dB, drift, bits) for x in (p, c))
         R0 = each.wall.R0 * float(np.exp(rng.normal(0.0, SD_MEASURED)))
         recordings.append(VirtualRecording(animal, site, time, P, R, R0, each.wall.h))
-    return VirtualCohort(seed, tuple(recordings), truth)
+    settings = {
+        "dB": str(dB),
+        "beats": beats,
+        "rate": rate,
+        "drift": drift,
+        "bits": bits,
+        "viscous": viscous,
+        "ENL/E": ENL,
+        "scale_phi0": dict(scale_phi0 or {}),
+        "exact_means": exact_means,
+    }
+    return VirtualCohort(seed, settings, tuple(recordings), truth)
 
 
 def write_cohort(
@@ -158,12 +175,16 @@ def write_cohort(
         units = {f"{each.site}.P": "mmHg", f"{each.site}.R": "mm"}
         write_record(folder / each.file, each.time, channels, units)
         lines.append(f"{each.animal},{each.site},{each.file},{1e3 * each.h:.4g},{1e3 * each.R0:.5g}")
-    truth = [{"animal": animal, "site": site, **asdict(each)} for (animal, site), each in cohort.truth.items()]
-    label = "virtual animals: synthetic data, not measured"
+    truth = {
+        "data": "virtual animals: synthetic data, not measured",
+        "seed": cohort.seed,
+        "settings": cohort.settings,
+        "recordings": [
+            {"animal": animal, "site": site, **asdict(each)} for (animal, site), each in cohort.truth.items()
+        ],
+    }
     write_whole(folder / "README.txt", README)
-    write_whole(
-        folder / "truth.json", json.dumps({"data": label, "seed": cohort.seed, "recordings": truth}, indent=1) + "\n"
-    )
+    write_whole(folder / "truth.json", json.dumps(truth, indent=1) + "\n")
     write_whole(folder / "cohort.csv", "\n".join(lines) + "\n")
     return folder / "cohort.csv"
 

@@ -123,6 +123,7 @@ def test_files_hold_the_recordings_and_say_that_they_are_virtual(tmp_path):
     assert "Virtual animals: synthetic data" in (path.parent / "README.txt").read_text()
     truth = json.loads((path.parent / "truth.json").read_text())
     assert truth["data"] == "virtual animals: synthetic data, not measured"
+    assert truth["settings"]["dB"] == "40.0" and truth["settings"]["bits"] == 12
     assert truth["recordings"][3]["wall"]["E"] == cohort.truth["virtual-S02", "CA"].wall.E
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="cannot be made"):
