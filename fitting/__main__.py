@@ -11,7 +11,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console, RenderableType
@@ -21,6 +21,7 @@ from solver import NonPhysicalState, NotPeriodic
 from solver.files import find_network, parse_quantity, read_network, write_network
 
 from .beats import Beats, align
+from .errors_in_variables import NoFit
 from .fmu_run import RunFailed
 from .parameter_set import read_set, write_set
 from .records import read_record
@@ -62,11 +63,14 @@ def fit_command(
         progress(0.0, "reading")
         beats = align(read_record(record), _seconds(period, "--period"))
         chosen = model(wall, law)
-        options = {"R0": None if R0 is None else parse_quantity(R0, "m", "--R0"), "eta": eta, "lag_free": lag}
+        options: dict[str, Any] = {
+            "R0": None if R0 is None else parse_quantity(R0, "m", "--R0"),
+            "eta": eta,
+            "lag_free": lag,
+        }
         thickness = parse_quantity(h, "m", "--h")
-        names = list(dict.fromkeys(["linear", chosen.name]))
-        fits = [fit(beats, site, thickness, model(name, law), **options) for name in names]  # type: ignore[arg-type]
-        kept = fits[-1]
+        kept = fit(beats, site, thickness, chosen, **options)
+        fits = [*_beside(kept, beats, options), kept]
         checked = (
             bootstrap(kept, beats, replicates, progress=lambda f: progress(f, "bootstrap")) if replicates > 0 else {}
         )
@@ -211,6 +215,16 @@ def _bar(quiet: bool) -> Iterator[Callable[[float, str], None]]:
 
 def _seconds(text: str | None, name: str) -> float | None:
     return None if text is None else parse_quantity(text, "s", name)
+
+
+def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFit]:
+    """The linear model beside another one, where it has a fit."""
+    if kept.model.name == "linear":
+        return []
+    try:
+        return [fit(beats, kept.site, kept.h, model("linear", kept.model.elastic), **options)]
+    except NoFit:
+        return []
 
 
 def _draw(fits: list[WallFit], beats: Beats, path: Path) -> None:

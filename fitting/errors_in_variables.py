@@ -25,6 +25,7 @@ from .wall_model import Values, WallModel, evaluate
 Array = np.ndarray
 
 _ITERATIONS = 50
+_FULL_STEPS = 10
 _CONVERGED = 1e-3  # of a standard deviation: a smaller step ends the iteration
 _FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
 
@@ -92,56 +93,109 @@ def solve(
     lag_free: bool = False,
     steps: int = _ITERATIONS,
 ) -> Solution:
-    """Iterate from ``start`` until a step is a thousandth of its standard deviation.
+    """Iterate from ``start`` until a step is a thousandth of its standard deviation, or ``steps`` are done.
 
-    Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0) or do not converge.
+    Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0) or do not converge in 50 steps.
     """
-    C_PP, C_RR, C_RP = loop.covariances()
-    D = _derivative_matrix(loop.N, loop.T)
+    noise, D = loop.covariances(), _derivative_matrix(loop.N, loop.T)
     values, lag, R = dict(start), 0.0, loop.R
     for iteration in range(steps):
-        P = spectral.shift(loop.P, -lag / loop.T) if lag else loop.P
-        R_t = D @ R
-        at = evaluate(model, values, h, eta, R, R_t)
-        J = at.by_R_t[:, None] * D
-        J[np.diag_indices(loop.N)] += at.by_R
-        u = P - at.P - J @ (loop.R - R)
-        JC = J @ C_RR - C_RP.T
-        V = C_PP + JC @ J.T - J @ C_RP
-        C = np.column_stack([at.by_parameter, -(D @ P)]) if lag_free else at.by_parameter
-        factor = cho_factor(V, lower=True, check_finite=False)
-        scale = np.linalg.norm(C, axis=0)
-        white = solve_triangular(factor[0], np.column_stack([C / scale, u, D @ P]), lower=True, check_finite=False)
-        columns, r = white[:, :-2], white[:, -2]
-        q, triangle = np.linalg.qr(columns)
-        step = solve_triangular(triangle, q.T @ r)
-        inverse = solve_triangular(triangle, np.eye(len(scale)))
-        sd = np.linalg.norm(inverse, axis=1)
-        left = u - (C / scale) @ step
-        fraction = _admissible(model, values, step / scale)
-        for name, change in zip(model.free, fraction * step / scale, strict=False):
+        relax = 1.0 if iteration < _FULL_STEPS else 0.5  # a model that misses the loop may swing about its best
+        system = _linearise(loop, noise, D, model, values, h, eta, R, lag, lag_free)
+        step = relax * system.step
+        step *= _admissible(model, values, step)
+        for name, change in zip(model.free, step, strict=False):
             values[name] += float(change)
-        lag += float(fraction * step[-1] / scale[-1]) if lag_free else 0.0
-        # after the first step the radius is at its most probable, too
-        R = loop.R + JC.T @ cho_solve(factor, left, check_finite=False)
-        if iteration and np.all(np.abs(fraction * step) <= _CONVERGED * sd):
+        lag += float(step[-1]) if lag_free else 0.0
+        R = R + relax * (system.radius(loop) - R)
+        misfit = np.sqrt(max(1.0, system.chi2 / loop.N))
+        if iteration and np.all(np.abs(step) <= _CONVERGED * misfit * system.sd):
             break
     else:
         if steps == _ITERATIONS:
-            raise NoFit(f"the {model.name} model did not converge; the loop does not determine its parameters.")
-    by_lag = -solve_triangular(triangle, q.T @ white[:, -1]) / scale
-    norms = np.linalg.norm(columns, axis=0)
+            raise NoFit(
+                f"the {model.name} model with the {model.elastic} law did not converge (chi²/dof = "
+                f"{system.chi2 / loop.N:.3g}); try another model or law, check R0 if it was given, and fit no lag."
+            )
+    spectrum = np.sqrt(np.maximum(_spectrum(system.V), 0.0))
     return Solution(
         values,
-        inverse @ inverse.T / np.outer(scale, scale),
+        system.covariance,
         lag,
         R,
         D @ R,
-        left,
-        np.sqrt(np.maximum(_spectrum(V), 0.0)),
+        system.left,
+        spectrum,
+        system.chi2,
+        system.by_lag[: len(model.free)],
+        system.condition,
+    )
+
+
+@dataclass(frozen=True)
+class _System:
+    """The linear problem u = C δθ + noise of covariance V at one point, solved.
+
+    step, sd, by_lag : (p,), of the parameters and the lag, if it is free. left : u - C step. to_R : V-weighted residual
+    to radius.
+    """
+
+    step: Array
+    sd: Array
+    covariance: Array
+    by_lag: Array
+    condition: float
+    left: Array
+    chi2: float
+    V: Array
+    factor: tuple[Array, bool]
+    to_R: Array
+
+    def radius(self, loop: Loop) -> Array:
+        """The most probable radius after the step."""
+        return loop.R + self.to_R @ cho_solve(self.factor, self.left, check_finite=False)
+
+
+def _linearise(
+    loop: Loop,
+    noise: tuple[Array, Array, Array],
+    D: Array,
+    model: WallModel,
+    values: Values,
+    h: float,
+    eta: float,
+    R: Array,
+    lag: float,
+    lag_free: bool,
+) -> _System:
+    C_PP, C_RR, C_RP = noise
+    P = spectral.shift(loop.P, -lag / loop.T) if lag else loop.P
+    P_t = D @ P
+    at = evaluate(model, values, h, eta, R, D @ R)
+    J = at.by_R_t[:, None] * D
+    J[np.diag_indices(loop.N)] += at.by_R
+    u = P - at.P - J @ (loop.R - R)
+    JC = J @ C_RR - C_RP.T
+    V = C_PP + JC @ J.T - J @ C_RP
+    C = np.column_stack([at.by_parameter, -P_t]) if lag_free else at.by_parameter
+    scale = np.linalg.norm(C, axis=0)
+    factor = cho_factor(V, lower=True, check_finite=False)
+    white = solve_triangular(factor[0], np.column_stack([C / scale, u, P_t]), lower=True, check_finite=False)
+    columns, r = white[:, :-2], white[:, -2]
+    q, triangle = np.linalg.qr(columns)
+    step = solve_triangular(triangle, q.T @ r)
+    inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
+    return _System(
+        step / scale,
+        np.linalg.norm(inverse, axis=1),
+        inverse @ inverse.T,
+        -inverse @ (q.T @ white[:, -1]),
+        float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0))),
+        u - (C / scale) @ step,
         float(np.sum((r - columns @ step) ** 2)),
-        by_lag[: len(model.free)],
-        float(np.linalg.cond(columns / norms)),
+        V,
+        factor,
+        JC.T,
     )
 
 

@@ -46,10 +46,11 @@ class WallFit:
 
     site; h [m] and eta as given; model; values : all five parameters in SI; covariance : (p, p) of ``model.free``.
     lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
-    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. chi2, dof : of the residual against its expected noise; where chi2 > dof the
-    covariance has been scaled up by chi2/dof. condition : of the whitened columns, each of unit length.
-    by_lag : relative change of E, R0 … for 1 ms by which P is delayed. ignored_noise : the values that ordinary least
-    squares gives, without regard to the noise of R. filtered : the γ-loop. loop : what was fitted.
+    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. chi2, dof : of the residual against its
+    expected noise; where chi2 > dof the covariance has been scaled up by chi2/dof. condition : of the whitened columns,
+    each of unit length. by_lag : relative change of E, R0 … for 1 ms by which P is delayed. ignored_noise : the values
+    that ordinary least squares gives, without regard to the noise of R. filtered : the γ-loop. loop : what was fitted.
+    solution : how it was. beats : number of beats, record and its hash. warnings : what to know, one sentence each.
     """
 
     site: str
