@@ -11,11 +11,6 @@
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: the matrices are small, and threads that wait for one another cost more than they bring
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import sys
 from dataclasses import replace
 from pathlib import Path

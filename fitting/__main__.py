@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
-# before NumPy is imported: the matrices are small, and threads that wait for one another cost more than they bring
-for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,7 +37,9 @@ def fit_command(
     R0: Annotated[
         str | None, typer.Option("--R0", help='Unstressed radius if measured: "0.936 cm"; else fitted.')
     ] = None,
-    wall: Annotated[str, typer.Option("--model", help="linear, nonlinear, extended or monotone.")] = "monotone",
+    wall: Annotated[
+        str, typer.Option("--model", help="linear, nonlinear, extended, monotone or 'extended monotone'.")
+    ] = "monotone",
     law: Law = "regression",
     eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
     period: Period = None,
@@ -93,6 +89,9 @@ def virtual_command(
     animals: Annotated[int, typer.Option(help="How many.")] = 11,
     seed: Annotated[int, typer.Option(help="Same seed, same animals.")] = 1,
     dB: Annotated[float, typer.Option("--dB", help="Noise: 40 dB is 1 % of the pulsatile standard deviation.")] = 40.0,
+    exact_means: Annotated[
+        bool, typer.Option("--exact-means", help="Scale the animals so that their means are the paper's.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a cohort of virtual animals: synthetic records with the paper's mean walls and a stated spread."""
@@ -100,7 +99,8 @@ def virtual_command(
 
     with _sentences(), _bar(quiet) as progress:
         progress(0.0, "making virtual animals")
-        write_cohort(virtual_cohort(seed, animals=animals, dB=dB), out)
+        made = virtual_cohort(seed, animals=animals, dB=dB, exact_means=exact_means)
+        write_cohort(made, out, progress)
     if not quiet:
         _say_written(out / "cohort.csv")
 
@@ -109,13 +109,14 @@ def virtual_command(
 def cohort_command(
     cohort: Annotated[Path, typer.Argument(help="CSV with animal, site, record, h [mm], R0 [mm].")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    law: Law = "regression",
     quiet: Quiet = False,
 ) -> None:
     """Fit many animals at many sites; means, spread, and the paper's claims tested."""
     from .cohort import fit_cohort, read_cohort
 
     with _sentences(), _bar(quiet) as progress:
-        found = fit_cohort(read_cohort(cohort), progress=progress)
+        found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
         found.write(out)
     if not quiet:
         _print(*found.tables())

@@ -11,6 +11,7 @@ from scipy.stats import f as f_distribution
 
 from .period import FEWEST, Normal, evaluate, find_period, highest
 from .records import Array, Record, require
+from .threads import single_threaded
 
 _WINDOW = 3  # harmonics on either side that share one estimate of the covariance
 _SERIAL = 1.645  # a lag-1 correlation between beat means above this many standard errors (5 %) counts
@@ -185,6 +186,7 @@ def _serial_factor(means: Array) -> float:
 # --- cutting ------------------------------------------------------------------------------------------------------
 
 
+@single_threaded
 def align(record: Record, period: float | None = None) -> Beats:
     """The record as whole beats that start at its first sample, moved onto the strict period where they jitter.
 

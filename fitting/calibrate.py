@@ -30,6 +30,7 @@ from .network_data import INFLOW, MAX_HARMONICS, harmonics_above_noise, pulses, 
 from .network_problem import DERIVATIVE_ERROR, Meter, Point, Problem, Progress
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
+from .threads import single_threaded
 from .unknowns import Unknown, parameter_intervals, parameter_values, parse_unknowns
 
 Array = np.ndarray
@@ -105,6 +106,7 @@ class Calibration:
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 
 
+@single_threaded
 def calibrate(
     beats: Beats,
     network: Network,

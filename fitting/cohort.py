@@ -24,10 +24,7 @@ from .wall_model import PARAMETERS, UNITS, WallModel, model
 
 __all__ = ["Cohort", "Entry", "fit_cohort", "read_cohort"]
 
-EXTENDED = WallModel("extended monotone", "regression", "monotone", PARAMETERS)
-"""The monotone model and E_NL. The quadratic ``extended`` takes the bend of a monotone viscosity for E_NL."""
-
-MODELS = ("linear", "nonlinear", "monotone", EXTENDED.name)
+MODELS = ("linear", "nonlinear", "monotone", "extended monotone")
 
 QUANTITIES = {
     **UNITS,
@@ -170,7 +167,7 @@ class Cohort:
             found.append(cohort_claims.same_radius(ratios))
         if main in ("monotone", "nonlinear"):
             found.append(cohort_claims.nonlinear_viscosity(self.values("phiNL/phi0")))
-        extended = {"monotone": EXTENDED.name, "nonlinear": "extended"}.get(main, "")
+        extended = {"monotone": "extended monotone", "nonlinear": "extended"}.get(main, "")
         if extended in self.models and self.fits(extended):
             strain, bend = self.values("strain", extended), self.values("ENL/E", extended)
             claim = cohort_claims.negligible_elastic_bend({cell: bend[cell] * strain[cell] for cell in bend})
@@ -215,17 +212,18 @@ def fit_cohort(
     entries: Sequence[Entry],
     models: Sequence[str] = MODELS,
     *,
+    elastic: str = "regression",
     eta: float = 0.5,
     progress: Callable[[float, str], None] | None = None,
 ) -> Cohort:
     """Fit every recording by every model; R0 is free in all of them.
 
-    models : names of :func:`fitting.wall_model.model`, or "extended monotone". eta : Poisson's ratio.
+    models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio.
     progress : gets the fraction done and what comes next.
     A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
     model, for no entries, or if no recording could be fitted.
     """
-    chosen = [EXTENDED if name == EXTENDED.name else model(name) for name in dict.fromkeys(models)]
+    chosen = [model(name, elastic) for name in dict.fromkeys(models)]
     if not chosen or not entries:
         raise ValueError("a cohort needs at least one recording and one model; give them.")
     recordings: list[Recording] = []

@@ -18,6 +18,8 @@ from tempfile import TemporaryDirectory
 import fmpy
 import numpy as np
 
+from .threads import ENVIRONMENT
+
 Array = np.ndarray
 
 BEATS = (5, 10, 20, 40, 60)  # runs from rest, until the last two beats agree
@@ -141,7 +143,7 @@ def _run(
         line = [sys.executable, "-m", "fmu_src.run", os.path.abspath(fmu.path), "--quiet"]
         line += [part for option, path in options.items() for part in (option, os.fspath(path))]
         line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
-        done = subprocess.run(line, capture_output=True, text=True, check=False)
+        done = subprocess.run(line, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise RunFailed(_sentence(done.stderr) or f"{fmu.path}: its process ended with {done.returncode}.")
         with result.open(encoding="utf-8") as file:

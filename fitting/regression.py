@@ -27,6 +27,7 @@ from .beats import Beats
 from .errors_in_variables import Loop, NoFit, Solution, plain, solve
 from .parameter_set import ParameterSet, Value
 from .provenance import software
+from .threads import single_threaded
 from .wall_model import PARAMETERS, UNITS, WallModel, columns, evaluate, model, parameters_of
 
 Array = np.ndarray
@@ -137,6 +138,7 @@ class WallFit:
         )
 
 
+@single_threaded
 def fit(
     beats: Beats,
     site: str,
@@ -180,6 +182,7 @@ def mean_loop(beats: Beats, site: str) -> Loop:
     return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
 
 
+@single_threaded
 def bootstrap(
     fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
 ) -> dict[str, tuple[float, float]]:
@@ -212,13 +215,18 @@ def bootstrap(
 def _start(
     chosen: WallModel, loop: Loop, filtered: spectral.Filtered, h: float, eta: float, R0: float | None
 ) -> dict[str, float]:
-    """The paper's regression on the filtered radius."""
+    """The paper's regression on the filtered radius.
+
+    Noise may leave the column of E_NL without a wall; then the start is the regression without it.
+    """
     R, R_t = filtered.R, filtered.R_t
     if R0 is None:
         M = columns(chosen, R, R_t)
         scale = np.linalg.norm(M, axis=0)
         C = np.linalg.lstsq(M / scale, loop.P, rcond=None)[0] / scale
         values = parameters_of(chosen, C, h, eta)
+        if "ENL" in chosen.free and not (np.isfinite(values["R0"]) and values["E"] > 0.0 and values["phi0"] > 0.0):
+            return _start(chosen.without("ENL"), loop, filtered, h, eta, None)
     else:  # linear in all the rest, whatever the values it is linearised at, as long as phiNL and ENL are 0
         values = {"E": 1.0, "R0": R0, "phi0": 1.0, "phiNL": 0.0, "ENL": 0.0}
         M = evaluate(chosen, values, h, eta, R, R_t).by_parameter

@@ -38,7 +38,7 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     for fitted in fits:
         table.add_column(fitted.model.name + (" (kept)" if fitted is chosen else ""), justify="right")
     for name, (label, factor) in _SHOWN.items():
-        if any(name in f.model.free for f in fits):
+        if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
     table.add_row("φ0/E, ms", *(f"{1e3 * f.relaxation_time[0]:.4g}" for f in fits))
     table.add_row("R²", *(f"{f.r2:.6f}" for f in fits))

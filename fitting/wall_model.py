@@ -55,12 +55,15 @@ def model(name: str, elastic: str = "regression") -> WallModel:
 
     ``linear``: E, R0, φ0. ``nonlinear``: and φ_NL as in the paper (quadratic). ``extended``: and E_NL.
     ``monotone``: φ_NL in the monotone form φ0 (e^{2rε̇} - 1)/(2r), which has no negative viscosity.
+    ``extended monotone``: that and E_NL; on loops of a monotone wall, ``extended`` takes the bend of the viscosity for
+    E_NL.
     """
     laws = {
         "linear": ("quadratic", _LINEAR),
         "nonlinear": ("quadratic", _NONLINEAR),
         "extended": ("quadratic", (*_NONLINEAR, "ENL")),
         "monotone": ("monotone", _NONLINEAR),
+        "extended monotone": ("monotone", (*_NONLINEAR, "ENL")),
     }
     if name not in laws:
         raise ValueError(f"model {name!r} is not known; use one of {', '.join(laws)}.")
