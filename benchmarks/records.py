@@ -1,4 +1,4 @@
-"""Reading and aligning a large record: seconds and memory, each in a process of its own.
+"""Reading, aligning and fitting a large record: seconds and memory, in a process of its own.
 
     python benchmarks/records.py [--samples N] [--channels M] [--json FILE]
 
@@ -14,30 +14,18 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import Row, show
 from fitting.records import write_record
-from solver.files import write_whole
 
 PERIOD, STEP = 0.4724, 0.005
+RELAXATION = 17e-3  # φ0/E [s]
 KINDS = {"P": (11e3, 2e3, "mmHg"), "Q": (2e-5, 1e-5, "mL/s"), "R": (9e-3, 1e-4, "mm")}
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measurement: what, its value and unit, and the target where there is one."""
-
-    what: str
-    value: float
-    unit: str
-    target: float | None = None
 
 
 def make(path: Path, samples: int, channels: int) -> None:
@@ -49,7 +37,12 @@ def make(path: Path, samples: int, channels: int) -> None:
     for i in range(channels):
         letter = "PQR"[i % 3]
         middle, size, units[name := f"S{i // 3}.{letter}"] = KINDS[letter]
-        wave = sum(np.cos(2 * np.pi * n * time_ / PERIOD + rng.uniform(0, 6)) / n for n in k)
+        if letter == "P":
+            phases = rng.uniform(0, 6, len(k))
+        # the radius follows the pressure of its site as a Kelvin–Voigt wall does
+        delay = np.arctan(2 * np.pi * k / PERIOD * RELAXATION) if letter == "R" else 0.0 * k
+        terms = zip(k, phases, delay, strict=True)
+        wave = sum(np.cos(d) * np.cos(2 * np.pi * n * time_ / PERIOD + p - d) / n for n, p, d in terms)
         values[name] = middle + size * (wave + 0.02 * rng.standard_normal(samples))
     write_record(path, time_, values, units)
 
@@ -58,6 +51,7 @@ _RUN = """
 import json, resource, sys, time
 from fitting.beats import align
 from fitting.records import read_record
+from fitting.regression import fit
 unit = 1024**3 if sys.platform == "darwin" else 1024**2
 peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 start, busy = time.perf_counter(), time.process_time()
@@ -66,17 +60,20 @@ times = [time.perf_counter() - start, time.process_time() - busy, peak()]
 start, busy = time.perf_counter(), time.process_time()
 beats = align(record)
 times += [time.perf_counter() - start, time.process_time() - busy, peak()]
+start = time.perf_counter()
+fit(beats, "S0", 1e-3, "linear")
+times += [time.perf_counter() - start, peak()]
 print(json.dumps([*times, beats.T, beats.n_beats]))
 """
 
 
 def rows(path: Path) -> list[Row]:
-    """Load and align in a fresh process, the best of three."""
+    """Load, align and fit in a fresh process, the best of three."""
     runs = []
     for _ in range(3):
         done = subprocess.run([sys.executable, "-c", _RUN, str(path)], capture_output=True, text=True, check=True)
         runs.append(json.loads(done.stdout))
-    read, read_busy, read_peak, align, align_busy, align_peak, T, n_beats = (
+    read, read_busy, read_peak, align, align_busy, align_peak, fit, fit_peak, T, n_beats = (
         min(column) for column in zip(*runs, strict=True)
     )
     return [
@@ -86,7 +83,9 @@ def rows(path: Path) -> list[Row]:
         Row(f"align {n_beats:.0f} beats", align, "s"),
         Row("align, CPU time of all threads", align_busy, "s"),
         Row("peak memory, aligned", align_peak, "GB", 4.0),
-        Row("error of the period", abs(T / PERIOD - 1.0), "-"),
+        Row("fit one site", fit, "s"),
+        Row("peak memory, fitted", fit_peak, "GB", 4.0),
+        Row("error of the period", 1e9 * abs(T / PERIOD - 1.0), "ppb"),
     ]
 
 
@@ -102,16 +101,8 @@ def main(
         make(path, samples, channels)
         made, size = time.perf_counter() - start, path.stat().st_size
         measured = [Row("make and write", made, "s"), Row("file", size / 1e6, "MB"), *rows(path)]
-    table = Table(title=f"{samples} samples x {channels} channels; {platform.machine()}, NumPy {np.__version__}")
-    for column in ("what", "measured", "target"):
-        table.add_column(column, justify="left" if column == "what" else "right")
-    for row in measured:
-        table.add_row(
-            row.what, f"{row.value:.3g} {row.unit}", "" if row.target is None else f"<= {row.target:g} {row.unit}"
-        )
-    Console(width=100).print(table)
-    if json_file is not None:
-        write_whole(json_file, json.dumps([asdict(row) for row in measured], indent=1) + "\n")
+    title = f"{samples} samples x {channels} channels; {platform.machine()}, NumPy {np.__version__}"
+    show(measured, title, json_file)
 
 
 if __name__ == "__main__":

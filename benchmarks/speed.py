@@ -21,19 +21,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import Row, best, show
 from build_fmu import build
 from solver import Settings, Staggered, load
-from solver.files import write_whole
 from solver.mesh import Parameters
 from solver.report import reporter
 from solver.sdirk import INFLOW_TIMES
@@ -44,17 +40,6 @@ FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
 BEATS = 6
 SHEEP = load("sheep")
 ELASTIC = {f"{segment.name}.phi0": 0.0 for segment in SHEEP.segments}
-
-
-@dataclass(frozen=True)
-class Row:
-    """One measurement: what, its value and unit, the target where there is one, and a note."""
-
-    what: str
-    value: float
-    unit: str
-    target: float | None = None
-    note: str = ""
 
 
 def beats(parameters: Parameters | None, settings: Settings) -> tuple[list[float], np.ndarray, tuple[str, ...]]:
@@ -124,16 +109,6 @@ def solver_rows() -> list[Row]:
     return rows
 
 
-def best(action: Callable[[], object], repeats: int = 7) -> float:
-    """Least CPU seconds of several calls."""
-    seconds = []
-    for _ in range(repeats):
-        start = time.process_time()
-        action()
-        seconds.append(time.process_time() - start)
-    return min(seconds)
-
-
 # runs in a fresh process: what a host pays from loading the FMU to the end of the first step, and per step after that
 _FMU_RUN = """
 import time
@@ -190,17 +165,9 @@ def main(
 ) -> None:
     """Measure and print."""
     rows = solver_rows() + fmu_rows()
-    table = Table(title=f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread")
-    for column in ("what", "measured", "target", "note"):
-        table.add_column(column, justify="right" if column in ("measured", "target") else "left")
-    for row in rows:
-        target = "" if row.target is None else f"<= {row.target:g} {row.unit}"
-        table.add_row(row.what, f"{row.value:.3g} {row.unit}", target, row.note)
-    Console(width=130).print(table)
-    text = json.dumps([asdict(row) for row in rows], indent=1)
-    print(text)
-    if json_file is not None:
-        write_whole(json_file, text + "\n")
+    show(
+        rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
+    )
 
 
 if __name__ == "__main__":
