@@ -11,19 +11,18 @@ travel in an annotation of the file, which the standard provides for such things
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
-from solver.files import parse_quantity, write_whole
+from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
 from solver.network import OUTLETS, Fluid, Network, Segment
 from solver.quantity import quantities
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
@@ -104,7 +103,7 @@ def unit_of(name: str) -> str:
     if not dot or not prefix or key not in known:
         what = prefix if prefix in ("network", "fluid") else "outlet" if prefix.endswith(".outlet") else "segment"
         raise ValueError(
-            f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{_close(key, known)}."
+            f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
         )
     return known[key]
 
@@ -197,18 +196,6 @@ def _finite(name: str, value: Any) -> float:
     return number
 
 
-def _check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{_close(key, known)}.")
-
-
-def _close(name: str, known: Iterable[str]) -> str:
-    folded = {each.lower(): each for each in known}
-    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
-    return f" (did you mean {folded[close[0]]}?)" if close else ""
-
-
 # --- JSON ---------------------------------------------------------------------------------------------------------
 
 
@@ -235,7 +222,7 @@ def _from_json(text: str) -> ParameterSet:
     data = _json(text)
     if not isinstance(data, dict) or data.get("format") != _FORMAT:
         raise ValueError(f'not a parameter set: it must be a JSON object with "format": "{_FORMAT}".')
-    _check_keys("top level", data, _KEYS)
+    check_keys("top level", data, _KEYS)
     for key in ("texts", "values", "provenance"):
         if not isinstance(data.get(key, {}), dict):
             raise ValueError(f"{key}: must be a JSON object, such as {{}}.")
@@ -267,7 +254,7 @@ def _value(name: str, entry: Any) -> Value:
     unit = unit_of(name)
     if not isinstance(entry, dict) or "value" not in entry:
         raise ValueError(f'{name}: must be an object such as {{"value": 1, "unit": "{unit}"}}.')
-    _check_keys(name, entry, _VALUE_KEYS)
+    check_keys(name, entry, _VALUE_KEYS)
     if not isinstance(entry.get("unit"), str):
         raise ValueError(f'{name}: its unit is missing; add "unit": "{unit}" or the one the value is in.')
     interval = entry.get("ci95")

@@ -102,7 +102,7 @@ def bundled(name: str) -> Path:
     if name not in names:
         raise ValueError(
             f"{name}: neither a file nor a bundled network; "
-            f"give a path or one of {', '.join(names)}{_close(name, names)}."
+            f"give a path or one of {', '.join(names)}{did_you_mean(name, names)}."
         )
     return _NETWORKS / f"{name}.toml"
 
@@ -191,7 +191,7 @@ def _example(unit: str) -> str:
 
 
 def _network(data: Mapping[str, Any]) -> Network:
-    _check_keys("top level", data, (*_TEXTS, *_SECTIONS))
+    check_keys("top level", data, (*_TEXTS, *_SECTIONS))
     texts: dict[str, Any] = {key: _text(data, key, "top level") for key in _TEXTS if key in data or key == "name"}
     segments = tuple(Segment(name, **_numbers(Segment, name, t)) for name, t in _tables(data, "segments"))
     return Network(
@@ -233,7 +233,7 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     """The outlet whose own keys are in the table: R_t, or R1 C R2, or R, or none but P_venous."""
     where = f"{segment}.outlet"
     own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in OUTLETS}
-    _check_keys(where, table, {key for kind in OUTLETS for key in quantities(kind)})
+    check_keys(where, table, {key for kind in OUTLETS for key in quantities(kind)})
     found = [kind for kind in OUTLETS if any(key in table for key in own[kind])]
     choices = " or ".join(", ".join(keys) or "P_venous alone" for keys in own.values())
     if len(found) > 1:
@@ -250,7 +250,7 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
 def _numbers(kind: type, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
     """The quantities of ``kind`` in a section, in SI; ``others`` are its keys that are not numbers."""
     known = quantities(kind)
-    _check_keys(where, table, (*known, *others))
+    check_keys(where, table, (*known, *others))
     for f in fields(kind):
         if f.name in known and f.default is MISSING and f.name not in table:
             wanted = known[f.name]
@@ -300,14 +300,16 @@ def _list(data: Mapping[str, Any], key: str) -> list[Any]:
     return entries
 
 
-def _check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
+def check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
+    """Raise ValueError that names the first key of ``table`` that is not among the known ones."""
     known = list(known)
     for key in table:
         if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{_close(key, known)}.")
+            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}.")
 
 
-def _close(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """ " (did you mean E?)" for the known name nearest to ``name``; nothing if none is near."""
     folded = {each.lower(): each for each in known}
     close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
     return f" (did you mean {folded[close[0]]}?)" if close else ""
