@@ -86,8 +86,8 @@ def limit(wall: VirtualWall, P: np.ndarray, R: np.ndarray, dB: float) -> dict[st
     noise = np.zeros((N // 2 + 1, 2, 2))
     for i, x in enumerate((P, R)):
         noise[:, i, i] = (np.std(x) * 10 ** (-dB / 20)) ** 2 / (N * BEATS)
-    chosen, truth = model("monotone"), {name: getattr(wall, name) for name in PARAMETERS}
-    bound = solve(Loop(P, R, T, noise), chosen, truth, wall.h, wall.eta).covariance
+    chosen, truth = model("monotone"), {name: getattr(wall, name) for name in (*PARAMETERS, "h", "eta")}
+    bound = solve(Loop(P, R, T, noise), chosen, truth).covariance
     median = float(norm.ppf(0.75))
     return {name: median * float(np.sqrt(bound[i, i])) / abs(truth[name]) for i, name in enumerate(chosen.free)}
 

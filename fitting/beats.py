@@ -19,6 +19,9 @@ _MOST_SERIAL = 0.9
 _WHOLE = 1e-6  # samples that the beats may slip against the samples over the whole record and still be reshaped
 _JITTER = 1e-3  # probability of shifts as large as those found without any jitter, below which they are removed
 _TIMING = 48  # harmonics that tell the timing of a beat
+_UNSTEADY, _MOST_UNSTEADY = 0.02, 0.1  # of the period: shifts of beats that are warned about, and refused
+FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
+_TURN = 8  # harmonics above N/8: half a sample is an eighth of a turn and more
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
 
 
@@ -55,6 +58,26 @@ class Beats:
     def omega(self) -> float:
         """2π/T [1/s]."""
         return 2.0 * np.pi / self.T
+
+    @property
+    def unsteadiness(self) -> float:
+        """The largest shift of a beat, in periods."""
+        return float(np.abs(self.shifts).max() / self.T)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting an interval, one sentence each."""
+        found = []
+        if self.n_beats < FEWEST_BEATS:
+            found.append(
+                f"{self.n_beats} beats say little about the noise; record at least {FEWEST_BEATS} for honest intervals."
+            )
+        if self.unsteadiness > _UNSTEADY:
+            found.append(
+                f"the heart rate was not steady: beats came up to {self.unsteadiness:.1%} of the period early or late; "
+                "intervals do not cover what that does to the shape of a beat."
+            )
+        return tuple(found)
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""
@@ -213,8 +236,15 @@ def align(record: Record, period: float | None = None) -> Beats:
             _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
     else:
         cut = _resample(record, f, N, n_beats)
-    values, shifts = _without_jitter(cut, T)
-    return Beats(record.path, record.sha256, T, values, shifts)
+    values, shifts = _without_jitter({name: _without_slope(each) for name, each in cut.items()}, T)
+    beats = Beats(record.path, record.sha256, T, values, shifts)
+    if beats.unsteadiness > _MOST_UNSTEADY:
+        raise ValueError(
+            f"{record.path}: the heart rate is not steady: beats come up to {beats.unsteadiness:.0%} of the period of "
+            f"{T:.4g} s early or late, and more than {_MOST_UNSTEADY:.0%} cannot be aligned; "
+            "use a stretch of the record with a steady rate."
+        )
+    return beats
 
 
 def _given(period: float, span: float, source: str) -> float:
@@ -232,8 +262,9 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
     """The harmonic model at the phases j/N plus the residual of the nearest sample.
 
     The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so that
-    white noise keeps its variance. That little motion would add to the mean beat; what the residual's mean has below
-    the model's highest harmonic is taken out again, so that the mean beat is the model there.
+    white noise keeps its variance. At high harmonics that little motion is a large part of a turn and would add noise
+    to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low harmonics it
+    is needed: a drift leaks into a model of a record that is no whole number of beats, and the residual makes up for it.
     """
     n = len(record.time)
     nearest = np.minimum(np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp), n - 1)
@@ -253,9 +284,24 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
         residual = values - middle - evaluate(c, f, n)
         moved = residual[nearest].reshape(n_beats, N)
         spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
-        spectrum[len(c) :] = 0.0
+        spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
         cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
     return cut
+
+
+def _without_slope(beats: Array) -> Array:
+    """Beats without the slope that the slow drift from beat to beat has within each of them.
+
+    A drift puts the same ramp into every beat: the scatter between beats does not show it, the mean beat has it. Its
+    slope is that of the beats' levels; the levels themselves stay, and count as scatter of the mean.
+    """
+    if len(beats) < 3:
+        return beats
+    whole = not np.isnan(beats).any()
+    deviations = beats - (beats.mean(axis=0) if whole else np.nanmean(beats, axis=0))
+    levels = deviations.mean(axis=1) if whole else np.nanmean(deviations, axis=1)
+    N = beats.shape[1]
+    return np.asarray(beats - np.outer(np.gradient(levels), (np.arange(N) + 0.5) / N - 0.5))
 
 
 # --- timing of the beats ------------------------------------------------------------------------------------------

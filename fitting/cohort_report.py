@@ -20,7 +20,7 @@ from .cohort_claims import Claim
 from .figures_cohort import cohort_figures
 from .parameter_set import write_set
 from .provenance import software
-from .style import write_png
+from .style import png
 
 # heading, quantity, factor from SI
 _SHOWN = (
@@ -33,21 +33,15 @@ _SHOWN = (
 )
 
 
-def label(cohort: Cohort) -> str:
-    """ "11 animals", and whether they are virtual."""
-    n = len(cohort.animals)
-    return f"{n} virtual animals (synthetic data)" if cohort.virtual else f"{n} animals"
-
-
 def tables(cohort: Cohort) -> list[RenderableType]:
     """Means ± standard deviations of the main model by site, the claims, and what could not be used."""
-    means = Table(title=f"{label(cohort)}, {cohort.main} model: mean ± standard deviation between animals")
+    means = Table(title=f"{cohort.label}; {cohort.main} model: mean ± standard deviation between animals")
     for heading in ("site", "n", *(heading for heading, _, _ in _SHOWN)):
         means.add_column(heading, justify="left" if heading == "site" else "right")
     for site, row in cohort.table().items():
         n = str(row["E"].n) if "E" in row else "0"
         means.add_row(site, n, *(_cell(row.get(quantity), factor) for _, quantity, factor in _SHOWN))
-    claims = Table(title="Claims of the paper", show_lines=True)
+    claims = Table(title=f"Claims of the paper; {cohort.label}", show_lines=True)
     for heading in ("claim", "verdict", "why"):
         claims.add_column(heading)
     for claim in cohort.claims():
@@ -63,27 +57,30 @@ def tables(cohort: Cohort) -> list[RenderableType]:
 
 
 def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write cohort.json, mean_set.json, mean_set.ssv and the figures; their paths. Raises ValueError if it cannot."""
-    folder = Path(folder)
+    """Write the figures, mean_set.json, mean_set.ssv and cohort.json, in this order; the paths of what was written.
+
+    All is made before the first file is written. Raises ValueError if the folder or a file cannot be written.
+    """
+    folder, means, numbers = Path(folder), cohort.mean_set(), to_json(cohort)
+    figures = {folder / f"{name}.png": png(figure) for name, figure in cohort_figures(cohort).items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
-    paths = [folder / "cohort.json", folder / "mean_set.json", folder / "mean_set.ssv"]
-    write_whole(paths[0], to_json(cohort))
-    means = cohort.mean_set()
-    for path in paths[1:]:
+    sets = [folder / "mean_set.json", folder / "mean_set.ssv"]
+    for path, content in figures.items():
+        write_whole(path, content)
+    for path in sets:
         write_set(means, path)
-    for name, figure in cohort_figures(cohort).items():
-        paths.append(folder / f"{name}.png")
-        write_png(figure, paths[-1])
-    return paths
+    write_whole(folder / "cohort.json", numbers)
+    return [*figures, *sets, folder / "cohort.json"]
 
 
 def to_json(cohort: Cohort) -> str:
     """All numbers as JSON text in SI; null for what one animal alone cannot tell."""
     content = {
-        "data": "virtual animals: synthetic data, not measured" if cohort.virtual else "measured",
+        "data": cohort.data,
+        "virtual_animals": cohort.virtual,
         "software": software(),
         "animals": cohort.animals,
         "sites": cohort.sites,
@@ -122,7 +119,7 @@ def _recording(each: Recording) -> dict[str, Any]:
             "sd": {key: fitted.sd(key) for key in fitted.model.free},
             "r2": fitted.r2,
             "chi2_per_dof": fitted.chi2 / fitted.dof,
-            "beats": fitted.beats[0],
+            "beats": fitted.n_beats,
             "period": fitted.loop.T,
             "warnings": fitted.warnings,
         }

@@ -13,14 +13,14 @@ one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular, toeplitz
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular, toeplitz
 
 from . import spectral
-from .wall_model import Values, WallModel, evaluate
+from .wall_model import Evaluated, Values, WallModel, evaluate
 
 Array = np.ndarray
 
@@ -83,25 +83,23 @@ class Solution:
     condition: float
 
 
-def solve(
-    loop: Loop,
-    model: WallModel,
-    start: Values,
-    h: float,
-    eta: float,
-    *,
-    lag_free: bool = False,
-    steps: int = _ITERATIONS,
-) -> Solution:
+def solve(loop: Loop, model: WallModel, start: Values, *, lag_free: bool = False, steps: int = _ITERATIONS) -> Solution:
     """Iterate from ``start`` until a step is a thousandth of its standard deviation, or ``steps`` are done.
 
-    Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0) or do not converge in 50 steps.
+    Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0), do not converge in 50 steps, or if P is a
+    function of R to rounding, which leaves nothing to weigh the two by.
     """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused below
+        return _iterate(loop, model, start, lag_free, steps)
+
+
+def _iterate(loop: Loop, model: WallModel, start: Values, lag_free: bool, steps: int) -> Solution:
     noise, D = loop.covariances(), _derivative_matrix(loop.N, loop.T)
     values, lag, R = dict(start), 0.0, loop.R
     for iteration in range(steps):
         relax = 1.0 if iteration < _FULL_STEPS else 0.5  # a model that misses the loop may swing about its best
-        system = _linearise(loop, noise, D, model, values, h, eta, R, lag, lag_free)
+        P = spectral.shift(loop.P, -lag / loop.T) if lag else loop.P
+        system = _linearise(replace(loop, P=P), noise, D, R, evaluate(model, values, R, D @ R), lag_free)
         step = relax * system.step
         step *= _admissible(model, values, step)
         for name, change in zip(model.free, step, strict=False):
@@ -157,29 +155,27 @@ class _System:
 
 
 def _linearise(
-    loop: Loop,
-    noise: tuple[Array, Array, Array],
-    D: Array,
-    model: WallModel,
-    values: Values,
-    h: float,
-    eta: float,
-    R: Array,
-    lag: float,
-    lag_free: bool,
+    loop: Loop, noise: tuple[Array, Array, Array], D: Array, R: Array, at: Evaluated, lag_free: bool
 ) -> _System:
+    """The linear problem at the radius R, where the law is ``at``."""
     C_PP, C_RR, C_RP = noise
-    P = spectral.shift(loop.P, -lag / loop.T) if lag else loop.P
-    P_t = D @ P
-    at = evaluate(model, values, h, eta, R, D @ R)
+    P_t = D @ loop.P
     J = at.by_R_t[:, None] * D
     J[np.diag_indices(loop.N)] += at.by_R
-    u = P - at.P - J @ (loop.R - R)
+    u = loop.P - at.P - J @ (loop.R - R)
     JC = J @ C_RR - C_RP.T
     V = C_PP + JC @ J.T - J @ C_RP
     C = np.column_stack([at.by_parameter, -P_t]) if lag_free else at.by_parameter
     scale = np.linalg.norm(C, axis=0)
-    factor = cho_factor(V, lower=True, check_finite=False)
+    if not (np.isfinite(V).all() and np.isfinite(C).all()):
+        raise NoFit("the law overflows on this loop; check the units of P, R and h.")
+    try:
+        factor = cho_factor(V, lower=True, check_finite=False)
+    except LinAlgError:
+        raise NoFit(
+            "P and R are noise-free functions of one another, with no noise to weigh them by; "
+            "check that one was not computed from the other."
+        ) from None
     white = solve_triangular(factor[0], np.column_stack([C / scale, u, P_t]), lower=True, check_finite=False)
     columns, r = white[:, :-2], white[:, -2]
     q, triangle = np.linalg.qr(columns)
@@ -199,11 +195,11 @@ def _linearise(
     )
 
 
-def plain(loop: Loop, model: WallModel, start: Values, h: float, eta: float, R: Array) -> dict[str, float]:
+def plain(loop: Loop, model: WallModel, start: Values, R: Array) -> dict[str, float]:
     """Ordinary least squares of P on the loop with the radius R as it is: what ignoring the noise of R gives."""
     values, R_t = dict(start), spectral.derivative(R, loop.T)
     for _ in range(_ITERATIONS):
-        at = evaluate(model, values, h, eta, R, R_t)
+        at = evaluate(model, values, R, R_t)
         scale = np.linalg.norm(at.by_parameter, axis=0)
         step = np.linalg.lstsq(at.by_parameter / scale, loop.P - at.P, rcond=None)[0] / scale
         step *= _admissible(model, values, step)

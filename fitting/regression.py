@@ -18,7 +18,7 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import norm
 from scipy.stats import t as t_distribution
 
-from solver.network import Segment
+from solver.network import Network, Segment
 from solver.quantity import quantities
 from solver.wall import Wall
 
@@ -34,10 +34,10 @@ Array = np.ndarray
 
 _MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
+MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
 NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
 NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
-FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
 
 
@@ -45,33 +45,51 @@ _THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a chann
 class WallFit:
     """The wall of one site.
 
-    site; h [m] and eta as given; model; values : all five parameters in SI; covariance : (p, p) of ``model.free``.
+    values : the five parameters in SI, and h and eta as given. covariance : (p, p) of ``model.free``.
     lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
-    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. chi2, dof : of the residual against its
-    expected noise; where chi2 > dof the covariance has been scaled up by chi2/dof. condition : of the whitened columns,
-    each of unit length. by_lag : relative change of E, R0 … for 1 ms by which P is delayed. ignored_noise : the values
-    that ordinary least squares gives, without regard to the noise of R. filtered : the γ-loop. loop : what was fitted.
-    solution : how it was. beats : number of beats, record and its hash. warnings : what to know, one sentence each.
+    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. dof : of the residual; where its chi2 is
+    larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
+    delayed. ignored_noise : the values that ordinary least squares gives, without regard to the noise of R.
+    filtered : the γ-loop. loop : the mean beats that were fitted. solution : how. n_beats, source, sha256 : of the
+    record. warnings : what to know, one sentence each.
     """
 
     site: str
-    h: float
-    eta: float
     model: WallModel
     values: Mapping[str, float]
     covariance: Array
     lag: tuple[float, float]
     r2: float
-    chi2: float
     dof: int
-    condition: float
     by_lag: Mapping[str, float]
     ignored_noise: Mapping[str, float]
     filtered: spectral.Filtered
     loop: Loop
     solution: Solution
-    beats: tuple[int, str, str]
+    n_beats: int
+    source: str
+    sha256: str
     warnings: tuple[str, ...] = ()
+
+    @property
+    def h(self) -> float:
+        """Wall thickness as given [m]."""
+        return self.values["h"]
+
+    @property
+    def eta(self) -> float:
+        """Poisson's ratio as given."""
+        return self.values["eta"]
+
+    @property
+    def chi2(self) -> float:
+        """uᵀ V⁻¹ u of the residual against its expected noise."""
+        return self.solution.chi2
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the whitened columns, each of unit length."""
+        return self.solution.condition
 
     def sd(self, name: str) -> float:
         """Standard deviation of a parameter; 0 for one that was given."""
@@ -97,7 +115,7 @@ class WallFit:
     def P_fitted(self) -> Array:
         """P of the fitted law on the most probable radius : (N,) [Pa], on the same times as loop.P."""
         s = self.solution
-        return evaluate(self.model, self.values, self.h, self.eta, s.R, s.R_t).P
+        return evaluate(self.model, self.values, s.R, s.R_t).P
 
     def residual_spectrum(self) -> tuple[Array, Array, Array]:
         """Harmonic k, |residual_k| [Pa], and the standard deviation it should have [Pa] : (N//2 + 1,) each."""
@@ -106,7 +124,7 @@ class WallFit:
 
     def wall(self, values: Mapping[str, float] | None = None, rho: float = 1060.0) -> Wall:
         """The solver's wall of these values (default: the fitted ones)."""
-        return wall_model.wall(self.model, self.values if values is None else values, self.h, self.eta, rho)
+        return wall_model.wall(self.model, self.values if values is None else values, rho)
 
     def parameter_set(self) -> ParameterSet:
         """E, R0, h and viscosities as start values of segment ``site``, with intervals and where they come from."""
@@ -116,17 +134,16 @@ class WallFit:
             )
             for name in PARAMETERS
         }
-        n_beats, source, sha256 = self.beats
         return ParameterSet(
             f"wall of {self.site}",
-            {f"{self.site}.h": Value(self.h, "m"), **fitted},
+            {"network.eta": Value(self.eta, "1"), f"{self.site}.h": Value(self.h, "m"), **fitted},
             {"network.elastic_law": self.model.elastic, "network.viscous_law": self.model.viscous},
             {
-                "record": source,
-                "sha256": sha256,
+                "record": self.source,
+                "sha256": self.sha256,
                 "model": self.model.name,
                 "free": list(self.model.free),
-                "beats": n_beats,
+                "beats": self.n_beats,
                 "period": self.loop.T,
                 "gamma": self.filtered.gamma,
                 "kept_harmonics": list(self.filtered.kept),
@@ -157,6 +174,7 @@ def fit(
     """
     chosen = model(wall) if isinstance(wall, str) else wall
     quantities(Segment)["h"].check(f"{site}.h", h)
+    quantities(Network)["eta"].check("eta", eta)
     if R0 is not None:
         quantities(Segment)["R0"].check(f"{site}.R0", R0)
         chosen = chosen.without("R0")
@@ -164,13 +182,11 @@ def fit(
     _check_thickness(site, float(loop.R.mean()), h)
     filtered = spectral.gamma_loop(loop.P, loop.R, loop.T, partial(columns, chosen))
     try:
-        start = _start(chosen, loop, filtered, h, eta, R0)
-        solution = solve(loop, chosen, start, h, eta, lag_free=lag_free)
+        solution = solve(loop, chosen, _start(chosen, loop, filtered, h, eta, R0), lag_free=lag_free)
+        ignored = plain(loop, chosen, solution.values, filtered.R)
     except NoFit as error:
         raise NoFit(f"{beats.source}: site {site}: {error}") from None
-    return _with_warnings(
-        _result(site, h, eta, chosen, loop, filtered, solution, (beats.n_beats, beats.source, beats.sha256), lag_free)
-    )
+    return _with_warnings(_result(beats, site, chosen, loop, filtered, solution, ignored), beats)
 
 
 def mean_loop(beats: Beats, site: str) -> Loop:
@@ -199,7 +215,7 @@ def bootstrap(
         drawn = beats.select(rng.integers(0, n, n))
         P, R = (spectral.resample(drawn.mean(name), fitted.loop.N) for name in names)
         loop = replace(fitted.loop, P=P, R=R)
-        values = solve(loop, fitted.model, fitted.values, fitted.h, fitted.eta, steps=3).values
+        values = solve(loop, fitted.model, fitted.values, steps=3).values
         means[i] = [values[name] for name in fitted.model.free]
         if progress:
             progress((i + 1) / replicates)
@@ -228,8 +244,8 @@ def _start(
         if "ENL" in chosen.free and not (np.isfinite(values["R0"]) and values["E"] > 0.0 and values["phi0"] > 0.0):
             return _start(chosen.without("ENL"), loop, filtered, h, eta, None)
     else:  # linear in all the rest, whatever the values it is linearised at, as long as phiNL and ENL are 0
-        values = {"E": 1.0, "R0": R0, "phi0": 1.0, "phiNL": 0.0, "ENL": 0.0}
-        M = evaluate(chosen, values, h, eta, R, R_t).by_parameter
+        values = {"E": 1.0, "R0": R0, "phi0": 1.0, "phiNL": 0.0, "ENL": 0.0, "h": h, "eta": eta}
+        M = evaluate(chosen, values, R, R_t).by_parameter
         scale = np.linalg.norm(M, axis=0)
         values |= dict(zip(chosen.free, np.linalg.lstsq(M / scale, loop.P, rcond=None)[0] / scale, strict=True))
     _check_start(values, float(loop.R.mean()))
@@ -265,53 +281,46 @@ def _check_thickness(site: str, R: float, h: float) -> None:
 
 
 def _result(
+    beats: Beats,
     site: str,
-    h: float,
-    eta: float,
     chosen: WallModel,
     loop: Loop,
     filtered: spectral.Filtered,
     solution: Solution,
-    beats: tuple[int, str, str],
-    lag_free: bool,
+    ignored_noise: Mapping[str, float],
 ) -> WallFit:
     p, values = len(chosen.free), solution.values
     dof = loop.N - len(solution.covariance)
     covariance = solution.covariance * max(1.0, solution.chi2 / dof)
-    lag_sd = float(np.sqrt(covariance[-1, -1])) if lag_free else np.nan
     pulsatile = loop.P - loop.P.mean()
-    missed = loop.P - evaluate(chosen, values, h, eta, filtered.R, filtered.R_t).P
+    missed = loop.P - evaluate(chosen, values, filtered.R, filtered.R_t).P
+    changes = dict(zip(chosen.free, solution.by_lag, strict=True))
     return WallFit(
-        site,
-        h,
-        eta,
-        chosen,
-        values,
-        covariance[:p, :p],
-        (solution.lag, lag_sd),
-        1.0 - float(np.sum(missed**2) / np.sum(pulsatile**2)),
-        solution.chi2,
-        dof,
-        solution.condition,
-        {
-            name: float(1e-3 * change / values[name])
-            for name, change in zip(chosen.free, solution.by_lag, strict=True)
-            if values[name]
-        },
-        plain(loop, chosen, values, h, eta, filtered.R),
-        filtered,
-        loop,
-        solution,
-        beats,
+        site=site,
+        model=chosen,
+        values=values,
+        covariance=covariance[:p, :p],
+        lag=(solution.lag, float(np.sqrt(covariance[-1, -1])) if len(covariance) > p else np.nan),
+        r2=1.0 - float(np.sum(missed**2) / np.sum(pulsatile**2)),
+        dof=dof,
+        by_lag={name: float(1e-3 * change / values[name]) for name, change in changes.items() if values[name]},
+        ignored_noise=ignored_noise,
+        filtered=filtered,
+        loop=loop,
+        solution=solution,
+        n_beats=beats.n_beats,
+        source=beats.source,
+        sha256=beats.sha256,
     )
 
 
 # --- warnings -----------------------------------------------------------------------------------------------------
 
 
-def _with_warnings(fitted: WallFit) -> WallFit:
-    found = (_viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _few_beats)
-    return replace(fitted, warnings=tuple(text for check in found if (text := check(fitted))))
+def _with_warnings(fitted: WallFit, beats: Beats) -> WallFit:
+    found = (_viscosity, _collinear, _noise_of_R, _misfit, _undetermined)
+    own = tuple(text for check in found if (text := check(fitted)))
+    return replace(fitted, warnings=(*(f"{fitted.site}: {text}" for text in beats.warnings), *own))
 
 
 def _viscosity(fitted: WallFit) -> str:
@@ -351,8 +360,15 @@ def _noise_of_R(fitted: WallFit) -> str:
 
 
 def _misfit(fitted: WallFit) -> str:
-    floor = max(fitted.loop.floor[0], 0.0)
-    if chi2_distribution.sf(fitted.chi2, fitted.dof) >= MISFIT or fitted.loop.noise[1:, 0, 0].mean() < 1e3 * floor:
+    if _noise_free(fitted.loop):  # rounding is no measure of a misfit
+        missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
+        return (
+            f"{fitted.site}: the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
+            "the intervals do not cover that."
+            if missed > MISSED
+            else ""
+        )
+    if chi2_distribution.sf(fitted.chi2, fitted.dof) >= MISFIT:
         return ""
     return (
         f"{fitted.site}: the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
@@ -360,13 +376,11 @@ def _misfit(fitted: WallFit) -> str:
     )
 
 
+def _noise_free(loop: Loop) -> bool:
+    """Whether the beats are the same to rounding."""
+    return bool(loop.noise[1:, 0, 0].mean() < 1e3 * loop.floor[0] and loop.noise[1:, 1, 1].mean() < 1e3 * loop.floor[1])
+
+
 def _undetermined(fitted: WallFit) -> str:
     wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
     return f"{fitted.site}: the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
-
-
-def _few_beats(fitted: WallFit) -> str:
-    n = fitted.beats[0]
-    if n >= FEWEST_BEATS:
-        return ""
-    return f"{fitted.site}: {n} beats say little about the noise; record at least {FEWEST_BEATS} for honest intervals."

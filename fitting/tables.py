@@ -9,6 +9,7 @@ from rich.table import Table
 from .calibrate import Calibration
 from .indices import Estimate
 from .regression import WallFit
+from .units import READ
 
 # parameter -> label, factor from SI
 _SHOWN = {
@@ -18,22 +19,11 @@ _SHOWN = {
     "phiNL": ("φNL, kPa·s²", 1e-3),
     "ENL": ("ENL, MPa", 1e-6),
 }
-# unit of an index -> unit people read it in, factor from SI
-_READ = {
-    "Pa": ("MPa", 1e-6),
-    "1/Pa": ("10⁻³/mmHg", 133.322387415e3),
-    "m^2/Pa": ("mm²/mmHg", 133.322387415e6),
-    "m/s": ("m/s", 1.0),
-    "J/m": ("mJ/m", 1e3),
-    "s": ("ms", 1e3),
-    "1": ("", 1.0),
-}
 
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     """Parameters ± half the 95 % interval, one column a model."""
-    beats, source, _ = chosen.beats
-    table = Table(title=f"Wall of {chosen.site}: {beats} beats of {chosen.loop.T:.5g} s, {source}")
+    table = Table(title=f"Wall of {chosen.site}: {chosen.n_beats} beats of {chosen.loop.T:.5g} s, {chosen.source}")
     table.add_column("± half the 95 % interval")
     for fitted in fits:
         table.add_column(fitted.model.name + (" (kept)" if fitted is chosen else ""), justify="right")
@@ -74,8 +64,20 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     for column in ("index", "value", "95 % interval", "unit"):
         table.add_column(column, justify="left" if column in ("index", "unit") else "right")
     for name, estimate in indices.items():
-        unit, factor = _READ[estimate.unit]
+        unit, factor = READ[estimate.unit]
         table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", _interval(estimate.ci95, factor), unit)
+    return table
+
+
+def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimate]]) -> Table:
+    """The indices of :func:`~fitting.network_indices.network_indices`, a line a site: ± half the 95 % interval."""
+    units = {name: READ[estimate.unit] for found in sites.values() for name, estimate in found.items()}
+    table = Table(title=f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)")
+    table.add_column("site")
+    for name, (unit, _) in units.items():
+        table.add_column(name.replace("_", " ") + (f"\n{unit}" if unit else ""), justify="right")
+    for site, found in sites.items():
+        table.add_row(site, *(_plus_minus(found.get(name), factor) for name, (_, factor) in units.items()))
     return table
 
 
@@ -99,3 +101,10 @@ def _estimate(fitted: WallFit, name: str, factor: float) -> str:
 
 def _interval(ends: tuple[float, float] | None, factor: float) -> str:
     return "–" if ends is None else f"{factor * ends[0]:.5g} … {factor * ends[1]:.5g}"
+
+
+def _plus_minus(estimate: Estimate | None, factor: float) -> str:
+    if estimate is None:
+        return "–"
+    low, high = estimate.ci95
+    return f"{factor * estimate.value:.4g}\n± {factor * (high - low) / 2.0:.2g}"

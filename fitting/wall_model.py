@@ -18,6 +18,8 @@ Array = np.ndarray
 Values = Mapping[str, float]
 
 PARAMETERS = ("E", "R0", "phi0", "phiNL", "ENL")
+"""What may be fitted. A wall's values are these and ``h`` [m] and ``eta``, which are given."""
+
 UNITS = {name: quantities(Segment)[name].unit for name in PARAMETERS}
 
 
@@ -78,14 +80,14 @@ def columns(model: WallModel, R: Array, R_t: Array) -> Array:
 
     The β-law has R in place of 1/R, ``extended`` one more column of the elastic law, ``linear`` no R'²/R.
     """
-    elastic = model.elastic_law.columns(R)
-    viscous = (R_t / R, R_t * R_t / R * model.viscous_law.bend(np.zeros(1)))
+    elastic, law, rest = model.elastic_law.columns(R), model.viscous_law, np.zeros(1)
+    viscous = (R_t / R * (2.0 * law.factor(rest) - law.slope(rest)), R_t * R_t / R * law.bend(rest))
     chosen = [*elastic[:2], *(elastic[2:] if "ENL" in model.free else ()), *viscous[: 1 + ("phiNL" in model.free)]]
     return np.stack(np.broadcast_arrays(*chosen), axis=-1)
 
 
 def parameters_of(model: WallModel, C: Array, h: float, eta: float) -> dict[str, float]:
-    """E, R0, φ0, φ_NL, E_NL of the coefficients C of :func:`columns`.
+    """E, R0, φ0, φ_NL, E_NL, and h and eta as given, of the coefficients C of :func:`columns`.
 
     For the regression law C = [E h'/R0, -E h', φ0 h'/R0, φ_NL h'/R0²] with h' = h/(1-η²): the paper's vector C, with
     the 1/R0² that its last entry lacks.
@@ -97,7 +99,8 @@ def parameters_of(model: WallModel, C: Array, h: float, eta: float) -> dict[str,
     E = K * R0 * (1.0 - eta**2) / h
     phi0 = viscous[0] * R0 * (1.0 - eta**2) / h
     phiNL = viscous[1] * R0 * R0 * (1.0 - eta**2) / h if len(viscous) > 1 else 0.0
-    return {"E": float(E), "R0": float(R0), "phi0": float(phi0), "phiNL": float(phiNL), "ENL": float(e * E)}
+    found = {"E": E, "R0": R0, "phi0": phi0, "phiNL": phiNL, "ENL": e * E, "h": h, "eta": eta}
+    return {name: float(value) for name, value in found.items()}
 
 
 @dataclass(frozen=True)
@@ -110,10 +113,10 @@ class Evaluated:
     by_parameter: Array
 
 
-def evaluate(model: WallModel, values: Values, h: float, eta: float, R: Array, R_t: Array) -> Evaluated:
+def evaluate(model: WallModel, values: Values, R: Array, R_t: Array) -> Evaluated:
     """The pressure on a loop R, R' : (N,) and all its first derivatives."""
     E, R0, phi0, phiNL, ENL = (values[name] for name in PARAMETERS)
-    thickness = h / (1.0 - eta**2)
+    thickness = values["h"] / (1.0 - values["eta"] ** 2)
     K, e = E * thickness / R0, ENL / E
     s, rate = R / R0, R_t / R0
     elastic, viscous = model.elastic_law, model.viscous_law
@@ -143,10 +146,10 @@ def relative_viscosity(model: WallModel, values: Values, R_t: Array) -> Array:
     return model.viscous_law.slope(values["phiNL"] / values["phi0"] * R_t / values["R0"])
 
 
-def wall(model: WallModel, values: Values, h: float, eta: float, rho: float = 1060.0) -> Wall:
+def wall(model: WallModel, values: Values, rho: float = 1060.0) -> Wall:
     """The fitted wall as the solver's :class:`solver.wall.Wall` of one point."""
     E, R0, phi0, phiNL, ENL = (np.array(values[name]) for name in PARAMETERS)
-    K_h = h / ((1.0 - eta**2) * R0)
+    K_h = values["h"] / ((1.0 - values["eta"] ** 2) * R0)
     return Wall(
         elastic=model.elastic_law,
         viscous=model.viscous_law,

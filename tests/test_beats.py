@@ -159,9 +159,36 @@ def test_a_given_period_is_taken() -> None:
 
 
 def test_a_period_of_whole_samples_is_cut_without_a_change() -> None:
+    """Reshaped, but for a straight line a beat: the slope of the drift. What is left has no curvature (round-off)."""
     P = noisy(0.5, 6.4, 40.0, 1e-6, 0)[0].channels["AA.P"]
     beats = align(record(np.arange(len(P)) * DT, P=P), 0.5)
-    np.testing.assert_array_equal(beats.values["AA.P"], P[:600].reshape(6, 100))
+    line = beats.values["AA.P"] - P[:600].reshape(6, 100)
+    np.testing.assert_allclose(np.diff(line, 2, axis=1), 0.0, atol=1e-10)
+    np.testing.assert_allclose(line.mean(axis=1), 0.0, atol=1e-10)
+
+
+def test_the_slope_of_a_drift_is_not_in_the_mean_beat() -> None:
+    """A drift of 100 Pa a beat on a pulse of 4 kPa: the mean beat is that without drift, but for its level (1e-9).
+
+    Uncorrected, the ramp of 100 Pa would be in the mean beat with no scatter to show it.
+    """
+    time = np.arange(1500) * DT
+    P = pressure(time / 0.5)
+    steady, drifting = (align(record(time, P=x), 0.5).mean("AA.P") for x in (P, P + 200.0 * time))
+    np.testing.assert_allclose(drifting - drifting.mean(), steady - steady.mean(), atol=1e-9 * np.ptp(P))
+
+
+def test_an_unsteady_rate_is_said_or_refused() -> None:
+    """Beats that shorten evenly: by 1 % over 20 beats a warning (shifts of 2.5 %), by 10 % a refusal."""
+    time = np.arange(2000) * DT
+
+    def slowing(change: float) -> Record:
+        return record(time, P=pressure(time / 0.5 * (1.0 + change * time / time[-1] / 2.0)))
+
+    assert any("heart rate was not steady" in text for text in align(slowing(0.03)).warnings)
+    assert align(slowing(0.0)).warnings == ()
+    with pytest.raises(ValueError, match=r"heart rate is not steady: beats come up to \d+%.* steady rate\."):
+        align(slowing(0.3))
 
 
 def test_noise_must_not_cost_the_last_beat() -> None:

@@ -13,10 +13,11 @@ import pytest
 from scipy.optimize import least_squares
 
 from fitting import regression
-from fitting.beats import Beats
+from fitting.beats import Beats, align
 from fitting.errors_in_variables import Loop, NoFit, solve
+from fitting.records import Record
 from fitting.regression import WallFit, bootstrap, fit
-from fitting.spectral import derivative, resample, shift
+from fitting.spectral import coefficients, derivative, resample, shift
 from fitting.virtual import (
     SITES,
     VirtualWall,
@@ -48,6 +49,33 @@ def recording(
         P, R = measured(P, rng, dB), measured(R, rng, dB)
     values = {"S.P": P.reshape(beats, n), "S.R": R.reshape(beats, n)}
     return Beats("virtual.csv", "0" * 64, T, values, np.zeros(beats))
+
+
+def sampled(
+    wall: VirtualWall,
+    dB: float | None,
+    seed: int,
+    *,
+    period: float = 0.4724,
+    drift: float = 0.0,
+    bits: int | None = None,
+) -> Beats:
+    """The same as a record of 15.2 beats at 200 Hz whose period is no whole number of samples, found by ``align``."""
+    p, c = _coefficients(wall, period)
+    t = np.arange(round(15.2 * period * 200)) / 200
+    P, R = pressure_at(p, period, t), pressure_at(c, period, t)
+    if dB is not None:
+        rng = np.random.default_rng(seed)
+        P, R = measured(P, rng, dB, drift, bits), measured(R, rng, dB, drift, bits)
+    return align(Record("virtual.csv", "0" * 64, t, {"S.P": P, "S.R": R}))
+
+
+@cache
+def _coefficients(wall: VirtualWall, period: float) -> tuple[np.ndarray, np.ndarray]:
+    p = jarvik_pressure(period)
+    c = coefficients(solve_radius(wall, p, period, 256))[:120]
+    c[1:] *= 2.0
+    return p, c
 
 
 def worst(fitted: WallFit, wall: VirtualWall) -> float:
@@ -84,21 +112,20 @@ def test_columns_are_the_matrix_of_the_paper() -> None:
 def test_derivatives_of_the_wall_law(elastic: str, name: str) -> None:
     """∂P/∂θ, ∂P/∂R and ∂P/∂R' against central differences (step 1e-5: 1e-9), and P against the solver's."""
     chosen = replace(model(name, elastic), free=PARAMETERS)
-    values = {"E": 1.5e6, "R0": 9.5e-3, "phi0": 25e3, "phiNL": -23e3, "ENL": 0.3e6}
-    h, eta = 0.38e-3, 0.5
+    values = {"E": 1.5e6, "R0": 9.5e-3, "phi0": 25e3, "phiNL": -23e3, "ENL": 0.3e6, "h": 0.38e-3, "eta": 0.45}
     _, R = loop(table_wall("AA"))
     R_t = derivative(R, T)
-    at = evaluate(chosen, values, h, eta, R, R_t)
+    at = evaluate(chosen, values, R, R_t)
     for i, parameter in enumerate(PARAMETERS):
         d = 1e-5 * values[parameter]
-        high, low = (evaluate(chosen, values | {parameter: values[parameter] + x}, h, eta, R, R_t).P for x in (d, -d))
+        high, low = (evaluate(chosen, values | {parameter: values[parameter] + x}, R, R_t).P for x in (d, -d))
         error = np.abs((high - low) / (2 * d) - at.by_parameter[:, i]).max() / np.abs(at.by_parameter[:, i]).max()
         assert error < 1e-8, parameter
     for x, slope in ((np.array([1e-5, 0.0]), at.by_R), (np.array([0.0, 1e-5]), at.by_R_t)):
         dR, dR_t = x[0] * values["R0"], x[1] * np.abs(R_t).max()
-        high, low = (evaluate(chosen, values, h, eta, R + sign * dR, R_t + sign * dR_t).P for sign in (1, -1))
+        high, low = (evaluate(chosen, values, R + sign * dR, R_t + sign * dR_t).P for sign in (1, -1))
         np.testing.assert_allclose((high - low) / (2 * (dR + dR_t)), slope, atol=1e-8 * np.abs(slope).max())
-    fitted = fit(recording(table_wall("AA")), "S", h)
+    fitted = fit(recording(table_wall("AA")), "S", values["h"])
     wall = replace(fitted, model=chosen, values=values).wall()
     np.testing.assert_allclose(wall.pressure(np.pi * R**2, 2 * np.pi * R * R_t), at.P, rtol=1e-13)
 
@@ -130,6 +157,25 @@ def test_any_number_of_samples_a_beat(n: int) -> None:
     """Odd, even, and more than are fitted (500 samples are band-limited to 127): 1e-8."""
     wall = table_wall("MD")
     assert worst(fit(recording(wall, n=n), "S", wall.h), wall) < 1e-8
+
+
+def test_noise_free_record_with_an_odd_period() -> None:
+    """Period found, beats resampled, wall fitted: 1e-8 (1e-11 measured) at 94.48 samples a beat."""
+    wall = table_wall("PD")
+    fitted = fit(sampled(wall, None, 0), "S", wall.h)
+    assert worst(fitted, wall) < 1e-8
+    assert fitted.warnings == ()
+
+
+def test_poissons_ratio_is_part_of_the_wall() -> None:
+    """E and φ0 scale with 1 - η² (exactly: 1e-9), and the set says which η it was fitted with."""
+    wall = table_wall("AA")
+    half, less = (fit(recording(wall), "S", wall.h, eta=eta) for eta in (0.5, 0.45))
+    for name in ("E", "phi0", "phiNL"):
+        assert less.values[name] / half.values[name] == pytest.approx((1 - 0.45**2) / 0.75, rel=1e-9)
+    assert less.parameter_set().values["network.eta"].value == 0.45
+    with pytest.raises(ValueError, match=r"eta = -0.3 .* must lie in \[0, 0.5\]"):
+        fit(recording(wall), "S", wall.h, eta=-0.3)
 
 
 def test_R0_given() -> None:
@@ -171,6 +217,21 @@ def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) ->
     assert np.mean([f.chi2 / f.dof for f in fits]) == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.parametrize(("drift", "bits", "most"), [(0.0, None, 0.98), (0.02, 12, 1.0), (0.05, None, 1.0)])
+def test_coverage_of_whole_records(drift: float, bits: int | None, most: float) -> None:
+    """AA, 40 dB, 150 records through ``align``, T no whole number of samples, with drift and quantisation.
+
+    Intervals cover at least 92 % (an exact one has 95 ± 1.8 %). With drift those of E and R0 are wide on purpose: the
+    level of 15 beats that wander together is known no better.
+    """
+    wall = table_wall("AA")
+    fits = [fit(sampled(wall, 40.0, seed, drift=drift, bits=bits), "S", wall.h) for seed in range(3000, 3150)]
+    for name in fits[0].model.free:
+        truth = getattr(wall, name)
+        covered = np.mean([f.ci95(name)[0] <= truth <= f.ci95(name)[1] for f in fits])
+        assert 0.92 <= covered <= most, name
+
+
 def test_no_bias_at_30_dB_where_ordinary_least_squares_has_one() -> None:
     """AA, 30 dB, 150 seeds: the mean error is within 3 standard errors; that of least squares on R as measured is not.
 
@@ -189,7 +250,7 @@ def test_no_bias_at_30_dB_where_ordinary_least_squares_has_one() -> None:
 def test_estimate_is_the_maximum_of_the_joint_likelihood() -> None:
     """White noise: the same E, R0, φ0, φ_NL as scipy's least squares on θ and all N true radii at once.
 
-    Agreement to 1e-3 standard deviations, the tolerance of the iteration.
+    Agreement to 2e-3 standard deviations; the iteration ends at steps of 1e-3.
     """
     wall = table_wall("BT")
     P, R = loop(wall, 51)
@@ -198,20 +259,20 @@ def test_estimate_is_the_maximum_of_the_joint_likelihood() -> None:
     P, R = P + rng.normal(0.0, sd[0], P.size), R + rng.normal(0.0, sd[1], R.size)
     noise = np.zeros((26, 2, 2))
     noise[:, 0, 0], noise[:, 1, 1] = (s**2 / P.size for s in sd)
-    chosen, start = model("monotone"), {name: getattr(wall, name) for name in PARAMETERS}
-    found = solve(Loop(P, R, T, noise), chosen, start, wall.h, wall.eta)
+    chosen, start = model("monotone"), {name: getattr(wall, name) for name in (*PARAMETERS, "h", "eta")}
+    found = solve(Loop(P, R, T, noise), chosen, start)
     scale = np.array([start[name] for name in chosen.free])
 
     def residuals(x: np.ndarray) -> np.ndarray:
         values = start | dict(zip(chosen.free, x[:4] * scale, strict=True))
         radius = R + x[4:] * sd[1]
-        model_P = evaluate(chosen, values, wall.h, wall.eta, radius, derivative(radius, T)).P
+        model_P = evaluate(chosen, values, radius, derivative(radius, T)).P
         return np.concatenate([(P - model_P) / sd[0], x[4:]])
 
     joint = least_squares(residuals, np.concatenate([np.ones(4), np.zeros(R.size)]), xtol=1e-12, ftol=1e-14)
     for i, name in enumerate(chosen.free):
         error = abs(joint.x[i] * scale[i] - found.values[name]) / np.sqrt(found.covariance[i, i])
-        assert error < 1e-3, name
+        assert error < 2e-3, name
     assert found.chi2 == pytest.approx(2.0 * joint.cost, rel=1e-4)
 
 
@@ -277,6 +338,32 @@ def test_time_lag() -> None:
     assert abs(lag - 1e-3) < 3.0 * sd < 1e-3
     assert abs(free.values["phi0"] - wall.phi0) < 3.0 * free.sd("phi0")
     assert free.sd("phi0") > 2.0 * plain.sd("phi0")  # the price
+
+
+def test_misfit_of_a_noise_free_loop_is_reported() -> None:
+    """The linear model on a clean monotone loop: without noise there is no χ², so the missed part of the pulse tells."""
+    wall = table_wall("AA")
+    texts = fit(recording(wall), "S", wall.h, "linear").warnings
+    assert any("misses the noise-free loop by 0.0" in text for text in texts)
+
+
+def test_start_without_ENL() -> None:
+    """``extended`` models on noisy loops: where the regression has no wall, the start is that without E_NL.
+
+    Of these 60 loops at 25 dB every one is fitted.
+    """
+    wall = table_wall("AA")
+    for seed in range(60):
+        assert fit(recording(wall, 25.0, seed), "S", wall.h, "extended monotone").values["E"] > 0.0
+
+
+def test_radius_computed_from_pressure() -> None:
+    """R a linear function of P, noise and all: nothing to weigh them by; one sentence, no LinAlgError."""
+    wall = table_wall("AA")
+    P = recording(wall, 40.0, 1).values["S.P"]
+    beats = Beats("virtual.csv", "0", T, {"S.P": P, "S.R": 0.9e-2 + 1e-7 * P}, np.zeros(BEATS))
+    with pytest.raises(NoFit, match=r"virtual.csv: site S: "):
+        fit(beats, "S", wall.h)
 
 
 def test_collinear_columns_are_reported() -> None:
@@ -346,6 +433,7 @@ def test_parameter_set_of_a_fit() -> None:
     fitted = fit(recording(wall, 40.0), "S", wall.h)
     found = fitted.parameter_set()
     assert found.start_values() == {
+        "network.eta": 0.5,
         "S.h": wall.h,
         **{f"S.{name}": fitted.values[name] for name in PARAMETERS},
         "network.elastic_law": "regression",
