@@ -97,9 +97,25 @@ class Cohort:
         return tuple(dict.fromkeys(each.entry.animal for each in self.recordings))
 
     @property
-    def virtual(self) -> bool:
-        """Whether all animals are virtual, by their names."""
-        return all(animal.startswith("virtual") for animal in self.animals)
+    def virtual(self) -> tuple[str, ...]:
+        """The animals that are virtual: their name, or that of one of their record files, begins with "virtual"."""
+        entries = [r.entry for r in self.recordings]
+        marked = {e.animal for e in entries for name in (e.animal, Path(e.record).name) if name.startswith("virtual")}
+        return tuple(animal for animal in self.animals if animal in marked)
+
+    @property
+    def data(self) -> str:
+        """What every result is labelled with: "measured", "virtual (synthetic)", or how many animals are virtual."""
+        k, n = len(self.virtual), len(self.animals)
+        if 0 < k < n:
+            return f"mixed: {k} of {n} animals {'is' if k == 1 else 'are'} virtual"
+        return "virtual (synthetic)" if k else "measured"
+
+    @property
+    def label(self) -> str:
+        """ "11 animals, measured": how many, and what their data are."""
+        n = len(self.animals)
+        return f"{n} animal{'' if n == 1 else 's'}, {self.data}"
 
     def fits(self, model: str | None = None) -> dict[tuple[str, str], WallFit]:
         """The fits of one model by (animal, site). Raises ValueError for a model that was not fitted."""
@@ -144,7 +160,8 @@ class Cohort:
                 for key in PARAMETERS:
                     values[f"{site}.{key}"] = _mean([fitted.values[key] for fitted in there], UNITS[key])
         provenance = {
-            "kind": "means over virtual animals (synthetic data)" if self.virtual else "means over animals",
+            "kind": "means over animals",
+            "data": self.data,
             "model": name,
             "free": list(law.free),
             "eta": next(iter(fits.values())).eta,
@@ -199,9 +216,10 @@ class Cohort:
         return tables(self)
 
     def write(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write cohort.json, the mean parameter set and the figures into a folder; their paths.
+        """Write the figures, the mean parameter set and cohort.json into a folder; the paths of what was written.
 
-        The folder is made if it is missing. Raises ValueError if it cannot be written.
+        The folder is made if it is missing; nothing is written unless everything could be made, and cohort.json comes
+        last. Raises ValueError if a file cannot be written.
         """
         from .cohort_report import write  # matplotlib takes a second
 

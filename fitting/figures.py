@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib import rc_context
@@ -19,12 +20,16 @@ _TITLES = {
     "linear": "Linear Kelvin–Voigt",
     "nonlinear": "Nonlinear Kelvin–Voigt, quadratic",
     "monotone": "Nonlinear Kelvin–Voigt, monotone",
-    "extended": "Nonlinear Kelvin–Voigt with $E_{NL}$",
+    "extended": "Nonlinear Kelvin–Voigt, quadratic, $E_{NL}$",
+    "extended monotone": "Nonlinear Kelvin–Voigt, monotone, $E_{NL}$",
 }
 
 
 def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
-    """Measured loop and model for each fit side by side, and the residuals' spectrum of each against its noise."""
+    """Measured loop and model for each fit side by side, and the residuals' spectrum of each against its noise.
+
+    The title begins with the name of the record's file, so that what is virtual says so.
+    """
     with rc_context(STYLE):
         figure = Figure(figsize=(3.6 * (len(fits) + 1), 3.6), layout="constrained")
         axes = figure.subplots(1, len(fits) + 1)
@@ -33,7 +38,8 @@ def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
         for ax in axes[1 : len(fits)]:
             ax.sharey(axes[0])
         _spectrum(axes[-1], fits)
-        figure.suptitle(f"Site {fits[0].site}: {beats.n_beats} beats of {beats.T:.4g} s", fontsize=10)
+        title = f"{Path(beats.source).name}, site {fits[0].site}: {beats.n_beats} beats of {beats.T:.4g} s"
+        figure.suptitle(title, fontsize=10)
     return figure
 
 

@@ -123,8 +123,7 @@ def _bend(cohort: Cohort, claim: Claim) -> Figure:
 def _figure(cohort: Cohort, title: str, n: int) -> tuple[Figure, Sequence[Axes]]:
     figure = Figure(figsize=(5.2 * n, 3.8), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06))
     axes = list(figure.subplots(1, n, squeeze=False)[0])
-    animals = f"{len(cohort.animals)} {'virtual animals, synthetic data' if cohort.virtual else 'animals'}"
-    figure.suptitle(f"{title}\n{animals}; {cohort.main} model", fontsize=10)
+    figure.suptitle(f"{title}\n{cohort.label}; {cohort.main} model", fontsize=10)
     for ax in axes:
         ax.set_xticks(range(len(cohort.sites)), cohort.sites)
         ax.set_xlim(-0.6, len(cohort.sites) - 0.4)

@@ -1,7 +1,8 @@
 """A cohort of virtual animals: synthetic bench recordings of every artery of the paper. No public recording exists.
 
 The means are the paper's (Table 1 and its text); the spread between animals is not in the paper and is ours, as are
-heart rates, pressures and sensors: see :func:`virtual_cohort`. The truth stays apart from the recordings.
+heart rates, pressures and sensors: see :func:`virtual_cohort`. The truth stays apart from the recordings, and animals
+and files are named ``virtual-…``, so that whatever is made of them says so.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from solver.files import write_whole
 
 from .records import write_record
-from .virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, table_wall
+from .virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
 
 Array = np.ndarray
 
@@ -32,6 +32,7 @@ SD_MEASURED = 0.005  # error of the measured R0, relative
 PERIODS = (0.40, 0.62)  # s
 MEANS = (10e3, 12e3)  # Pa
 PULSES = (3.5e3, 4.5e3)  # Pa
+NOISE = (-20.0, 300.0)  # dB that may be asked for: ten times the pulse to less than rounding
 
 _POINTS = 256  # of a beat at which the wall is solved: five times the harmonics of the pressure
 
@@ -39,7 +40,8 @@ README = """Virtual animals: synthetic data, made by a computer program from the
 No animal was measured, and no public recording of the sheep of the paper exists.
 
 cohort.csv   one line per animal and site: record, wall thickness h, measured unstressed radius R0
-*_*.csv      the recordings: time, pressure, radius, with synthetic noise, drift and quantisation
+virtual-*_*.csv  the recordings: time, pressure, radius, with synthetic noise, drift and quantisation
+             (the names of animals and files begin with "virtual": keep that, results are labelled by it)
 truth.json   the parameters they were made with: for tests of a fit, never for the fit itself
 
 Means: Table 1 and the text of Ghigo et al. (2017). All else is an assumption of this program.
@@ -52,7 +54,7 @@ pressure (10 to 12 kPa) and pulse (3.5 to 4.5 kPa). Noise, drift and quantisatio
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """What the bench would give: time, P, R : (n,) in SI, and measured R0, h [m]."""
+    """What the bench would give: time, P, R : (n,) in SI, and measured R0, h [m]. animal : "virtual-S01"."""
 
     animal: str
     site: str
@@ -64,8 +66,8 @@ class VirtualRecording:
 
     @property
     def file(self) -> str:
-        """Name of its file, "S01_AA.csv"."""
-        return f"{self.animal.removeprefix('virtual-')}_{self.site}.csv"
+        """Name of its file, "virtual-S01_AA.csv": what is drawn or fitted from it carries the label on."""
+        return f"{self.animal}_{self.site}.csv"
 
 
 @dataclass(frozen=True)
@@ -115,11 +117,9 @@ def virtual_cohort(
     dB, drift, bits : sensors, as in :func:`fitting.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
     scale_phi0 : factors on φ0 by site, to break a rule on purpose. exact_means : scale E, φ0, R0 and φ_NL so that their
     means over these animals, not over all that could be, are the paper's; intervals are then wider than they need be.
-    Raises ValueError for an unknown site.
+    Raises ValueError for an unknown site or law, or a number out of its range, before anything is computed.
     """
-    unknown = [site for site in sites if site not in SITES]
-    if unknown:
-        raise ValueError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
+    _check(animals, sites, dB, beats, rate, drift, bits, viscous)
     rng = np.random.default_rng(seed)
     herd = [_animal(rng, sites, viscous, ENL, scale_phi0 or {}) for _ in range(animals)]
     if exact_means:
@@ -130,7 +130,8 @@ def virtual_cohort(
             T, mean, pulse = (float(rng.uniform(*span)) for span in (PERIODS, MEANS, PULSES))
             truth[f"virtual-S{number:02d}", site] = Truth(wall, T, mean, pulse)
     pressures = np.array([jarvik_pressure(each.T, each.mean, each.pulse) for each in truth.values()])
-    radii = solve_radii([each.wall for each in truth.values()], pressures, np.array([e.T for e in truth.values()]))
+    periods = np.array([each.T for each in truth.values()])
+    radii = solve_radii([each.wall for each in truth.values()], pressures, periods, _POINTS)
     recordings = []
     for (animal, site), each, p, R in zip(truth, truth.values(), pressures, radii, strict=True):
         time = np.arange(int(np.ceil(beats * each.T * rate))) / rate
@@ -141,7 +142,7 @@ def virtual_cohort(
         R0 = each.wall.R0 * float(np.exp(rng.normal(0.0, SD_MEASURED)))
         recordings.append(VirtualRecording(animal, site, time, P, R, R0, each.wall.h))
     settings = {
-        "dB": str(dB),
+        "dB": dB,
         "beats": beats,
         "rate": rate,
         "drift": drift,
@@ -152,6 +153,34 @@ def virtual_cohort(
         "exact_means": exact_means,
     }
     return VirtualCohort(seed, settings, tuple(recordings), truth)
+
+
+def _check(
+    animals: int, sites: Sequence[str], dB: float, beats: int, rate: float, drift: float, bits: int | None, viscous: str
+) -> None:
+    """Raises ValueError, one sentence, for the first argument that makes no recording."""
+    unknown = [site for site in sites if site not in SITES]
+    if unknown:
+        raise ValueError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
+    if viscous not in ("monotone", "quadratic"):
+        raise ValueError(f"virtual cohort: viscous = {viscous!r}: must be monotone or quadratic.")
+    limits = [
+        ("animals", animals, animals >= 1, "at least 1"),
+        ("beats", beats, beats >= 2, "at least 2, as many as a period needs"),
+        ("rate", rate, 0.0 < rate < np.inf, "positive and finite, in samples a second"),
+        ("dB", dB, *_range(dB, *NOISE)),
+        ("drift", drift, *_range(drift, 0.0, 100.0)),
+    ]
+    if bits is not None:
+        limits.append(("bits", bits, *_range(bits, 1, 64)))
+    for name, value, allowed, what in limits:
+        if not allowed:
+            raise ValueError(f"virtual cohort: {name} = {value:g}: must be {what}.")
+
+
+def _range(value: float, low: float, high: float) -> tuple[bool, str]:
+    """Whether the value is in it (NaN is not), and the words for it."""
+    return low <= value <= high, f"from {low:g} to {high:g}"
 
 
 def write_cohort(
@@ -187,55 +216,6 @@ def write_cohort(
     write_whole(folder / "truth.json", json.dumps(truth, indent=1) + "\n")
     write_whole(folder / "cohort.csv", "\n".join(lines) + "\n")
     return folder / "cohort.csv"
-
-
-def solve_radii(walls: Sequence[VirtualWall], p: Array, T: Array, N: int = _POINTS) -> Array:
-    """R : (n, N) [m] of n walls of the regression law at N even points of their beats, in one integration.
-
-    p : (n, K + 1) coefficients of the pressures, T : (n,) periods [s]. As :func:`fitting.virtual.solve_radius`, in the
-    phase t/T and to 1e-9. Raises ValueError for walls of another elastic law, of two viscous laws, or without solution.
-    """
-    viscous = {wall.viscous for wall in walls}
-    if len(viscous) != 1 or {wall.elastic for wall in walls} != {"regression"}:
-        raise ValueError("virtual walls solved together must all have the regression law and one viscous law.")
-    R0, h, E, phi0, phiNL, ENL, eta = np.array([[getattr(w, name) for name in _FIELDS] for w in walls]).T
-    load = (1.0 - eta**2) * R0 / h
-    r = phiNL / phi0
-    strain_rate = _monotone_rate if viscous == {"monotone"} else _quadratic_rate
-
-    def rate(phase: float, strain: Array) -> Array:
-        P = np.polynomial.polynomial.polyval(np.exp(2j * np.pi * phase), p.T).real
-        return T * strain_rate(load * (1.0 + strain) * P - E * strain - ENL * strain**2, phi0, r)
-
-    # where the elastic wall carries the mean pressure; the wall forgets it within φ0/E, a twentieth of the first beat
-    start = load * p[:, 0].real / (E - load * p[:, 0].real)
-    phases = 1.0 + np.arange(N) / N
-    done = solve_ivp(rate, (0.0, 2.0), start, "DOP853", phases, rtol=1e-9, atol=1e-11, max_step=0.02)
-    if not done.success:
-        raise ValueError(f"the virtual walls could not be integrated: {done.message}")
-    return np.asarray(R0[:, None] * (1.0 + done.y))
-
-
-_FIELDS = ("R0", "h", "E", "phi0", "phiNL", "ENL", "eta")
-
-
-def _monotone_rate(stress: Array, phi0: Array, r: Array) -> Array:
-    linear = stress / phi0
-    zero = r == 0.0
-    # a trial step may ask for more than the law's largest stress: a huge rate makes the step shorter
-    bent = np.log(np.maximum(1.0 + 2.0 * r * linear, 1e-9)) / np.where(zero, 1.0, 2.0 * r)
-    return np.where(zero, linear, bent)
-
-
-def _quadratic_rate(stress: Array, phi0: Array, r: Array) -> Array:
-    linear = stress / phi0
-    root = 1.0 + 4.0 * r * linear
-    if np.any(root <= 0.0):
-        raise ValueError(
-            f"virtual walls: phiNL/phi0 = {r[int(np.argmin(root))]:g} s has no strain rate for a viscous stress of "
-            f"{stress[int(np.argmin(root))]:g} Pa; use the monotone law."
-        )
-    return 2.0 * linear / (1.0 + np.sqrt(root))
 
 
 def _animal(

@@ -1,7 +1,10 @@
 """Cohorts: the mixed model against classical statistics, verdicts, files, and a virtual cohort from end to end."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +21,12 @@ from fitting.cohort_claims import (
     same_radius,
 )
 from fitting.figures_cohort import cohort_figures
-from fitting.mixed_model import random_intercept
+from fitting.mixed_model import RandomIntercept, random_intercept
 from fitting.parameter_set import read_set
 from fitting.records import write_record
 from fitting.virtual import table_wall
 from fitting.virtual_cohort import VirtualCohort, virtual_cohort, write_cohort
+from solver import Network
 
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
 
@@ -37,12 +41,14 @@ def _cells(y: np.ndarray, there: np.ndarray | None = None) -> dict[tuple[str, st
     }
 
 
-def _fitted(y: np.ndarray, there: np.ndarray | None = None):
+def _fitted(y: np.ndarray, there: np.ndarray | None = None) -> RandomIntercept:
     cells = _cells(y, there)
     return random_intercept(np.array(list(cells.values())), [s for _, s in cells], [a for a, _ in cells])
 
 
-def _animals(rng: np.random.Generator, mu: np.ndarray, n: int = 11, shared: float = 0.09, own=0.09):
+def _animals(
+    rng: np.random.Generator, mu: np.ndarray, n: int = 11, shared: float = 0.09, own: float | np.ndarray = 0.09
+) -> np.ndarray:
     """μ_j + a_i + e_ij : (n, J)."""
     return mu + rng.normal(0.0, shared, (n, 1)) + rng.normal(0.0, own, (n, len(mu)))
 
@@ -51,7 +57,7 @@ def _animals(rng: np.random.Generator, mu: np.ndarray, n: int = 11, shared: floa
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.02, 0.3])
-def test_balanced_data_give_the_analysis_of_variance(shared):
+def test_balanced_data_give_the_analysis_of_variance(shared: float) -> None:
     """σ² = MS_e, σ_a² = (MS_a - MS_e)/J, also where it is negative; F, and t with (n - 1)(J - 1) degrees of freedom."""
     y = _animals(np.random.default_rng(1), np.zeros(7), shared=shared, own=0.1)
     n, J = y.shape
@@ -73,12 +79,13 @@ def test_balanced_data_give_the_analysis_of_variance(shared):
     assert (overall.se, overall.df) == pytest.approx((stats.sem(y.mean(axis=1)), n - 1), rel=1e-10)
 
 
-def test_the_grid_covers_a_negative_shared_variance():
+def test_the_grid_covers_a_negative_shared_variance() -> None:
     """The case above with σ_a = 0 has MS_a < MS_e: bounded at 0 the standard errors would be too small."""
     assert _fitted(_animals(np.random.default_rng(1), np.zeros(7), shared=0.0, own=0.1)).shared < 0.0
 
 
-def test_two_sites_are_the_paired_t_test():
+def test_two_sites_are_the_paired_t_test() -> None:
+    """Eleven animals at two sites: p and 90 % interval of scipy's paired t test, to rounding."""
     y = _animals(np.random.default_rng(2), np.array([0.0, 0.06]))
     paired = stats.ttest_rel(y[:, 1], y[:, 0])
     contrast = _fitted(y).contrast([-1.0, 1.0])
@@ -92,14 +99,14 @@ def _gaps(rng: np.random.Generator, n: int = 11, lost: float = 0.3) -> np.ndarra
     return there
 
 
-def test_unbalanced_data_against_the_likelihood_written_out():
+def test_unbalanced_data_against_the_likelihood_written_out() -> None:
     """Dense V, restricted log-likelihood maximised by a general optimiser; Satterthwaite from dense tr(P V_a P V_b)."""
     rng = np.random.default_rng(3)
     y, there = _animals(rng, np.linspace(-0.1, 0.1, 7)), _gaps(rng)
     i, j = np.nonzero(there)
     values, X, Z = y[there], np.eye(7)[j], np.eye(11)[i]
 
-    def parts(log_own: float, shared: float):
+    def parts(log_own: float, shared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         inverse = np.linalg.inv(np.exp(log_own) * np.eye(len(values)) + shared * Z @ Z.T)
         covariance = np.linalg.inv(X.T @ inverse @ X)
         return inverse, covariance, inverse - inverse @ X @ covariance @ X.T @ inverse
@@ -128,7 +135,7 @@ def test_unbalanced_data_against_the_likelihood_written_out():
     assert contrast.df == pytest.approx(2 * variance**2 / (gradient @ np.linalg.solve(information, gradient)), rel=1e-8)
 
 
-def test_intervals_of_unbalanced_data_cover():
+def test_intervals_of_unbalanced_data_cover() -> None:
     """90 % intervals of the deviations of all sites, a third of the cells lost: 90 ± 1.5 % of 300 × 7."""
     rng = np.random.default_rng(4)
     mu = np.linspace(-0.1, 0.1, 7)
@@ -141,7 +148,8 @@ def test_intervals_of_unbalanced_data_cover():
     assert np.mean(hits) == pytest.approx(0.9, abs=0.02)
 
 
-def test_data_that_cannot_separate_sites_from_animals():
+def test_data_that_cannot_separate_sites_from_animals() -> None:
+    """Two values in a cell, or as many animals as values: one sentence."""
     with pytest.raises(ValueError, match="S1 has two values at site AA"):
         random_intercept(np.zeros(2), ["AA", "AA"], ["S1", "S1"])
     with pytest.raises(ValueError, match="4 values of 4 animals at 2 sites cannot separate"):
@@ -151,7 +159,7 @@ def test_data_that_cannot_separate_sites_from_animals():
 # --- verdicts -----------------------------------------------------------------------------------------------------
 
 
-def test_equivalence_at_a_site_is_two_one_sided_t_tests():
+def test_equivalence_at_a_site_is_two_one_sided_t_tests() -> None:
     """same_radius is supported exactly where scipy's two one-sided tests both reject at 5 %, at every site."""
     rng, verdicts = np.random.default_rng(5), []
     for _ in range(200):
@@ -171,7 +179,7 @@ def _share(verdict: str, mu: np.ndarray, runs: int, seed: int, own: float | np.n
 
 
 @pytest.mark.parametrize("own", [1.0, 2.0])
-def test_error_of_the_first_kind_at_the_margin(own):
+def test_error_of_the_first_kind_at_the_margin(own: float) -> None:
     """One site off by exactly 25 %: called constant in at most 5 % of cohorts, varying in fewer; 300 runs, 2 sd.
 
     Also where that site scatters twice as much as the others, which the mixed model does not know (it alone: 14 %).
@@ -183,7 +191,7 @@ def test_error_of_the_first_kind_at_the_margin(own):
     assert _share("refuted", mu, 100, 7, scatter) < 0.05
 
 
-def test_power():
+def test_power() -> None:
     """Truly constant: always supported. One site at twice the ratio: always refuted. On the margin: 97 % neither."""
     assert _share("supported", np.zeros(7), 100, 8) == 1.0
     double = np.zeros(7)
@@ -194,7 +202,8 @@ def test_power():
     assert _share("not decided", edge, 100, 10) == pytest.approx(0.97, abs=0.05)
 
 
-def test_the_claim_says_what_it_found():
+def test_the_claim_says_what_it_found() -> None:
+    """Two sites at ±12 %: supported at 25 % though F differs, also at the smallest margin; CA twice: refuted."""
     y = _animals(np.random.default_rng(11), np.array([0.0, -0.12, 0.0, 0.0, 0.0, 0.0, 0.12]))
     claim = constant_relaxation_time(_cells(0.017 * np.exp(y)))
     assert claim.verdict == "supported" and claim.n == 11 and claim.allowed == (0.8, 1.25)
@@ -209,7 +218,7 @@ def test_the_claim_says_what_it_found():
     assert double.verdict == "refuted" and "wholly outside: CA." in double.text
 
 
-def test_a_verdict_that_hangs_on_equal_scatter_is_not_given():
+def test_a_verdict_that_hangs_on_equal_scatter_is_not_given() -> None:
     """BT scatters five times as much as the others: the pooled scatter would let it pass, its own does not."""
     own, mu = np.where(np.arange(7) == 4, 0.25, 0.05), np.where(np.arange(7) == 4, 0.14, 0.0)
     claim = constant_relaxation_time(_cells(np.exp(_animals(np.random.default_rng(20), mu, own=own))))
@@ -219,7 +228,7 @@ def test_a_verdict_that_hangs_on_equal_scatter_is_not_given():
     assert "; the data do not decide at BT." in claim.text
 
 
-def test_own_scatter_of_balanced_data_is_that_of_the_paired_deviations():
+def test_own_scatter_of_balanced_data_is_that_of_the_paired_deviations() -> None:
     """The site's t interval from y_ij less the animal's mean, by scipy, where it is the wider one."""
     y = _animals(np.random.default_rng(17), np.linspace(-0.05, 0.05, 7), own=np.linspace(0.05, 0.1, 7))
     d = y - y.mean(axis=1, keepdims=True)
@@ -229,7 +238,8 @@ def test_own_scatter_of_balanced_data_is_that_of_the_paired_deviations():
     assert claim.smallest_margin > max(max(1 / e.low, e.high) for e in claim.estimates) - 1
 
 
-def test_one_animal_decides_nothing():
+def test_one_animal_decides_nothing() -> None:
+    """One animal in all, or one alone at CA: every claim is not decided, without an error."""
     cells = _cells(np.exp(_animals(np.random.default_rng(12), np.zeros(7), n=1)))
     for claim in (constant_relaxation_time(cells), same_radius(cells), nonlinear_viscosity(cells)):
         assert claim.verdict == "not decided" and claim.n == 1
@@ -239,7 +249,7 @@ def test_one_animal_decides_nothing():
     assert claim.verdict == "not decided" and "do not decide at CA" in claim.text and claim.smallest_margin is None
 
 
-def test_nonlinear_viscosity_by_site():
+def test_nonlinear_viscosity_by_site() -> None:
     """t tests of scipy, Holm; a site near 0 refutes only if its interval shows that it is near 0."""
     rng = np.random.default_rng(13)
     y = np.array([-0.9, -1.0, -0.9, -1.0, -1.4, 0.5, -0.4]) * np.exp(rng.normal(0.0, 0.3, (11, 7)))
@@ -257,13 +267,14 @@ def test_nonlinear_viscosity_by_site():
     assert near.verdict == "refuted" and "within ±0.05 s of 0 at FA" in near.text
 
 
-def test_holm():
+def test_holm() -> None:
     """By hand: 0.01·4, 0.02·3, max(0.06, 0.03·2), 0.5; never above 1."""
     assert holm([0.03, 0.01, 0.5, 0.02]) == pytest.approx([0.06, 0.04, 0.5, 0.06])
     assert holm([0.6, 0.7]) == [1.0, 1.0]
 
 
-def test_elastic_bend_and_models():
+def test_elastic_bend_and_models() -> None:
+    """E_NL ε/E of 0.15 %, 8 % and of scatter 20 % against a margin of 5 %; models 4 % and 20 % apart against 10 %."""
     rng = np.random.default_rng(14)
     small, large = rng.normal(0.0015, 0.01, (11, 3)), rng.normal(0.08, 0.01, (11, 3))
     assert negligible_elastic_bend(_cells(small)).verdict == "supported"
@@ -298,7 +309,8 @@ HEADER = "animal,site,record,h [mm],R0 [mm]\n"
         ("animal,site,record,h [s],R0 [mm]\nS1,AA,a.csv,0.38,9.4\n", "line 2: h = .*0.38 s"),
     ],
 )
-def test_bad_cohort_files(tmp_path, text, sentence):
+def test_bad_cohort_files(tmp_path: Path, text: str, sentence: str) -> None:
+    """One sentence with file and line."""
     (tmp_path / "a.csv").write_text("time [s],AA.P [mmHg],AA.R [mm]\n")
     path = tmp_path / "cohort.csv"
     path.write_text(text)
@@ -307,7 +319,8 @@ def test_bad_cohort_files(tmp_path, text, sentence):
     assert "\n" not in str(error.value)
 
 
-def test_units_gaps_and_order_of_columns(tmp_path):
+def test_units_gaps_and_order_of_columns(tmp_path: Path) -> None:
+    """Columns in any order, others ignored, cm and SI read to m, no R0: None; a missing file is said."""
     (tmp_path / "a.csv").write_text("")
     path = tmp_path / "cohort.csv"
     path.write_text("site, R0 [cm], note, animal, record, h\nAA, 0.94, good, S1, a.csv, 3.8e-4\nXY,,,S1,a.csv,1e-3\n")
@@ -323,11 +336,12 @@ def test_units_gaps_and_order_of_columns(tmp_path):
 
 @pytest.fixture(scope="module")
 def virtual() -> VirtualCohort:
+    """Four animals at all seven sites, 40 dB."""
     return virtual_cohort(21, animals=4)
 
 
 @pytest.fixture(scope="module")
-def fitted(virtual, tmp_path_factory) -> Cohort:
+def fitted(virtual: VirtualCohort, tmp_path_factory: pytest.TempPathFactory) -> Cohort:
     """Four virtual animals at seven sites, the first record of DD spoilt."""
     path = write_cohort(virtual, tmp_path_factory.mktemp("cohort"))
     flat = next(r for r in virtual.recordings if r.site == "DD")
@@ -335,7 +349,7 @@ def fitted(virtual, tmp_path_factory) -> Cohort:
     return fit_cohort(read_cohort(path), MODELS)
 
 
-def test_the_truth_is_recovered_within_the_intervals(virtual, fitted):
+def test_the_truth_is_recovered_within_the_intervals(virtual: VirtualCohort, fitted: Cohort) -> None:
     """E, R0, φ0 and φ_NL of 27 recordings at 40 dB: 95 % intervals hold the truth in at least 88 % of 108."""
     hits = []
     for cell, fit in fitted.fits().items():
@@ -348,7 +362,8 @@ def test_the_truth_is_recovered_within_the_intervals(virtual, fitted):
     assert len(hits) == 4 * 27 and np.mean(hits) > 0.88
 
 
-def test_a_spoilt_record_is_named_and_not_fatal(fitted):
+def test_a_spoilt_record_is_named_and_not_fatal(fitted: Cohort) -> None:
+    """A record without its radius is one failure with its sentence; the site is summed over the other three animals."""
     failures = [failure for failure in fitted.failures if failure.model == ""]
     assert [(f.entry.animal, f.entry.site) for f in failures] == [("virtual-S01", "DD")]
     assert "DD.R is missing" in failures[0].sentence
@@ -356,7 +371,8 @@ def test_a_spoilt_record_is_named_and_not_fatal(fitted):
     assert ("virtual-S01", "DD") not in fitted.fits()
 
 
-def test_no_record_at_all_is_an_error(tmp_path):
+def test_no_record_at_all_is_an_error(tmp_path: Path) -> None:
+    """No record that can be fitted, none given, an unknown model: one sentence each."""
     (tmp_path / "a.csv").write_text("time [s],AA.P [mmHg],AA.R [mm]\n")
     (tmp_path / "cohort.csv").write_text(HEADER + "S1,AA,a.csv,0.38,9.4\n")
     entries = read_cohort(tmp_path / "cohort.csv")
@@ -368,7 +384,8 @@ def test_no_record_at_all_is_an_error(tmp_path):
         fit_cohort(entries, ["cubic"])
 
 
-def test_table_of_means(virtual, fitted):
+def test_table_of_means(virtual: VirtualCohort, fitted: Cohort) -> None:
+    """Mean, sd and 95 % interval by numpy and scipy; the measured R0 as printed; φ_NL/φ0 of AA to 2 % of the truth."""
     row = fitted.table()["CA"]
     E = [fit.values["E"] for (_, site), fit in fitted.fits().items() if site == "CA"]
     low, high = stats.t.interval(0.95, 3, np.mean(E), stats.sem(E))
@@ -379,7 +396,8 @@ def test_table_of_means(virtual, fitted):
     assert fitted.table()["AA"]["phiNL/phi0"].mean == pytest.approx(np.mean(truth), rel=0.02)
 
 
-def test_the_mean_set_is_a_start_for_the_network(fitted, sheep):
+def test_the_mean_set_is_a_start_for_the_network(fitted: Cohort, sheep: Network) -> None:
+    """The means of the table as start values with their intervals, the laws, and where they come from."""
     means = fitted.mean_set()
     network = means.apply(replace(sheep))
     assert network.elastic_law == "regression" and network.viscous_law == "monotone"
@@ -387,7 +405,7 @@ def test_the_mean_set_is_a_start_for_the_network(fitted, sheep):
     assert segment.E == fitted.table()["CA"]["E"].mean and segment.h == 0.78e-3
     assert means.values["CA.E"].ci95 == fitted.table()["CA"]["E"].ci95
     assert means.values["CA.h"].ci95 is None and means.values["CA.ENL"].ci95 is None
-    assert means.provenance["kind"] == "means over virtual animals (synthetic data)"
+    assert means.provenance["data"] == "virtual (synthetic)"
     assert means.provenance["n"]["DD"] == 3 and len(means.provenance["records"]) == 27
     assert "DD.R is missing" in means.provenance["failures"][0]
     linear = fitted.mean_set("linear")
@@ -396,7 +414,7 @@ def test_the_mean_set_is_a_start_for_the_network(fitted, sheep):
         fitted.mean_set("extended")
 
 
-def test_claims_of_a_cohort(fitted):
+def test_claims_of_a_cohort(fitted: Cohort) -> None:
     """Four animals are enough for R0, measured to 0.5 %, and to see that these walls are not linear."""
     verdicts = {claim.name: claim.verdict for claim in fitted.claims()}
     assert list(verdicts) == [
@@ -410,28 +428,64 @@ def test_claims_of_a_cohort(fitted):
     assert verdicts["linear and nonlinear"] == "refuted"
 
 
-def test_files_of_a_cohort(fitted, tmp_path):
+def test_files_of_a_cohort(fitted: Cohort, tmp_path: Path) -> None:
+    """The paths returned are all files of the folder, JSON last; JSON, SSV and tables hold the cohort."""
     paths = fitted.write(tmp_path / "out")
     assert [path.name for path in paths] == [
-        "cohort.json",
-        "mean_set.json",
-        "mean_set.ssv",
         "unstressed_radius.png",
         "stiffness_and_viscosity.png",
         "relaxation_time.png",
         "nonlinear_viscosity.png",
+        "mean_set.json",
+        "mean_set.ssv",
+        "cohort.json",
     ]
-    content = json.loads(paths[0].read_text())
-    assert content["data"] == "virtual animals: synthetic data, not measured"
+    assert sorted(paths) == sorted((tmp_path / "out").iterdir())
+    content = json.loads(paths[-1].read_text())
+    assert content["data"] == "virtual (synthetic)"
+    assert content["virtual_animals"] == [f"virtual-S0{i}" for i in (1, 2, 3, 4)]
     assert content["table"]["monotone"]["CA"]["E"]["n"] == 4
     assert content["claims"][0]["verdict"] in ("supported", "refuted", "not decided")
     assert content["recordings"][0]["fits"]["linear"]["values"]["phiNL"] == 0.0
     assert content["failures"][0]["sentence"].endswith("record it or ask for what is there.")
-    assert read_set(paths[1]) == fitted.mean_set()
+    assert read_set(paths[4]) == read_set(paths[5]) == fitted.mean_set()
     assert len(fitted.tables()) == 3
 
 
-def test_figures_have_units_and_show_the_numbers(fitted):
+def test_nothing_is_written_if_a_part_cannot_be_made(
+    fitted: Cohort, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last figure fails: no folder, no file."""
+    monkeypatch.setattr("fitting.figures_cohort._bend", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        fitted.write(tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_label_says_what_is_virtual(fitted: Cohort) -> None:
+    """By animal or by file name; all, one, some or none: in tables, figures, JSON and the mean set."""
+
+    def named(*names: tuple[str, str]) -> Cohort:
+        four = fitted.recordings[:1] * len(names)
+        entries = [replace(r.entry, animal=a, record=f) for r, (a, f) in zip(four, names, strict=True)]
+        return replace(fitted, recordings=tuple(replace(four[0], entry=e) for e in entries), failures=())
+
+    for cohort, label in (
+        (named(("virtual-S01", "a.csv"), ("S2", "x/virtual-S02_AA.csv")), "2 animals, virtual (synthetic)"),
+        (named(("S1", "a.csv"), ("S2", "x/virtual_AA.csv")), "2 animals, mixed: 1 of 2 animals is virtual"),
+        (named(*((f"virtual{i}" * (i < 2) or f"S{i}", "a.csv") for i in range(3))),
+         "3 animals, mixed: 2 of 3 animals are virtual"),
+        (named(("S1", "virtual/a.csv")), "1 animal, measured"),
+    ):  # fmt: skip
+        assert cohort.label == label
+        title = cohort.tables()[0].title  # type: ignore[union-attr]
+        assert str(title).startswith(f"{label}; monotone model")
+        assert all(label in figure.get_suptitle() for figure in cohort_figures(cohort).values())
+        assert json.loads(cohort.to_json())["data"] == cohort.mean_set().provenance["data"] == label.split(", ", 1)[1]
+
+
+def test_figures_have_units_and_show_the_numbers(fitted: Cohort) -> None:
+    """Six axes with units; the bars of E are the means of the table; the titles say that the animals are virtual."""
     figures = cohort_figures(fitted)
     labels = [ax.get_ylabel() for figure in figures.values() for ax in figure.axes]
     assert len(labels) == 6 and all(
@@ -439,10 +493,10 @@ def test_figures_have_units_and_show_the_numbers(fitted):
     )
     bars = figures["stiffness_and_viscosity"].axes[0].patches
     assert [bar.get_height() for bar in bars] == [1e-6 * row["E"].mean for row in fitted.table().values()]
-    assert all("virtual animals, synthetic data" in figure.get_suptitle() for figure in figures.values())
+    assert all("4 animals, virtual (synthetic)" in figure.get_suptitle() for figure in figures.values())
 
 
-def test_one_animal_and_the_linear_model(fitted):
+def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:
     """No intervals, no standard deviations, no claim decided; tables, JSON and figures all the same."""
     one = replace(fitted, models=("linear",), recordings=fitted.recordings[:3], failures=())
     assert one.main == "linear"
@@ -454,7 +508,7 @@ def test_one_animal_and_the_linear_model(fitted):
 
 
 @pytest.mark.slow
-def test_eleven_virtual_animals(tmp_path):
+def test_eleven_virtual_animals(tmp_path: Path) -> None:
     """The paper's eleven by seven: claims as the truth has them; means of Table 1 within their intervals, mostly.
 
     With exact means, the mean set is Table 1 but for the noise of the sensors: E to 0.03 %, φ0 to 0.2 %.
