@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,12 +13,14 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from solver import NonPhysicalState, NotPeriodic
-from solver.files import find_network, parse_quantity, read_network, write_network
+from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
 
 from .beats import Beats, align
+from .bench import bench_network
 from .errors_in_variables import NoFit
 from .fmu_run import RunFailed
-from .parameter_set import read_set, write_set
+from .indices import Estimate, indices
+from .parameter_set import ParameterSet, read_set, set_format, write_set
 from .records import read_record
 from .regression import WallFit, bootstrap, fit
 from .wall_model import model
@@ -57,6 +60,7 @@ def fit_command(
     """Fit the wall of one site from its pressure and radius."""
     with _sentences(), _bar(quiet) as progress:
         progress(0.0, "reading")
+        _check_destinations(out, figure, bench, parameters=out)
         beats = align(read_record(record), _seconds(period, "--period"))
         chosen = model(wall, law)
         options: dict[str, Any] = {
@@ -70,16 +74,18 @@ def fit_command(
         checked = (
             bootstrap(kept, beats, replicates, progress=lambda f: progress(f, "bootstrap")) if replicates > 0 else {}
         )
-        if out is not None:
-            write_set(kept.parameter_set(), out)
+        found = indices(kept, beats)
+        parameters = _with_indices(kept.parameter_set(), found)
+        drawn = _drawn(fits, beats) if figure is not None else b""
+        # all that can fail has been made: now it is written
         if bench is not None:
-            from .bench import bench_network
-
-            write_network(bench_network(site, kept.parameter_set(), beats.T), bench)
+            write_network(bench_network(site, parameters, beats.T), bench)
+        if out is not None:
+            write_set(parameters, out)
         if figure is not None:
-            _draw(fits, beats, figure)
+            write_whole(figure, drawn)
     if not quiet:
-        _show_fit(fits, kept, beats, checked)
+        _show_fit(fits, kept, found, checked)
         _say_written(out, figure, bench)
 
 
@@ -117,10 +123,10 @@ def cohort_command(
 
     with _sentences(), _bar(quiet) as progress:
         found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
-        found.write(out)
+        written = found.write(out)
     if not quiet:
         _print(*found.tables())
-        _say_written(*sorted(out.glob("*.*")))
+        _say_written(*written)
 
 
 @app.command("calibrate")
@@ -146,6 +152,7 @@ def calibrate_command(
 
     with _sentences(), _bar(quiet) as progress:
         progress(0.0, "reading")
+        _check_destinations(out, parameters=out)
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
@@ -228,18 +235,36 @@ def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFi
         return []
 
 
-def _draw(fits: list[WallFit], beats: Beats, path: Path) -> None:
+def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
     from .figures import loop_figure  # matplotlib takes a second
-    from .style import write_png
+    from .style import png
 
-    write_png(loop_figure(fits, beats), path)
+    return png(loop_figure(fits, beats))
 
 
-def _show_fit(fits: list[WallFit], kept: WallFit, beats: Beats, checked: dict[str, tuple[float, float]]) -> None:
-    from .indices import indices
+def _with_indices(parameters: ParameterSet, found: dict[str, Estimate]) -> ParameterSet:
+    """The set with what a physiologist reads among its provenance."""
+    readable = {name: {"value": e.value, "unit": e.unit, "ci95": e.ci95} for name, e in found.items()}
+    return replace(parameters, provenance={**parameters.provenance, "indices": readable})
+
+
+def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> None:
+    """Raise ValueError before hours of work if a file cannot be written at the end."""
+    for path in paths:
+        if path is not None and not path.parent.is_dir():
+            raise ValueError(f"{path}: cannot be written (no folder {path.parent}); make the folder or give another.")
+        if path is not None and path.exists() and not path.is_file():
+            raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
+    if parameters is not None:
+        set_format(parameters)
+
+
+def _show_fit(
+    fits: list[WallFit], kept: WallFit, found: dict[str, Estimate], checked: dict[str, tuple[float, float]]
+) -> None:
     from .tables import fits_table, indices_table, sensitivity_table
 
-    _print(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, indices(kept, beats)))
+    _print(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found))
     if kept.lag[1] == kept.lag[1]:
         _say([f"{kept.site}: P is late by {1e3 * kept.lag[0]:.3g} ± {1.96e3 * kept.lag[1]:.2g} ms."])
     _say(kept.warnings)

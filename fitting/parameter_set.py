@@ -115,7 +115,7 @@ def read_set(path: str | os.PathLike[str]) -> ParameterSet:
     Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
     """
     path = _find(path)
-    reader = _from_json if _suffix(path) == ".json" else _from_ssv
+    reader = _from_json if set_format(path) == ".json" else _from_ssv
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -135,7 +135,7 @@ def write_set(parameters: ParameterSet, path: str | os.PathLike[str]) -> None:
 
     Raises ValueError for another suffix or if the file cannot be written.
     """
-    json_format = _suffix(Path(path)) == ".json"
+    json_format = set_format(Path(path)) == ".json"
     write_whole(path, _to_json(parameters) if json_format else _to_ssv(parameters))
 
 
@@ -151,7 +151,8 @@ def _find(path: str | os.PathLike[str]) -> Path:
     return Path(path)
 
 
-def _suffix(path: Path) -> str:
+def set_format(path: Path) -> str:
+    """ ".json" or ".ssv". Raises ValueError for a file that is neither."""
     suffix = path.suffix.lower()
     if suffix not in (".json", ".ssv"):
         raise ValueError(f"{path}: a parameter set is a .json or an .ssv file; rename it.")

@@ -145,8 +145,11 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
     return result
 
 
-# a power of a power, or a number of three digits: 9**9**9**9 would keep exact arithmetic busy for ever
-_ENDLESS = re.compile(r"\d{3}|(\*\*|\^)[^*^/]*\d\s*\)*\s*(\*\*|\^)")
+# a number of three digits, a power of a power, or an exponent that is not a number of two digits at most: 9**9**9**9
+# would keep exact arithmetic busy for ever
+_ENDLESS = re.compile(
+    r"\d{3}|(\*\*|\^)[^*^/]*\d\s*\)*\s*(\*\*|\^)|(\*\*|\^)(?!\s*[+-]?\d{1,2}(?![\d.])|\s*\(\s*[+-]?\d{1,2}\s*\))"
+)
 
 
 def _factor(text: str, unit: str, shown: str) -> Fraction:

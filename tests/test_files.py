@@ -124,6 +124,7 @@ def test_parse_quantity(text: str | float, unit: str, value: float) -> None:
         ("4 5 cm", ["the unit 5 cm is not known"]),
         ("4 m**9**9**9**9", ["the unit m**9**9**9**9 is not known"]),  # exact arithmetic would never end
         ("4 ((99**99)**99)*m", ["the unit ((99**99)**99)*m is not known"]),
+        ("4 m*9**(9*9**9)", ["the unit m*9**(9*9**9) is not known"]),
         ("4,5 cm", ["the unit ,5 cm is not known"]),
         ("4 m^0", ["the unit m^0 is not known"]),
         ("cm", ['x = "cm"', "must be a number in m", "with a unit in quotes"]),

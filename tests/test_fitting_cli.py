@@ -53,6 +53,7 @@ def test_fit_writes_set_figure_and_bench(folder: Path) -> None:
     found = read_set(folder / "AA.json")
     low, high = found.values["AA.E"].ci95 or (0.0, 0.0)
     assert low < WALL.E < high < 1.01 * low
+    assert 5.0 < found.provenance["indices"]["wave_velocity"]["value"] < 7.0  # m/s
     assert found.provenance["sha256"] == read_record(folder / "AA.csv").sha256
     assert (folder / "AA.png").read_bytes().startswith(b"\x89PNG")
     assert read_network(folder / "bench.toml").segment("AA").E == found.values["AA.E"].value
@@ -64,8 +65,9 @@ def test_fit_writes_set_figure_and_bench(folder: Path) -> None:
 
 def test_check_on_the_bench(folder: Path) -> None:
     """The set of a fit, its bench FMU and the recording: the radius agrees to the noise (whitened 1 ± 0.15)."""
+    # another Poisson's ratio than the default: it must reach the FMU
     run("fit", folder / "AA.csv", "--site", "AA", "--h", "0.38 mm", "-q", "--bootstrap", 0, "--out", folder / "b.json",
-        "--bench", folder / "b.toml")  # fmt: skip
+        "--bench", folder / "b.toml", "--eta", 0.45)  # fmt: skip
     fmu = build(read_network(folder / "b.toml"), folder)
     done = run("check", folder / "b.json", fmu, folder / "AA.csv", "--out", folder / "check")
     assert done.exit_code == 0, done.output
@@ -139,7 +141,15 @@ def test_calibrate_then_check_a_network(tmp_path: Path) -> None:
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--model", "cubic"), "cubic"),
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--law", "hooke"), "hooke"),
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--period", "5 s"), "period"),
+        (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--eta", "-0.3"), "eta = -0.3"),
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--out", "AA.txt"), "AA.txt"),
+        (
+            ("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--out", "x.json", "--bench", "no/b.toml"),
+            "no folder no",
+        ),
+        (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--out", "x.json", "--figure", "."), "regular file"),
+        (("virtual", "--dB", "nan", "--out", "v"), "nan"),
+        (("virtual", "--animals", "0", "--out", "v"), "animals"),
         (("cohort", "AA.csv", "--out", "c"), "AA.csv"),
         (("calibrate", "AA.csv", "sheep", "--free", "all.E"), "inlet.Q"),
         (("calibrate", "AA.csv", "sheep", "--free", "all.X"), "X"),

@@ -341,7 +341,7 @@ def test_time_lag() -> None:
 
 
 def test_misfit_of_a_noise_free_loop_is_reported() -> None:
-    """The linear model on a clean monotone loop: without noise there is no χ², so the missed part of the pulse tells."""
+    """The linear model on a clean monotone loop: without noise there is no χ²; the missed part of the pulse tells."""
     wall = table_wall("AA")
     texts = fit(recording(wall), "S", wall.h, "linear").warnings
     assert any("misses the noise-free loop by 0.0" in text for text in texts)
