@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from .beats import Beats
+from .indices import loop_area
+from .spectral import coefficients
+from .units import UNITS
 
 Array = np.ndarray
 
-DISPLAY = {"P": ("mmHg", 1 / 133.322387415), "Q": ("mL/s", 1e6), "R": ("mm", 1e3)}
-UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}
 _NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
 
 
@@ -43,8 +44,8 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Loop:
-    """Area of the pressure-radius loop of a site, ∮ P dR [Pa·m]: the energy that an area of wall loses in a beat."""
+class LoopArea:
+    """∮ P dA of a site [J/m] (:func:`~fitting.indices.loop_area`), of the measured beat and of the FMU's."""
 
     site: str
     measured: float
@@ -58,11 +59,6 @@ class Waveform:
     measured: Array
     simulated: Array
     scatter: Array
-
-
-def coefficients(beat: Array, K: int) -> Array:
-    """X_k = rfft(beat)/N, k = 0 … K."""
-    return np.fft.rfft(beat, norm="forward")[: K + 1]
 
 
 def is_noisy(S: Array, beats: Beats, name: str) -> bool:
@@ -88,7 +84,7 @@ def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) ->
         mean_error=float(difference.mean()),
         pulse=pulse,
         pulse_error=float(np.ptp(simulated) - pulse),
-        **_whitened(coefficients(difference, len(S) - 1), S, H),
+        **_whitened(coefficients(difference)[: len(S)], S, H),
     )
 
 
@@ -110,22 +106,15 @@ def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
     return dict(zip(keys, values, strict=True))
 
 
-def compare_loops(waveforms: Mapping[str, Waveform]) -> tuple[Loop, ...]:
+def compare_loops(waveforms: Mapping[str, Waveform]) -> tuple[LoopArea, ...]:
     """The loop of every site that has pressure and radius."""
     sites = [name.removesuffix(".R") for name in waveforms if name.endswith(".R")]
     return tuple(
-        Loop(
+        LoopArea(
             site,
-            loop_area(waveforms[f"{site}.P"].measured, waveforms[f"{site}.R"].measured),
-            loop_area(waveforms[f"{site}.P"].simulated, waveforms[f"{site}.R"].simulated),
+            float(loop_area(waveforms[f"{site}.P"].measured, waveforms[f"{site}.R"].measured)),
+            float(loop_area(waveforms[f"{site}.P"].simulated, waveforms[f"{site}.R"].simulated)),
         )
         for site in sites
         if f"{site}.P" in waveforms
     )
-
-
-def loop_area(P: Array, R: Array) -> float:
-    """∮ P dR [Pa·m] of a beat (N,), spectrally exact: 4π Σ k Re(i P_k* R_k); positive where the wall loses energy."""
-    p, r = np.fft.rfft(P, norm="forward"), np.fft.rfft(R, norm="forward")
-    k = np.arange(len(p))
-    return float(4.0 * np.pi * np.sum(k * (np.conj(p) * 1j * r).real))

@@ -23,17 +23,18 @@ import numpy as np
 
 from solver.files import write_whole
 
-from .agreement import Channel, Loop, Waveform, coefficients, compare_channel, compare_loops, is_noisy
+from .agreement import Channel, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .beats import Beats, align
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
 from .records import Record
+from .spectral import coefficients
+from .units import INFLOW
 
 Array = np.ndarray
 Progress = Callable[[str], None]
 
-INFLOW = "inlet.Q"
 _TRUSTED = 0.75  # of the Nyquist frequency
 _NUDGE = 0.01  # of the driving beat's pulsatile standard deviation: the second run's difference
 _SEED = 11  # phases of the nudge
@@ -50,7 +51,7 @@ class CheckReport:
     driver: str
     T: float
     channels: tuple[Channel, ...]
-    loops: tuple[Loop, ...]
+    loops: tuple[LoopArea, ...]
     sources: Mapping[str, Any]
     run: Mapping[str, Any]
     warnings: tuple[str, ...]
@@ -77,7 +78,7 @@ class CheckReport:
             "driver": self.driver,
             "T": {"value": self.T, "unit": "s"},
             "channels": {channel.name: asdict(channel) for channel in self.channels},
-            "loops": {loop.site: {**asdict(loop), "unit": "Pa.m"} for loop in self.loops},
+            "loops": {loop.site: {**asdict(loop), "unit": "J/m"} for loop in self.loops},
             "warnings": self.warnings,
             "run": self.run,
             "sources": self.sources,
@@ -262,7 +263,7 @@ def _response(
     nudged = drive + np.fft.irfft(nudge, beats.N, norm="forward")
     other = periodic_answer(fmu, driver, nudged, beats.T, starts, answer.beats)
     return {
-        name: coefficients(fourier(other.values[name] - answer.values[name], beats.N), K) / nudge[: K + 1]
+        name: coefficients(fourier(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge[: K + 1]
         for name in names
     }
 

@@ -18,7 +18,9 @@ from tempfile import TemporaryDirectory
 import fmpy
 import numpy as np
 
+from .spectral import resample
 from .threads import ENVIRONMENT
+from .units import INFLOW
 
 Array = np.ndarray
 
@@ -70,8 +72,8 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
         kind: tuple(name for name, variable in variables.items() if variable.causality == kind)
         for kind in ("input", "parameter", "output")
     }
-    if "inlet.Q" not in names["input"] or "solver.dt" not in names["parameter"]:
-        raise ValueError(f"{source}: not an arterial FMU (it has no inlet.Q or solver.dt); use one of build_fmu.py.")
+    if INFLOW not in names["input"] or "solver.dt" not in names["parameter"]:
+        raise ValueError(f"{source}: not an arterial FMU (it has no {INFLOW} or solver.dt); use one of build_fmu.py.")
     return FMU(
         source,
         description.modelName,
@@ -112,15 +114,9 @@ def periodic_answer(
 
 
 def fourier(beat: Array, M: int) -> Array:
-    """The trigonometric interpolant of a beat (N,) at M even phases: (M,). Exact for what N samples can hold."""
-    N = len(beat)
-    X = np.fft.rfft(beat, norm="forward")
-    X[1:] *= 2.0
-    if N % 2 == 0:
-        X[-1] *= 0.5  # the coefficient at the Nyquist frequency stands for one cosine
-    if M == N:
-        return np.asarray(beat, float).copy()
-    return np.polynomial.polynomial.polyval(np.exp(2j * np.pi * np.arange(M) / M), X).real
+    """The trigonometric interpolant of a beat (N,) at M even phases: (M,), sampled, not cut, where M is too coarse."""
+    every = -(-len(beat) // M)
+    return resample(beat, every * M)[::every]
 
 
 def _run(
@@ -128,7 +124,7 @@ def _run(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """The last two beats of a run in a fresh process."""
     # an input other than the inflow is held at its value in the middle of each step: half steps hold it exactly
-    parts = 1 if driver == "inlet.Q" else 2
+    parts = 1 if driver == INFLOW else 2
     values = np.tile(fourier(beat, parts * n), beats)
     values = np.append(values, values[0])
     time = np.arange(len(values)) * (h / parts)

@@ -8,42 +8,46 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as t_distribution
 
+from solver.wall import Wall
+
 from .beats import Beats
 from .regression import WallFit
+from .spectral import coefficients
+from .units import READ
 
 Array = np.ndarray
 Values = Mapping[str, float]
 
-MMHG = 133.322387415  # Pa
 _STEP = 1e-5  # relative, of the central differences: their error is then 1e-10
 _ABOVE_NOISE = 3.0  # standard deviations: harmonics of a measured loop that count
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number in SI with its 95 % interval; ``shown`` : the unit people read it in, and its size in SI."""
+    """A number in SI with its 95 % interval."""
 
     value: float
     unit: str
     ci95: tuple[float, float]
-    shown: tuple[str, float]
 
     def __str__(self) -> str:
-        unit, size = self.shown
+        unit, factor = READ[self.unit]
         low, high = self.ci95
-        return f"{self.value / size:.4g} ({low / size:.4g} to {high / size:.4g}) {unit}".rstrip(" 1")
+        return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
 
 
 def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estimate]:
     """The indices of a site, by name. rho : density of blood [kg/m³].
 
     ====================  ====================================================================================
-    E_inc                 (1 - η²) (R²/h) dP/dR [Pa], incremental elastic modulus; thin wall, isotropic (Bergel 1961)
+    E_inc                 (1 - η²) (R²/h) dP/dR [Pa], incremental elastic modulus; thin wall, isotropic (Bergel 1961);
+                          h is the unstressed thickness, as in the wall law
     distensibility        D = (1/A) dA/dP [1/Pa]
     compliance            dA/dP [m²/Pa], per length of vessel
     wave_velocity         c = √(A/ρ dP/dA) = 1/√(ρ D) [m/s] (Bramwell and Hill 1922)
@@ -67,55 +71,60 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
     half = float(t_distribution.ppf(0.975, fit.dof)) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
-    result = {
-        name: Estimate(float(x), unit, (float(x - d), float(x + d)), shown)
-        for (name, unit, shown), x, d in zip(_OF_LAW, value, half, strict=True)
-    }
-    loss, sd = measured_loss(beats, fit.site)
-    half_measured = float(norm.ppf(0.975)) * sd
-    _, unit, shown = _OF_LAW[_LOSS]
-    result["loss_measured"] = Estimate(loss, unit, (loss - half_measured, loss + half_measured), shown)
-    return result
+    return estimates(value, half) | {"loss_measured": measured_estimate(beats, fit.site)}
 
 
-_OF_LAW = (
-    ("E_inc", "Pa", ("MPa", 1e6)),
-    ("distensibility", "1/Pa", ("1e-3/mmHg", 1e-3 / MMHG)),
-    ("compliance", "m^2/Pa", ("mm^2/mmHg", 1e-6 / MMHG)),
-    ("wave_velocity", "m/s", ("m/s", 1.0)),
-    ("loss", "J/m", ("mJ/m", 1e-3)),
-    ("loss_ratio", "1", ("1", 1.0)),
-    ("relaxation_time", "s", ("ms", 1e-3)),
+# name, unit of the indices that the wall law has
+OF_LAW = (
+    ("E_inc", "Pa"),
+    ("distensibility", "1/Pa"),
+    ("compliance", "m^2/Pa"),
+    ("wave_velocity", "m/s"),
+    ("loss", "J/m"),
+    ("loss_ratio", "1"),
+    ("relaxation_time", "s"),
 )
-_LOSS = 4
+
+
+def of_wall(wall: Wall, A: Array, loss: Array, ends: tuple[Array, Array]) -> Array:
+    """The indices of ``OF_LAW`` of some walls, as the last axis.
+
+    A : area where it is asked for [m²]. loss : ∮ P dA [J/m]. ends : smallest and largest area of the beat [m²].
+    """
+    stiffness = wall.stiffness(A)  # dP/dA = dP/dR/(2πR)
+    s_low, s_high = (np.sqrt(end / wall.A0) for end in ends)
+    law, K, e = wall.elastic, wall.K, wall.e
+    stored = 2.0 * wall.A0 * (law.energy(s_high, K, e) - law.energy(s_low, K, e))
+    stored = stored - law.pressure(s_low, K, e) * (ends[1] - ends[0])
+    # (1 - η²) R²/h dP/dR = R²/(K_h R0) 2πR dP/dA
+    E_inc = 2.0 * A * np.sqrt(A / wall.A0) * stiffness / wall.K_h
+    relaxation = wall.phi0 * wall.K_h / wall.K
+    found = (E_inc, 1.0 / (A * stiffness), 1.0 / stiffness, wall.wave_speed(A), loss, loss / stored, relaxation)
+    return np.stack(np.broadcast_arrays(*found), axis=-1)
+
+
+def estimates(values: Array, half: Array) -> dict[str, Estimate]:
+    """The indices of ``OF_LAW`` by name; values, half of their intervals : (7,)."""
+    return {
+        name: Estimate(float(x), unit, (float(x - d), float(x + d)))
+        for (name, unit), x, d in zip(OF_LAW, values, half, strict=True)
+    }
+
+
+def plain(found: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
+    """Indices of a site, ready for JSON: value and 95 % interval in SI, unit."""
+    return {name: {"value": x.value, "unit": x.unit, "ci95": list(x.ci95)} for name, x in found.items()}
 
 
 def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array]:
-    """The indices of ``_OF_LAW`` as a function of the wall's parameters, on the fitted loop."""
+    """The indices of ``OF_LAW`` as a function of the wall's parameters, on the fitted loop."""
     R, R_t, T = fit.solution.R, fit.solution.R_t, fit.loop.T
     A, A_t = np.pi * R * R, 2.0 * np.pi * R * R_t
 
     def made(values: Values) -> Array:
         wall = fit.wall(values, rho)
-        A_mean = wall.area(np.array(P_mean))
-        stiffness = wall.stiffness(A_mean)  # dP/dA = dP/dR/(2πR)
-        R_mean = np.sqrt(A_mean / np.pi)
         loss = T * np.mean(wall.pressure(A, A_t) * A_t)
-        s_low, s_high = (np.sqrt(end / wall.A0) for end in (A.min(), A.max()))
-        law, K, e = wall.elastic, wall.K, wall.e
-        stored = 2.0 * wall.A0 * (law.energy(s_high, K, e) - law.energy(s_low, K, e))
-        stored -= law.pressure(s_low, K, e) * np.ptp(A)
-        return np.array(
-            [
-                (1.0 - fit.eta**2) * R_mean**2 / fit.h * stiffness * 2.0 * np.pi * R_mean,
-                1.0 / (A_mean * stiffness),
-                1.0 / stiffness,
-                wall.wave_speed(A_mean),
-                loss,
-                loss / stored,
-                values["phi0"] / values["E"],
-            ]
-        )
+        return of_wall(wall, wall.area(np.array(P_mean)), loss, (A.min(), A.max()))
 
     return made
 
@@ -132,23 +141,41 @@ def _delta(fit: WallFit, made: Callable[[Values], Array]) -> tuple[Array, Array,
     return slope, fit.covariance, slope
 
 
+def loop_area(P: Array, A: Array, harmonics: int | None = None) -> Array:
+    """∮ P dA [J/m] of beats P [Pa], A [m²] : (…, N): the energy that a length of vessel loses in its wall in a beat.
+
+    With Fourier coefficients, ∮ P dA = -4π Σ k Im(P_k* A_k), by all harmonics that N samples hold or by the first few.
+    """
+    last = (P.shape[-1] - 1) // 2 if harmonics is None else harmonics
+    k = np.arange(last + 1)
+    p, a = (coefficients(x)[..., : last + 1] for x in (P, A))
+    return -4.0 * np.pi * np.sum(k * (p.conj() * a).imag, axis=-1)
+
+
 def measured_loss(beats: Beats, site: str) -> tuple[float, float]:
     """∮ P dA of the mean beats of P and R [J/m] and its standard deviation.
 
-    With A = πR² and Fourier coefficients, ∮ P dA = -4π Σ k Im(P_k* A_k). Independent noise of P and R does not bias it.
-    Harmonics beyond the last one where both are above their noise are left out.
+    Independent noise of P and R does not bias it. Harmonics beyond the last one where both are above their noise are
+    left out.
     """
     names = (f"{site}.P", f"{site}.R")
     P, R = (beats.mean(name) for name in names)
     noise = beats.covariance(names)
-    size = np.stack([np.abs(np.fft.rfft(x, norm="forward")) for x in (P, R)], axis=1)
+    size = np.stack([np.abs(coefficients(x)) for x in (P, R)], axis=1)
     variance = np.einsum("kii->ki", noise).real
     above = np.flatnonzero((size > _ABOVE_NOISE * np.sqrt(variance)).all(axis=1))
     last = min(max(1, int(above[-1]) if len(above) else 1), (beats.N - 1) // 2)
+    A = np.pi * R * R
     k = np.arange(1, last + 1)
-    p, a = (np.fft.rfft(x, norm="forward")[1 : last + 1] for x in (P, np.pi * R * R))
-    loss = -4.0 * np.pi * float(np.sum(k * (p.conj() * a).imag))
+    p, a = (coefficients(x)[1 : last + 1] for x in (P, A))
     # Im(a p'* + p* a') = Im(c · (p', r')), of variance c† S c/2 up to conjugation; a' = 2π R r'
     c = np.stack([-a.conj(), p.conj() * 2.0 * np.pi * R.mean()], axis=1)
     spread = np.einsum("ki,kij,kj->k", c, noise[1 : last + 1], c.conj()).real / 2.0
-    return loss, 4.0 * np.pi * float(np.sqrt(np.sum(k**2 * spread)))
+    return float(loop_area(P, A, last)), 4.0 * np.pi * float(np.sqrt(np.sum(k**2 * spread)))
+
+
+def measured_estimate(beats: Beats, site: str) -> Estimate:
+    """:func:`measured_loss` with its 95 % interval."""
+    loss, sd = measured_loss(beats, site)
+    half = float(norm.ppf(0.975)) * sd
+    return Estimate(loss, "J/m", (loss - half, loss + half))

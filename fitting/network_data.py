@@ -21,10 +21,11 @@ from solver import linear
 from solver.network import Network
 
 from .beats import Beats
+from .spectral import coefficients
+from .units import INFLOW
 
 Array = np.ndarray
 
-INFLOW = "inlet.Q"
 MAX_HARMONICS = 40
 _ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel has as much is left out
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
@@ -89,12 +90,12 @@ def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Ar
     scale = np.sqrt(np.einsum("kii->ki", covariance).real)
     factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
     whitener = np.linalg.inv(factor) / scale[:, None, :]
-    return Target(tuple(names), coefficients(beats, names, K), covariance, whitener)
+    return Target(tuple(names), mean_beat(beats, names, K), covariance, whitener)
 
 
-def coefficients(beats: Beats, names: Sequence[str], K: int) -> Array:
+def mean_beat(beats: Beats, names: Sequence[str], K: int) -> Array:
     """X_k of the mean beat, (K+1, m)."""
-    return np.stack([np.fft.rfft(beats.mean(name), norm="forward")[: K + 1] for name in names], axis=1)
+    return np.stack([coefficients(beats.mean(name))[: K + 1] for name in names], axis=1)
 
 
 def pulses(beats: Beats, names: Sequence[str]) -> Array:
@@ -106,7 +107,7 @@ def pulses(beats: Beats, names: Sequence[str]) -> Array:
 
 def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
-    X = coefficients(beats, names, most)
+    X = mean_beat(beats, names, most)
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
     above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
@@ -115,7 +116,7 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
 def inflow(beats: Beats, dt: float) -> Callable[[Array], Array]:
     """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic."""
     Q = beats.mean(INFLOW)
-    X = np.fft.rfft(Q, norm="forward")
+    X = coefficients(Q)
     weight = np.full(len(X), 2.0)
     weight[0] = 1.0
     if len(Q) % 2 == 0:
@@ -227,6 +228,6 @@ def _aliased(mean: Array, variance: Array) -> Array:
     whole, own = (np.pi / N) ** 2 / np.sin(np.pi * np.maximum(k, 1) / N) ** 2, 1.0 / np.maximum(k, 1) ** 2.0
     folded = np.where(k == 0, np.pi**2 / 3.0 / N**2, whole - own)
     tail = k >= max(1, int(_TAIL * (N / 2.0)))
-    power = np.abs(np.fft.rfft(mean, norm="forward")) ** 2 - variance
+    power = np.abs(coefficients(mean)) ** 2 - variance
     C2 = float(np.mean(power[tail] / whole[tail] ** 2))
     return np.sqrt(max(C2, 0.0)) * folded

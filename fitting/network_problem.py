@@ -19,7 +19,7 @@ Progress = Callable[[float, str], None]
 
 # Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
 # derivative (measured, sheep network)
-_STEP = 3e-4
+STEP = 3e-4
 DERIVATIVE_ERROR = 5e-4
 _COARSE = 2.5  # steps of the coarse stage, in those of the fine one
 _SHORTEST = 100  # steps in a beat that the coarse stage needs
@@ -120,7 +120,7 @@ class Problem:
 
     def steps(self, x: Array) -> Array:
         """(p,) steps of the finite differences, away from an upper bound."""
-        steps = _STEP * self.typical
+        steps = STEP * self.typical
         return np.where(x + steps > self.bounds[1], -steps, steps)
 
     def batch(self, x: Array) -> Array:

@@ -16,9 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .agreement import DISPLAY, Channel
+from .agreement import Channel, LoopArea
 from .check import CheckReport
 from .style import BLACK, SKY, STYLE, VERMILION, png
+from .units import DISPLAY, READ
 
 Array = np.ndarray
 
@@ -66,7 +67,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
     return template.render(
         report=report,
         rows=[_row(channel) for channel in report.channels],
-        loops=[_loop_row(loop.site, loop.measured, loop.simulated) for loop in report.loops],
+        loops=[_loop_row(loop) for loop in report.loops],
         drawings=drawings,
         worst=report.worst.name,
         provenance=_provenance(report.sources["parameter_set"]["provenance"]),
@@ -95,9 +96,11 @@ def _row(channel: Channel) -> dict[str, str]:
     }
 
 
-def _loop_row(site: str, measured: float, simulated: float) -> dict[str, str]:
-    change = f"{100 * (simulated / measured - 1):+.2g}".replace("-", "−") if measured else "–"
-    return {"site": site, "measured": f"{measured:.4g}", "simulated": f"{simulated:.4g}", "change": change}
+def _loop_row(loop: LoopArea) -> dict[str, str]:
+    _, factor = READ["J/m"]
+    change = _signed(100 * (loop.simulated / loop.measured - 1)) if loop.measured else "–"
+    measured, simulated = (f"{factor * area:.4g}" for area in (loop.measured, loop.simulated))
+    return {"site": loop.site, "measured": measured, "simulated": simulated, "change": change}
 
 
 def _provenance(entries: Mapping[str, Any]) -> dict[str, str]:

@@ -19,7 +19,6 @@ import pytest
 
 from build_fmu import build
 from fitting import fmu_run
-from fitting.agreement import loop_area
 from fitting.bench import LENGTH, bench_network
 from fitting.check import CheckReport, check
 from fitting.fmu_run import RunFailed, fourier
@@ -400,11 +399,3 @@ def test_fourier_is_exact(n: int, m: int) -> None:
         return np.cos(k) @ X[0] + np.sin(k) @ X[1]
 
     assert fourier(beat(np.arange(n) / n), m) == pytest.approx(beat(np.arange(m) / m), abs=1e-13)
-
-
-def test_loop_area() -> None:
-    """An ellipse, P ahead of R: ∮ P dR = π a b sin(lag); no area without a lag."""
-    x = 2 * np.pi * np.arange(50) / 50
-    R = 1e-2 + 3e-4 * np.cos(x)
-    assert loop_area(1e4 + 2e3 * np.cos(x + 0.3), R) == pytest.approx(np.pi * 2e3 * 3e-4 * np.sin(0.3), rel=1e-12)
-    assert loop_area(1e4 + 2e3 * np.cos(x), R) == pytest.approx(0.0, abs=1e-12)

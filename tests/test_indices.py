@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from fitting.beats import Beats
-from fitting.indices import MMHG, Estimate, indices, measured_loss
+from fitting.indices import OF_LAW, Estimate, indices, loop_area, measured_loss
 from fitting.regression import WallFit, fit
+from fitting.units import MMHG
 from fitting.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 
 T, N, BEATS = 0.5, 100, 15
@@ -92,7 +93,7 @@ def test_loss_ratio_of_a_small_sine() -> None:
 @pytest.mark.parametrize("model", ["nonlinear", "monotone"])
 def test_delta_method_against_sampling(model: str) -> None:
     """Half-widths at 40 dB equal those of 4000 parameter sets drawn from the fit's covariance, to their 3 % (2 sd)."""
-    from fitting.indices import _OF_LAW, _of_law
+    from fitting.indices import _of_law
 
     law = table_wall("PD", viscous="monotone")
     wall_fit, beats = fitted(law, model, 40.0, 1)
@@ -102,7 +103,7 @@ def test_delta_method_against_sampling(model: str) -> None:
     rng = np.random.default_rng(2)
     drawn = rng.multivariate_normal(centre, wall_fit.covariance, 4000, method="svd")
     sampled = np.array([made({**wall_fit.values, **dict(zip(wall_fit.model.free, row, strict=True))}) for row in drawn])
-    for (name, _, _), sd in zip(_OF_LAW, sampled.std(axis=0), strict=True):
+    for (name, _), sd in zip(OF_LAW, sampled.std(axis=0), strict=True):
         low, high = found[name].ci95
         assert (high - low) / 2.0 == pytest.approx(1.97 * sd, rel=0.03), name
 
@@ -119,24 +120,34 @@ def test_intervals_cover_the_truth() -> None:
         for name, found in indices(*fitted(wall, "monotone", 40.0, seed)).items():
             low, high = found.ci95
             hits[name] += low <= truth[name].value <= high
-    print(hits)
     assert all(count >= 88 for count in hits.values()), hits
 
 
 def test_measured_loss_ignores_what_is_noise() -> None:
-    """30 dB: harmonics beyond the signal are left out, so the loss stays within 5 % (1.5 % measured over 20 seeds)."""
+    """30 dB: harmonics beyond the signal are left out, so the loss stays within 1.8 % (1.44 % measured over 100 seeds).
+
+    Its stated standard deviation is that of the seeds to 15 % (2 standard errors of 100; 4 % measured).
+    """
     wall = table_wall("CA")
     truth = measured_loss(recording(wall), "S")[0]
-    found = np.array([measured_loss(recording(wall, 30.0, seed), "S") for seed in range(20)])
-    assert np.abs(found[:, 0] / truth - 1.0).max() <= 0.05
-    assert np.std(found[:, 0]) == pytest.approx(found[:, 1].mean(), rel=0.5)
+    found = np.array([measured_loss(recording(wall, 30.0, seed), "S") for seed in range(100)])
+    assert np.abs(found[:, 0] / truth - 1.0).max() <= 0.018
+    assert np.std(found[:, 0], ddof=1) == pytest.approx(found[:, 1].mean(), rel=0.15)
 
 
 def test_shown() -> None:
-    """1e-3/mmHg is the unit of distensibility that people read: 1/Pa times 133.3 times 1000."""
-    D = Estimate(2e-3 / MMHG, "1/Pa", (1.9e-3 / MMHG, 2.1e-3 / MMHG), ("1e-3/mmHg", 1e-3 / MMHG))
-    assert str(D) == "2 (1.9 to 2.1) 1e-3/mmHg"
-    assert str(Estimate(0.25, "1", (0.2, 0.3), ("1", 1.0))) == "0.25 (0.2 to 0.3)"
+    """10⁻³/mmHg is the unit of distensibility that people read: 1/Pa times 133.3 times 1000; a ratio has none."""
+    D = Estimate(2e-3 / MMHG, "1/Pa", (1.9e-3 / MMHG, 2.1e-3 / MMHG))
+    assert str(D) == "2 (1.9 to 2.1) 10⁻³/mmHg"
+    assert str(Estimate(0.25, "1", (0.2, 0.3))) == "0.25 (0.2 to 0.3)"
+
+
+def test_loop_area() -> None:
+    """An ellipse, P ahead of A by 0.3: ∮ P dA = π a b sin 0.3 to round-off, in a batch; no area without a lag."""
+    x = 2.0 * np.pi * np.arange(50) / 50
+    A = 3e-4 + 2e-5 * np.cos(x)
+    P = 1e4 + 2e3 * np.cos(x + np.array([[0.3], [0.0]]))
+    assert loop_area(P, A) == pytest.approx(np.pi * 2e3 * 2e-5 * np.sin([0.3, 0.0]), rel=1e-12, abs=1e-14)
 
 
 def test_refused_in_one_sentence() -> None:

@@ -100,13 +100,13 @@ def test_intervals_and_chi2_of_the_linearised_problem() -> None:
     beat = simulate_periodic(NETWORK, inflow, T, parameters=values, settings=SETTINGS, tolerance=1e-6)
     X = np.moveaxis(coefficients(np.stack([beat[name][:, :-1] for name in CHANNELS])), 0, 2)
     H = network_data.response(NETWORK, CHANNELS, T, K + network_data.NEIGHBOURS, {})
-    Q = network_data.coefficients(record(clean()), ("inlet.Q",), K)
+    Q = network_data.mean_beat(record(clean()), ("inlet.Q",), K)
     floor = 1e-6 * network_data.pulses(record(clean()), CHANNELS) * np.ones((K + 1, 1))
     hits, chi2 = [], []
     for seed in range(200):
         noisy = record(clean(), 15, 0.01, seed)
         target = network_data.target(noisy, CHANNELS, H, floor)
-        z = target.residual(X + H[: K + 1] * (network_data.coefficients(noisy, ("inlet.Q",), K) - Q))
+        z = target.residual(X + H[: K + 1] * (network_data.mean_beat(noisy, ("inlet.Q",), K) - Q))
         J = (z[1:] - z[0]).T / step
         found = -np.linalg.lstsq(J, z[0], rcond=None)[0]
         sd = np.sqrt(np.diag(determined(J, np.zeros(4), np.ones(4), 1.0, 1e-6).covariance))
@@ -139,7 +139,7 @@ def test_changes_of_the_inflow_and_noise_of_its_meter(real: float, meter: float)
         channels = np.fft.irfft(H.T[:, None] * q, N, norm="forward")
         values = {name: beats.values[name] + wave for name, wave in zip(CHANNELS, channels, strict=True)}
         varied = Beats("varied.csv", "", T, {"inlet.Q": flow, **values}, np.zeros(15))
-        change = network_data.coefficients(varied, ("inlet.Q",), K) - Q0[: K + 1, None]
+        change = network_data.mean_beat(varied, ("inlet.Q",), K) - Q0[: K + 1, None]
         z = network_data.target(varied, CHANNELS, H, floor).residual((X0 + H[: K + 1] * change)[None])
         squares.append(float(np.mean(z**2)))
     assert (0.8 if real and meter else 0.9) <= np.mean(squares) <= 1.1, np.mean(squares)
