@@ -1,0 +1,88 @@
+"""What a physiologist reads from a calibrated network, site by site, with 95 % intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver import Settings, simulate_periodic
+from solver.mesh import coefficients
+from solver.network import Network
+
+from .beats import Beats
+from .calibrate import Calibration
+from .indices import Estimate, estimates, loop_area, measured_estimate, of_wall
+from .network_data import inflow
+from .network_problem import STEP
+from .threads import single_threaded
+from .unknowns import parameter_values
+
+Array = np.ndarray
+
+_TOLERANCE = 1e-6  # of the periodic beat, as in the calibration's fine stage
+
+
+@single_threaded
+def network_indices(
+    calibration: Calibration, network: Network, beats: Beats, settings: Settings | None = None
+) -> dict[str, dict[str, Estimate]]:
+    """The indices of :func:`fitting.indices.indices` at every site of a calibrated network, by site and name.
+
+    network : the one that was calibrated, with the values it had before. beats : the record, whose inflow drives it.
+    settings : of the solver, default dt 1 ms. E_inc, distensibility, compliance and wave_velocity are those of the
+    segment's elastic law at the site's mean radius; loss = ∮ P dA and loss_ratio are of the simulated beat.
+    E_inc uses the unstressed thickness h, as the wall law does. Where the record has P and R of the site,
+    loss_measured is the same of its mean beats.
+
+    One batch simulation gives all of them at x and a small step away along each unknown; intervals are
+    G C Gᵀ (delta method) with the calibration's covariance C and Student's t. They hold what moves with the unknowns
+    alone: parameters that were not sought, h among them, count as exact.
+    Raises ValueError for another network than the one that was calibrated, or a record without inflow.
+    """
+    _check_network(calibration, network)
+    steps = STEP * np.array([u.typical_sd for u in calibration.unknowns])
+    steps = np.where(calibration.x + steps > [u.high for u in calibration.unknowns], -steps, steps)
+    x = np.concatenate([calibration.x[None], calibration.x + np.diag(steps)])
+    values = indices_at(x, calibration, network, beats, settings)
+    slope = (values[1:] - values[0]) / steps[:, None, None]
+    half = calibration.quantile * np.sqrt(np.einsum("pis,pq,qis->is", slope, calibration.covariance, slope))
+    result = {site.name: estimates(values[0, i], half[i]) for i, site in enumerate(network.sites)}
+    for name, found in result.items():
+        if {f"{name}.P", f"{name}.R"} <= set(beats.values):
+            found["loss_measured"] = measured_estimate(beats, name)
+    return result
+
+
+def indices_at(
+    x: Array, calibration: Calibration, network: Network, beats: Beats, settings: Settings | None = None
+) -> Array:
+    """The indices of ``indices.OF_LAW`` at every site for unknowns x : (B, p) -> (B, n_sites, 7), in one batch."""
+    settings = settings or Settings()
+    parameters = parameter_values(calibration.unknowns, network, x)
+    drive = inflow(beats, settings.dt)
+    beat = simulate_periodic(network, drive, beats.T, parameters=parameters, settings=settings, tolerance=_TOLERANCE)
+    P, R = (np.stack([beat[f"{s.name}.{kind}"][:, :-1] for s in network.sites], axis=1) for kind in "PR")
+    names = [segment.name for segment in network.segments]
+    wall = coefficients(network, parameters).wall.at(np.array([names.index(s.segment) for s in network.sites]))
+    A = np.pi * R * R
+    A_mean = np.pi * R.mean(axis=-1) ** 2
+    return of_wall(wall, A_mean, loop_area(P, A), (A.min(axis=-1), A.max(axis=-1)))
+
+
+def _check_network(calibration: Calibration, network: Network) -> None:
+    """x is counted from the values that the network had: with others, every index would be another's."""
+    given = network.parameters() | {
+        name: float(value) for name, value in parameter_values(calibration.unknowns, network, calibration.x).items()
+    }
+    laws = {"network.elastic_law": network.elastic_law, "network.viscous_law": network.viscous_law}
+    if laws != calibration.laws:
+        raise ValueError(
+            f"network {network.name}: its laws ({', '.join(laws.values())}) are not those of the calibration "
+            f"({', '.join(calibration.laws.values())}); give the network that was calibrated."
+        )
+    for name, value in {**calibration.others, **calibration.values}.items():
+        if not np.isclose(given.get(name, np.nan), value, rtol=1e-12, atol=0.0):
+            raise ValueError(
+                f"network {network.name}: with it, {name} of the calibration of {calibration.network} is "
+                f"{given.get(name, np.nan):g} instead of {value:g}; give the network with the values it was calibrated "
+                "from."
+            )
