@@ -16,7 +16,7 @@ import re
 from array import array
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,17 @@ import polars as pl
 
 from solver.files import parse_quantity, write_whole
 
-from .sensors import KINDS, Kind, check_numbers, check_plateaus, check_ranges, refuse
+from .sensors import (
+    KINDS,
+    Kind,
+    check_numbers,
+    check_plateaus,
+    check_ranges,
+    constant_value,
+    may_rest,
+    refuse,
+    refuse_constant,
+)
 
 Array = np.ndarray
 
@@ -34,19 +44,22 @@ _TIME = Kind("time", "s", "s")
 _LONGEST_HEADER = 1 << 20  # bytes
 _SHORTEST = 8  # samples
 _LATEST = 1e10  # [s], times since 1970 included
+_DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 
 
 @dataclass(frozen=True)
 class Record:
     """One CSV file: ``time`` : (n,) [s], uniform; ``channels`` : name -> (n,) in SI, NaN in gaps.
 
-    path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m].
+    path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
+    pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
     """
 
     path: str
     sha256: str
     time: Array
     channels: Mapping[str, Array]
+    resting: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
@@ -55,6 +68,11 @@ class Record:
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""
+        names = list(names)
+        for name in names:
+            if name in self.resting:
+                value = f"{self.resting[name]:g} {KINDS['Q'].unit}"
+                raise ValueError(f"{self.path}: {name} is constant ({value}), it does not pulsate; leave it out.")
         require(self.channels, names, self.path)
 
     def site(self, name: str) -> tuple[Array, Array]:
@@ -92,7 +110,8 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     except OSError as error:
         raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
     time = _uniform(columns[0], factors[0], titles[0], source)
-    channels = {}
+    channels: dict[str, Array] = {}
+    resting: dict[str, float] = {}
     for i, (name, kind) in enumerate(zip(names, kinds, strict=True), start=1):
         with np.errstate(over="ignore"):
             channels[name] = columns[i] * (factors[i] / 2.0 if kind == "D" else factors[i])
@@ -100,8 +119,15 @@ def read_record(path: str | os.PathLike[str]) -> Record:
         check_numbers(channels[name], name, titles[i], source)
     check_ranges(channels, dict(zip(names, titles[1:], strict=True)), source)
     for name, title in zip(names, titles[1:], strict=True):
-        check_plateaus(channels[name], name, title, source)
-    return Record(source, sha256, time, channels)
+        constant = constant_value(channels[name])
+        if constant is None:
+            check_plateaus(channels[name], name, title, source)
+        elif may_rest(name) and len(channels) > 1:
+            del channels[name]
+            resting[name] = constant
+        else:
+            refuse_constant(name, constant, title, source)
+    return Record(source, sha256, time, channels, resting)
 
 
 def write_record(
@@ -294,7 +320,8 @@ def _number(text: str, source: str, line: int, title: str) -> float:
 def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
     """The uniform time axis [s] behind printed times: the straight line through them.
 
-    A printed time may be off by its rounding: half a unit of its last decimal, or of single precision.
+    A printed time may be off by its rounding: half a unit of its last decimal, or of single precision if all of them
+    are such numbers. Never by a quarter of a step: a lost sample bends the line by half a step at least.
     """
     n = len(given)
     bad = np.flatnonzero(~np.isfinite(given))
@@ -317,29 +344,39 @@ def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
     dt = (given - given[0]) @ index / (index @ index)
     line = given[0] + np.mean(given - given[0]) + dt * index
     decimal = _last_decimal(given)
-    rounding = 0.75 * decimal + 1.2e-7 * np.abs(given).max()
-    if not dt > 0.0 or np.abs(given - line).max() > rounding + 1e-6 * dt:
+    rounding = 0.75 * decimal + 1e-6 * dt + _DOUBLE * np.abs(given).max()
+    worst = np.abs(given - line).max()
+    if worst > rounding and _single(given):
+        rounding += _SINGLE * np.abs(given).max()
+    if not dt > 0.0 or worst > min(rounding, 0.25 * dt):
         usual = float(np.median(step))
         off = np.abs(step - usual)
-        first = np.flatnonzero(off > min(max(1.01 * decimal, 1e-6 * usual), 0.999 * off.max()))
+        first = np.flatnonzero(off > min(max(1.01 * decimal, 2.0 * rounding), 0.999 * off.max()))
         at = int(first[0]) if len(first) else int(off.argmax())
+        advice = "print the time with more decimals, " if 2.0 * decimal > dt else ""
         refuse(
             source,
             at + 3,
             title,
             f"the sampling is not uniform: a step of {step[at]:.6g} where the usual one is {usual:.6g}; "
-            "resample the record, or fill lost samples with empty fields",
+            f"{advice}resample the record, or fill lost samples with empty fields",
         )
     return line * factor
 
 
+def _single(values: Array) -> bool:
+    """Whether all are numbers of single precision, exact or as such numbers are printed (the first ones)."""
+    with np.errstate(over="ignore"):
+        some = values[:1000].astype(np.float32)
+    return bool((some == values[:1000]).all() or (some.astype(str).astype(float) == values[:1000]).all())
+
+
 def _last_decimal(values: Array) -> float:
-    """The largest power of ten that all values are multiples of, 0 if there is none: the rounding of printing."""
+    """The rounding of printing: the largest power of ten that all are multiples of, as far as doubles can tell."""
     size = float(np.abs(values).max())
     for digits in range(-3, 16):
-        if size * 10.0**digits > 1e11:
-            return 0.0
+        blur = 2.0 * _DOUBLE * size * 10.0**digits
         scaled = values * 10.0**digits
-        if np.abs(scaled - np.round(scaled)).max() < 1e-4:
+        if blur > 0.01 or np.abs(scaled - np.round(scaled)).max() < 1e-4 + blur:
             return float(10.0**-digits)
     return 0.0

@@ -1,4 +1,7 @@
-"""What a channel of a record may be, and the channels that no fit can use: dead, clipped, out of range, swapped."""
+"""What a channel of a record may be, and the channels that no fit can use: dead, clipped, out of range, swapped.
+
+A flow alone may be constant, for an outlet may be closed; it is then no channel of the record, see ``Record.resting``.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,8 @@ from typing import NoReturn
 import numpy as np
 
 from solver.files import parse_quantity
+
+from .units import INFLOW
 
 Array = np.ndarray
 
@@ -44,18 +49,32 @@ def refuse(source: str, line: int, title: str, reason: str) -> NoReturn:
 
 
 def check_numbers(values: Array, name: str, title: str, source: str) -> None:
-    """Refuses infinite values, a channel of gaps only, and a constant one: a dead sensor, or no pulsation to fit."""
+    """Refuses infinite values and a channel of gaps only."""
     low, high = _extremes(values)
     if np.isinf(low) or np.isinf(high):
         line = int(np.flatnonzero(np.isinf(values))[0]) + 2
         refuse(source, line, title, "the value is infinite; leave the field empty for a gap")
     if np.isnan(low):
         raise ValueError(f"{source}: column {title!r}: it holds gaps only; remove the column.")
-    if high / 2.0 - low / 2.0 <= _FLAT * max(abs(low), abs(high)) / 2.0:  # halves, lest it overflow
-        raise ValueError(
-            f"{source}: column {title!r}: the channel is constant ({high:g} {_kind(name).unit}), it does not pulsate; "
-            "check the sensor, or remove the column."
-        )
+
+
+def constant_value(values: Array) -> float | None:
+    """The value of a channel that does not pulsate, None of one that does."""
+    low, high = _extremes(values)
+    return high if high / 2.0 - low / 2.0 <= _FLAT * max(abs(low), abs(high)) / 2.0 else None  # lest it overflow
+
+
+def may_rest(name: str) -> bool:
+    """Whether the channel may be constant: a flow, as at a closed outlet, but not the inflow."""
+    return _kind(name).noun == "flow" and name != INFLOW
+
+
+def refuse_constant(name: str, value: float, title: str, source: str) -> NoReturn:
+    """Raises the ValueError of a dead sensor, or of no pulsation to fit."""
+    raise ValueError(
+        f"{source}: column {title!r}: the channel is constant ({value:g} {_kind(name).unit}), it does not pulsate; "
+        "check the sensor, or remove the column."
+    )
 
 
 def check_plateaus(values: Array, name: str, title: str, source: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from fitting.beats import align
 from fitting.records import Record, read_record, write_record
 
 T, DT, N = 0.5, 0.005, 1000
@@ -46,6 +48,7 @@ def save(folder: Path, content: str | bytes) -> Path:
 
 
 def test_values_come_in_si_with_hash_and_time_step(tmp_path: Path) -> None:
+    """mmHg and mm with nine decimals: Pa to 2e-11, m to 1e-10; times to rounding; the SHA-256 of the bytes."""
     path = save(tmp_path, text(bench()))
     record = read_record(path)
     assert record.path == str(path) and record.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
@@ -56,6 +59,7 @@ def test_values_come_in_si_with_hash_and_time_step(tmp_path: Path) -> None:
 
 
 def test_a_diameter_is_halved_and_a_missing_unit_is_si(tmp_path: Path) -> None:
+    """D in cm gives R in m under the name R; `AA.P` and `inlet.Q []` are in Pa and m³/s; 1e-13."""
     columns = {"time": TIME, "AA.P": 11e3 + 2e3 * WAVE, "AA.D [cm]": 1.8 + 0.06 * WAVE, "inlet.Q []": 1e-5 * WAVE}
     record = read_record(save(tmp_path, text(columns, 15)))
     assert list(record.channels) == ["AA.P", "AA.R", "inlet.Q"]
@@ -64,6 +68,7 @@ def test_a_diameter_is_halved_and_a_missing_unit_is_si(tmp_path: Path) -> None:
 
 
 def test_time_in_milliseconds(tmp_path: Path) -> None:
+    """dt in s to rounding."""
     columns = {"time [ms]": 1e3 * TIME, **{k: v for k, v in bench().items() if k != "time [s]"}}
     assert read_record(save(tmp_path, text(columns))).dt == pytest.approx(DT, rel=1e-14)
 
@@ -82,7 +87,8 @@ def test_time_in_milliseconds(tmp_path: Path) -> None:
     ],
     ids=["BOM", "CRLF", "CR", "blank lines at the end", "no newline at the end", "header", "quotes", "spaces"],
 )
-def test_spellings_of_csv_that_make_no_difference(tmp_path: Path, change) -> None:  # type: ignore[no-untyped-def]
+def test_spellings_of_csv_that_make_no_difference(tmp_path: Path, change: Callable[[str], str]) -> None:
+    """Bit for bit the values of the plain file."""
     plain = read_record(save(tmp_path, text(bench())))
     other = read_record(save(tmp_path, change(text(bench()))))
     assert list(plain.channels) == list(other.channels)
@@ -93,6 +99,7 @@ def test_spellings_of_csv_that_make_no_difference(tmp_path: Path, change) -> Non
 @pytest.mark.parametrize("gap", ["", "NaN", "nan"])
 @pytest.mark.parametrize("quoted", [False, True])
 def test_gaps(tmp_path: Path, gap: str, quoted: bool) -> None:
+    """Empty fields and NaN, on the fast and on the slow path: NaN in their places, the last sample included."""
     lines = text(bench()).splitlines()
     for i in (3, 4, N):
         time, P, _ = lines[i].split(",")
@@ -103,15 +110,50 @@ def test_gaps(tmp_path: Path, gap: str, quoted: bool) -> None:
 
 @pytest.mark.parametrize("decimals", [3, 4, 6])
 def test_printed_time_may_be_rounded(tmp_path: Path, decimals: int) -> None:
+    """300 Hz: dt to twice what rounding does to the slope of a line through N points."""
     dt = 1.0 / 300.0  # at three decimals, steps of 3 and 4 ms
     lines = ["time [s],AA.P [mmHg]", *(f"{i * dt:.{decimals}f},{p:.6f}" for i, p in enumerate(P_MMHG))]
     record = read_record(save(tmp_path, "\n".join(lines)))
     assert record.dt == pytest.approx(dt, rel=10.0**-decimals / dt / N**1.5 * 2)  # slope of a line through N points
 
 
-def test_time_in_single_precision(tmp_path: Path) -> None:
-    time = (700.0 + TIME).astype(np.float32).astype(float)
-    assert read_record(save(tmp_path, text(bench(time=time)))).dt == pytest.approx(DT, rel=1e-6)
+@pytest.mark.parametrize("shortest", [False, True], ids=["all digits", "shortest"])
+def test_time_in_single_precision(tmp_path: Path, shortest: bool) -> None:
+    """Steps of 5 ms at 700 s, in units of 61 µs, printed exactly or as NumPy does: dt to 1e-6, no lost sample."""
+    time = (700.0 + TIME).astype(np.float32)
+    lines = [f"{t if shortest else float(t)!s},{p:.6f}" for t, p in zip(time, P_MMHG, strict=True)]
+    header = "time [s],AA.P [mmHg]"
+    assert read_record(save(tmp_path, "\n".join([header, *lines]))).dt == pytest.approx(DT, rel=1e-6)
+    del lines[400]
+    assert "line 402, column 'time [s]': the sampling is not uniform: a step of 0.0" in refusal(
+        tmp_path, "\n".join([header, *lines])
+    )
+
+
+@pytest.mark.parametrize("lost", [(), (1,), (500,), (N - 2,), tuple(range(300, 400))], ids=lambda lost: f"{len(lost)}")
+@pytest.mark.parametrize("decimals", [3, 6, None])
+@pytest.mark.parametrize("start", [0.0, 1e5, 1.7e9])
+def test_late_times_hide_no_lost_sample(
+    tmp_path: Path, start: float, decimals: int | None, lost: tuple[int, ...]
+) -> None:
+    """Seconds since midnight or since 1970, printed with 3 or 6 decimals or all digits: dt to the rounding of doubles.
+
+    A sample lost anywhere, or 100, is named with its line; a tolerance that grows with the time would let it pass.
+    """
+    times = [f"{t:.{decimals}f}" if decimals else repr(float(t)) for t in start + TIME]
+    lines = [f"{t},{p:.6f}" for i, (t, p) in enumerate(zip(times, P_MMHG, strict=True)) if i not in lost]
+    content = "\n".join(["time [s],AA.P [mmHg]", *lines])
+    if lost:
+        assert f"line {lost[0] + 2}, column 'time [s]': the sampling is not uniform" in refusal(tmp_path, content)
+    else:
+        rounding = float(np.spacing(start + 5.0)) / 5.0
+        assert read_record(save(tmp_path, content)).dt == pytest.approx(DT, rel=rounding)
+
+
+def test_a_rate_that_the_printed_time_cannot_show(tmp_path: Path) -> None:
+    """700 Hz at three decimals looks like 1000 Hz with lost samples: refused, and told to print more decimals."""
+    lines = ["time [s],AA.P [mmHg]", *(f"{i / 700:.3f},{p:.6f}" for i, p in enumerate(P_MMHG))]
+    assert "print the time with more decimals, resample" in refusal(tmp_path, "\n".join(lines))
 
 
 @settings(deadline=None, max_examples=60)
@@ -124,6 +166,7 @@ def test_time_in_single_precision(tmp_path: Path) -> None:
     gaps=st.sets(st.integers(1, 59), max_size=40),
 )
 def test_what_is_written_reads_back(seed: int, n: int, unit_P: str, unit_Q: str, unit_R: str, gaps: set[int]) -> None:
+    """Any values, units and gaps: to 5e-16, two units in the last place."""
     rng = np.random.default_rng(seed)
     channels = {
         "AA.P": rng.uniform(-9e4, 9e5, n),
@@ -152,6 +195,7 @@ def test_what_is_written_reads_back(seed: int, n: int, unit_P: str, unit_Q: str,
 @example(b"time,A.P\n0,1\n\n1,2\n")
 @example(b"time,A.P\n" + b'"0\n1",2\n' * 9)
 def test_any_other_bytes_give_a_value_error(content: bytes) -> None:
+    """Any bytes that are no record: a ValueError that begins with the file, nothing else."""
     with tempfile.TemporaryDirectory() as folder:
         path = save(Path(folder), content)
         with pytest.raises(ValueError, match=r"record\.csv: "):
@@ -166,6 +210,7 @@ _CELL = st.one_of(
 @settings(deadline=None, max_examples=150)
 @given(st.lists(st.lists(_CELL, min_size=1, max_size=3), max_size=12))
 def test_any_cells_give_a_record_or_a_value_error(rows: list[list[str]]) -> None:
+    """Any cells below a good header: a ValueError that begins with the file."""
     content = "\n".join(["time [s],AA.P [Pa],AA.Q [mL/s]", *(",".join(row) for row in rows)])
     with tempfile.TemporaryDirectory() as folder:
         path = save(Path(folder), content.encode("utf-8", "replace"))
@@ -186,6 +231,7 @@ def refusal(folder: Path, content: str | bytes) -> str:
 
 
 def test_missing_file_and_directory(tmp_path: Path) -> None:
+    """One sentence each."""
     with pytest.raises(ValueError, match=r"nowhere\.csv: cannot be read \(No such file"):
         read_record(tmp_path / "nowhere.csv")
     with pytest.raises(ValueError, match="not a regular file"):
@@ -246,10 +292,12 @@ def lines_with(line: int, cells: str) -> str:
     ],
 )
 def test_bad_files(tmp_path: Path, content: str | bytes, expected: str) -> None:
+    """One sentence with file, and line and column where there is one."""
     assert expected in refusal(tmp_path, content)
 
 
 def test_a_lost_sample_is_named_where_it_is_lost(tmp_path: Path) -> None:
+    """Line 501 of the file, nine decimals."""
     lines = text(bench()).splitlines()
     del lines[500]
     assert "line 501, column 'time [s]': the sampling is not uniform: a step of 0.01" in refusal(
@@ -258,6 +306,7 @@ def test_a_lost_sample_is_named_where_it_is_lost(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_drifts_is_not_uniform(tmp_path: Path) -> None:
+    """A clock that gains 1e-3 a second, 0.5 % over the record: refused."""
     assert "the sampling is not uniform" in refusal(tmp_path, text(bench(time=TIME * (1 + 1e-3 * TIME))))
 
 
@@ -290,6 +339,7 @@ def test_a_clock_that_drifts_is_not_uniform(tmp_path: Path) -> None:
     ],
 )
 def test_channels_that_cannot_be_used(tmp_path: Path, change: dict[str, np.ndarray], expected: str) -> None:
+    """Dead, empty, clipped, in a wrong unit, swapped: one sentence that says which."""
     assert expected in refusal(tmp_path, text(bench(**change), 12))
 
 
@@ -315,12 +365,37 @@ def test_clipping_is_found_in_digitised_and_noisy_signals(tmp_path: Path, bits: 
     assert "the channel is clipped: it rests at its highest value, 106" in refusal(tmp_path, text(bench(P=P)))
 
 
+@pytest.mark.parametrize("flow", [0.0, 2.5])
+def test_a_flow_that_does_not_pulsate_is_no_channel(tmp_path: Path, flow: float) -> None:
+    """Q = 0 or 2.5 mL/s with a gap, as at a closed outlet: the record is read without it, its beats too."""
+    constant = np.where((TIME > 1) & (TIME < 1.1), np.nan, flow)
+    record = read_record(save(tmp_path, text(bench() | {"CA.outlet.Q [mL/s]": constant})))
+    assert list(record.channels) == ["AA.P", "AA.R"]
+    assert record.resting == {"CA.outlet.Q": pytest.approx(flow * 1e-6, rel=1e-14)}
+    beats = align(record)
+    assert beats.T == pytest.approx(T, rel=1e-9) and list(beats.values) == ["AA.P", "AA.R"]
+    with pytest.raises(ValueError, match=r"CA\.outlet\.Q is constant \(.* m\^3/s\), it does not pulsate; leave it out"):
+        record.require(["AA.P", "CA.outlet.Q"])
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [{"time [s]": TIME, "AA.P [mmHg]": P_MMHG, "inlet.Q [mL/s]": 0.0 * TIME}, {"time [s]": TIME, "CA.Q": 0.0 * TIME}],
+    ids=["inflow", "nothing else"],
+)
+def test_flows_that_must_pulsate(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
+    """The inflow, which drives a network, and the only channel of a record: refused if constant."""
+    assert "the channel is constant (0 m^3/s), it does not pulsate" in refusal(tmp_path, text(columns))
+
+
 def test_a_flow_may_rest_at_zero(tmp_path: Path) -> None:
+    """Half of every beat at 0, a closed valve: no clipped sensor."""
     columns = {"time [s]": TIME, "inlet.Q [mL/s]": 55.0 * np.maximum(0.0, np.sin(2 * np.pi * TIME / T))}
     assert read_record(save(tmp_path, text(columns))).channels["inlet.Q"].min() == 0.0
 
 
 def test_what_is_asked_for_and_missing_is_listed() -> None:
+    """A missing P or R, in a sentence with what is there; else the arrays themselves."""
     record = Record("bench.csv", "", TIME, {"AA.P": P_MMHG, "BT.R": R_MM})
     with pytest.raises(ValueError, match=r"^bench\.csv: the channel AA\.R is missing; it holds AA\.P, BT\.R: "):
         record.site("AA")
@@ -347,6 +422,7 @@ def test_what_is_asked_for_and_missing_is_listed() -> None:
 def test_nothing_is_written_for_bad_arguments(
     tmp_path: Path, channels: dict[str, np.ndarray], units: dict[str, str], expected: str
 ) -> None:
+    """A bad name, unit or shape, an infinite value, no channel: one sentence and no file."""
     path = tmp_path / "record.csv"
     with pytest.raises(ValueError, match=re.escape(expected)):
         write_record(path, TIME, channels, units)
