@@ -26,12 +26,13 @@ from solver.report import output_variables
 
 from .beats import Beats
 from .identifiability import Determined, determined, sentences
-from .network_data import INFLOW, MAX_HARMONICS, harmonics_above_noise, pulses, solver_error
+from .network_data import MAX_HARMONICS, harmonics_above_noise, pulses, solver_error
 from .network_problem import DERIVATIVE_ERROR, Meter, Point, Problem, Progress
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
 from .threads import single_threaded
-from .unknowns import Unknown, parameter_intervals, parameter_values, parse_unknowns
+from .units import INFLOW
+from .unknowns import Unknown, parameter_intervals, parameter_values, parse_unknowns, quantile
 
 Array = np.ndarray
 
@@ -40,6 +41,7 @@ _NEAR = 5e-3  # in prior units: from here one step of the fine stage leads home
 _EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
 _LARGEST_STEP = 3.0  # in prior units
 _FEWEST_STEPS = 20  # of the solver in a beat
+_POOLED = 4.0  # degrees of freedom of the noise for each beat but one: neighbouring harmonics are pooled
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class Calibration:
     is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
     or not explained, one sentence each. history : cost after each iteration, (coarse, fine). harmonics : K.
     simulations : parameter sets that were simulated. others : the network's parameters that did not move [SI].
+    beats : in the record; intervals are Student's t with 4 (beats - 1) degrees of freedom, what is known of the noise.
     """
 
     network: str
@@ -75,6 +78,7 @@ class Calibration:
     seconds: float
     others: Mapping[str, float]
     laws: Mapping[str, str]
+    beats: int
     source: str
     sha256: str
 
@@ -82,6 +86,11 @@ class Calibration:
     def sd(self) -> Array:
         """(p,) standard deviation of x."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def quantile(self) -> float:
+        """Half a 95 % interval in standard deviations."""
+        return quantile(_noise_dof(self.beats))
 
     def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
         """The values that moved, with their intervals: start values of the network's FMU.
@@ -96,6 +105,7 @@ class Calibration:
             "network": self.network,
             "record": self.source,
             "sha256": self.sha256,
+            "beats": self.beats,
             "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind}
                          for u, x, s in zip(self.unknowns, self.x, self.sd, strict=True)},
             "chi2_over_dof": self.chi2 / self.dof,
@@ -292,6 +302,7 @@ def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> C
         *(f"{name} stopped at the end of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
         *_misfit(chi2 / dof, dof, channels),
+        *(text.rstrip(".") for text in problem.beats.warnings),
     ]
     if not best.converged:
         report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
@@ -302,7 +313,9 @@ def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> C
         x=point.x,
         covariance=known.covariance,
         values={name: float(value) for name, value in values.items()},
-        ci95=parameter_intervals(unknowns, problem.network, point.x, known.covariance),
+        ci95=parameter_intervals(
+            unknowns, problem.network, point.x, known.covariance, _noise_dof(problem.beats.n_beats)
+        ),
         shrinkage=tuple(u.prior_sd and float(s) / u.prior_sd for u, s in zip(unknowns, sd, strict=True)),
         chi2=chi2,
         dof=dof,
@@ -325,6 +338,7 @@ def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> C
             "network.elastic_law": problem.network.elastic_law,
             "network.viscous_law": problem.network.viscous_law,
         },
+        beats=problem.beats.n_beats,
         source=problem.beats.source,
         sha256=problem.beats.sha256,
     )  # fmt: skip
@@ -339,3 +353,7 @@ def _misfit(ratio: float, dof: float, channels: Mapping[str, float]) -> list[str
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {worst} "
         f"({channels[worst]:.3g} times its noise); the intervals are widened by {math.sqrt(ratio):.3g}"
     ]
+
+
+def _noise_dof(beats: int) -> float:
+    return _POOLED * (beats - 1.0)

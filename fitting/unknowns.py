@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as t_distribution
 
 from solver.network import Network
 
@@ -117,14 +118,17 @@ def parameter_values(unknowns: Sequence[Unknown], network: Network, x: Array) ->
 
 
 def parameter_intervals(
-    unknowns: Sequence[Unknown], network: Network, x: Array, covariance: Array
+    unknowns: Sequence[Unknown], network: Network, x: Array, covariance: Array, dof: float = math.inf
 ) -> dict[str, tuple[float, float]]:
-    """95 % interval [SI] of every parameter that moves, within its allowed range; covariance : (p, p) of x."""
+    """95 % interval [SI] of every parameter that moves, within its allowed range.
+
+    covariance : (p, p) of x; dof : its degrees of freedom (Student's t).
+    """
     nominal, known = network.parameters(), network.parameter_quantities()
-    result = {}
+    width, result = quantile(dof), {}
     for name, (kind, move) in _moves(unknowns, np.asarray(x, float)).items():
         row = np.array([dict(zip(u.parameters, u.steps, strict=True)).get(name, 0.0) for u in unknowns])
-        half = 1.96 * math.sqrt(max(float(row @ covariance @ row), 0.0))
+        half = width * math.sqrt(max(float(row @ covariance @ row), 0.0))
         ends = np.array([float(move) - half, float(move) + half])
         low, high = known[name].low, known[name].high
         if kind == "shift":
@@ -133,6 +137,11 @@ def parameter_intervals(
             low, high = np.clip(nominal[name] * np.exp(ends), low, high)
         result[name] = (float(low), float(high))
     return result
+
+
+def quantile(dof: float) -> float:
+    """Half a 95 % interval in standard deviations, by Student's t."""
+    return float(t_distribution.ppf(0.975, dof))
 
 
 def _moves(unknowns: Sequence[Unknown], x: Array) -> dict[str, tuple[str, Array]]:

@@ -45,7 +45,7 @@ def clean(amplitude: float = 1.0) -> dict[str, Array]:
     return {name: beat[name][:-1] for name in ("inlet.Q", *CHANNELS)}
 
 
-def record(waves: dict[str, Array], beats: int = 4, noise: float = 0.0, seed: int = 0, period: float = T) -> Beats:
+def record(waves: dict[str, Array], beats: int = 5, noise: float = 0.0, seed: int = 0, period: float = T) -> Beats:
     """Equal beats with white noise of ``noise`` times each channel's pulse (standard deviation)."""
     rng = np.random.default_rng(seed)
     tiled = {name: np.tile(wave, (beats, 1)) for name, wave in waves.items()}
