@@ -99,6 +99,7 @@ def test_neither_a_harmonic_nor_a_multiple_is_taken_for_the_period(T: float, n_b
 
 
 def test_the_channel_that_repeats_best_gives_the_period() -> None:
+    """Noise in one channel, half of another lost, a third at 16 dB: the third gives T = 1 s, to 1e-3."""
     time = np.arange(1500) * DT
     noise = np.random.default_rng(0).normal(size=(2, len(time)))
     channels = {
@@ -119,6 +120,7 @@ def test_ten_thousand_beats_do_not_lose_count() -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_has_no_period(seed: int) -> None:
+    """White noise, 5 s: one sentence with the range that was searched."""
     time = np.arange(1000) * DT
     values = np.random.default_rng(seed).normal(1e4, 1e3, len(time))
     with pytest.raises(ValueError, match=r"^bench\.csv: no periodicity found between 0\.1 and 3\.3 s in 5 s of record"):
@@ -127,6 +129,7 @@ def test_noise_has_no_period(seed: int) -> None:
 
 @pytest.mark.parametrize("n_beats", [1.4, 1.6, 1.9])
 def test_one_beat_only(n_beats: float) -> None:
+    """Fewer than two beats are told, or found to have no period; never fitted."""
     time = np.arange(round(n_beats * 0.8 / DT)) * DT
     with pytest.raises(
         ValueError, match=r"^bench\.csv: (one beat only: 1\.\d+ s|no periodicity found .* in 1\.\d+ s).*"
@@ -144,12 +147,14 @@ def test_one_beat_only(n_beats: float) -> None:
     ],
 )
 def test_periods_that_cannot_be(period: float, expected: str) -> None:
+    """Negative, not a number, beyond half the record, below 8 samples: one sentence each."""
     time = np.arange(1000) * DT
     with pytest.raises(ValueError, match=re.escape(f"bench.csv: {expected}")):
         align(record(time, P=pressure(time)), period)
 
 
 def test_a_given_period_is_taken() -> None:
+    """T = 1 s given for a record of T = 0.5 s: five beats of 200 samples."""
     time = np.arange(1000) * DT
     beats = align(record(time, P=pressure(time / 0.5)), 1.0)
     assert (beats.T, beats.n_beats, beats.N) == (1.0, 5, 200)
@@ -192,6 +197,7 @@ def test_an_unsteady_rate_is_said_or_refused() -> None:
 
 
 def test_noise_must_not_cost_the_last_beat() -> None:
+    """15 whole beats at 20 dB, the period found a little long in half of 20 seeds: 15 beats in all."""
     for seed in range(20):
         assert align(noisy(0.5, 15.0, 200.0, 1e-5, seed)[0]).n_beats == 15
 
@@ -212,6 +218,7 @@ def test_gaps_stay_gaps_and_the_rest_is_exact() -> None:
 
 @pytest.mark.parametrize("T", [0.5, 0.4724])
 def test_a_phase_that_is_never_measured_is_refused(T: float) -> None:
+    """A quarter of every beat lost: one sentence with channel and share."""
     time = np.arange(1500) * DT
     P = np.where((time / T) % 1 < 0.25, np.nan, pressure(time / T))
     with pytest.raises(
@@ -221,6 +228,7 @@ def test_a_phase_that_is_never_measured_is_refused(T: float) -> None:
 
 
 def test_select_takes_beats_and_moves_their_shifts() -> None:
+    """Beats 2, 0, 0 of three: values and shifts in that order, the mean counts the repeated one twice."""
     beats = Beats("x", "", 0.5, {"AA.P": np.arange(12.0).reshape(3, 4)}, np.array([0.1, 0.2, -0.3]))
     some = beats.select([2, 0, 0])
     np.testing.assert_array_equal(some.values["AA.P"], beats.values["AA.P"][[2, 0, 0]])
@@ -229,6 +237,7 @@ def test_select_takes_beats_and_moves_their_shifts() -> None:
 
 
 def test_mean_and_scatter_with_gaps() -> None:
+    """As numpy's nanmean and nanstd."""
     values = np.array([[1.0, 2.0, np.nan, 4.0], [3.0, np.nan, 5.0, 8.0], [5.0, 3.0, 9.0, 0.0]])
     beats = Beats("x", "", 0.5, {"AA.P": values}, np.zeros(3))
     np.testing.assert_allclose(beats.mean("AA.P"), np.nanmean(values, axis=0))
@@ -236,6 +245,7 @@ def test_mean_and_scatter_with_gaps() -> None:
 
 
 def test_what_is_missing_is_listed() -> None:
+    """A missing channel in a sentence with what is there; a single beat has no scatter."""
     beats = Beats("bench.csv", "", 0.5, {"AA.P": np.ones((2, 4))}, np.zeros(2))
     for ask in (lambda: beats.mean("AA.R"), lambda: beats.site("AA"), lambda: beats.covariance(["AA.P", "AA.R"])):
         with pytest.raises(ValueError, match=r"^bench\.csv: the channel AA\.R is missing; it holds AA\.P: "):
