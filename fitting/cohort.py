@@ -151,8 +151,9 @@ class Cohort:
         fits = self.fits(name)
         if not fits:
             raise ValueError(f"the {name} model fits no recording of the cohort; use another model.")
-        law = next(iter(fits.values())).model
-        values = {}
+        first = next(iter(fits.values()))
+        law = first.model
+        values = {"network.eta": Value(first.eta, "1")}
         for site in self.sites:
             there = [fitted for (_, s), fitted in fits.items() if s == site]
             if there:
@@ -164,7 +165,6 @@ class Cohort:
             "data": self.data,
             "model": name,
             "free": list(law.free),
-            "eta": next(iter(fits.values())).eta,
             "animals": len({animal for animal, _ in fits}),
             "n": {site: sum(s == site for _, s in fits) for site in self.sites},
             "records": {r.entry.record: r.sha256 for r in self.recordings if name in r.fits},
