@@ -26,7 +26,7 @@ _TITLES = {
 
 
 def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
-    """Measured loop and model for each fit side by side, and the residuals' spectrum of each against its noise.
+    """Recorded loop and model for each fit side by side, and the residuals' spectrum of each against its noise.
 
     The title begins with the name of the record's file, so that what is virtual says so.
     """
@@ -44,10 +44,10 @@ def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
 
 
 def _loop(ax: Axes, fitted: WallFit, beats: Beats) -> None:
-    """Every measured beat, their mean, and the model."""
+    """Every recorded beat, their mean, and the model."""
     P, R = beats.site(fitted.site)
     ax.plot(1e3 * R.T, P.T / MMHG, ".", color=SKY, markersize=2, alpha=0.35, zorder=1)
-    ax.plot([], [], ".", color=SKY, label="measured, all beats")
+    ax.plot([], [], ".", color=SKY, label="all beats")
     ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")
     R_model, P_model = _closed(1e3 * fitted.solution.R, fitted.P_fitted / MMHG)
     ax.plot(R_model, P_model, color=VERMILION, linewidth=1.8, linestyle=(0, (4, 2)), label="model")
@@ -74,7 +74,7 @@ def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
         ax.semilogy(k[1:shown], size[1:shown], marker, color=colour, markersize=4, label=fitted.model.name)
     k, _, expected = fits[-1].residual_spectrum()
     P = np.abs(np.fft.rfft(fits[0].loop.P)) / fits[0].loop.N
-    ax.semilogy(k[1:shown], P[1:shown], color=BLACK, linewidth=1.0, label="measured pressure")
+    ax.semilogy(k[1:shown], P[1:shown], color=BLACK, linewidth=1.0, label="pressure")
     ax.semilogy(k[1:shown], expected[1:shown], color=SKY, linewidth=2.0, label="noise (1 sd)")
     ax.set_title("Residual of the pressure")
     ax.set_xlabel("harmonic k")
