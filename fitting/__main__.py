@@ -19,7 +19,7 @@ from .beats import Beats, align
 from .bench import bench_network
 from .errors_in_variables import NoFit
 from .fmu_run import RunFailed
-from .indices import Estimate, indices
+from .indices import Estimate, indices, plain
 from .parameter_set import ParameterSet, read_set, set_format, write_set
 from .records import read_record
 from .regression import WallFit, bootstrap, fit
@@ -75,7 +75,7 @@ def fit_command(
             bootstrap(kept, beats, replicates, progress=lambda f: progress(f, "bootstrap")) if replicates > 0 else {}
         )
         found = indices(kept, beats)
-        parameters = _with_indices(kept.parameter_set(), found)
+        parameters = _with_indices(kept.parameter_set(), plain(found))
         drawn = _drawn(fits, beats) if figure is not None else b""
         # all that can fail has been made: now it is written
         if bench is not None:
@@ -148,7 +148,8 @@ def calibrate_command(
 ) -> None:
     """Find parameters of a network from a record of it."""
     from .calibrate import calibrate
-    from .tables import calibration_table
+    from .network_indices import network_indices
+    from .tables import calibration_table, network_indices_table
 
     with _sentences(), _bar(quiet) as progress:
         progress(0.0, "reading")
@@ -158,10 +159,13 @@ def calibrate_command(
             described = read_set(start).apply(described)
         beats = align(read_record(record), _seconds(period, "--period"))
         result = calibrate(beats, described, free, progress=progress)
+        progress(1.0, "indices of the sites")
+        found = network_indices(result, described, beats)
         if out is not None:
-            write_set(result.parameter_set(complete=start is not None), out)
+            parameters = result.parameter_set(complete=start is not None)
+            write_set(_with_indices(parameters, {site: plain(each) for site, each in found.items()}), out)
     if not quiet:
-        _print(calibration_table(result))
+        _print(calibration_table(result), network_indices_table(result.network, found))
         _say(result.report)
         _say_written(out)
 
@@ -242,10 +246,9 @@ def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
     return png(loop_figure(fits, beats))
 
 
-def _with_indices(parameters: ParameterSet, found: dict[str, Estimate]) -> ParameterSet:
+def _with_indices(parameters: ParameterSet, found: dict[str, Any]) -> ParameterSet:
     """The set with what a physiologist reads among its provenance."""
-    readable = {name: {"value": e.value, "unit": e.unit, "ci95": e.ci95} for name, e in found.items()}
-    return replace(parameters, provenance={**parameters.provenance, "indices": readable})
+    return replace(parameters, provenance={**parameters.provenance, "indices": found})
 
 
 def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> None:

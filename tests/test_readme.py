@@ -1,4 +1,4 @@
-"""Every snippet of README.md runs, in order, in one fresh directory; make targets and installation are left to CI."""
+"""Every snippet of README.md and docs/fitting.md runs, in order, in a fresh directory each; installation is left to CI."""
 
 from __future__ import annotations
 
@@ -12,35 +12,39 @@ import pytest
 from solver import read_network
 
 ROOT = Path(__file__).resolve().parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+DOCUMENTS = ("README.md", "docs/fitting.md")
 # these install things or run the whole test suite
 NOT_HERE = ("make demo", "-m venv")
 
 
-def _snippets() -> list[tuple[str, str]]:
-    found = re.findall(r"```(python|sh)\n(.*?)```", README, flags=re.DOTALL)
+def _snippets(document: str) -> list[tuple[str, str]]:
+    found = re.findall(r"```(python|sh)\n(.*?)```", (ROOT / document).read_text(encoding="utf-8"), flags=re.DOTALL)
     return [(kind, text) for kind, text in found if not any(word in text for word in NOT_HERE)]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with what the snippets take from the repository."""
-    path = tmp_path_factory.mktemp("readme")
-    subprocess.run([sys.executable, str(ROOT / "build_fmu.py"), "--out", str(path / "dist")], check=True, timeout=60)
-    return path
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A directory a document; that of README.md with what ``make demo`` has built."""
+    paths = {document: tmp_path_factory.mktemp("snippets") for document in DOCUMENTS}
+    out = str(paths["README.md"] / "dist")
+    subprocess.run([sys.executable, str(ROOT / "build_fmu.py"), "--out", out], check=True, timeout=60)
+    return paths
 
 
-def test_there_are_snippets() -> None:
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_there_are_snippets(document: str) -> None:
     """Two Python and two shell snippets at least: the test below cannot pass by finding none."""
-    kinds = [kind for kind, _ in _snippets()]
+    kinds = [kind for kind, _ in _snippets(document)]
     assert kinds.count("python") >= 2
     assert kinds.count("sh") >= 2
 
 
-@pytest.mark.parametrize("number", range(len(_snippets())))
-def test_snippet(folder: Path, number: int) -> None:
-    """Exit code 0."""
-    kind, text = _snippets()[number]
+@pytest.mark.parametrize(
+    ("document", "number"), [(document, i) for document in DOCUMENTS for i in range(len(_snippets(document)))]
+)
+def test_snippet(folders: dict[str, Path], document: str, number: int) -> None:
+    """Exit code 0, after all snippets before it in the document."""
+    kind, text = _snippets(document)[number]
     if kind == "python":
         command = [sys.executable, "-c", text]
     else:
@@ -48,7 +52,7 @@ def test_snippet(folder: Path, number: int) -> None:
         text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
         text = text.replace(" solver/networks/", f" {ROOT}/solver/networks/")
         command = ["bash", "-euc", text]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(command, cwd=folders[document], capture_output=True, text=True, timeout=100, check=False)
     assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
 
 
