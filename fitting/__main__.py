@@ -269,7 +269,12 @@ def _show_fit(
 
     _print(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found))
     if kept.lag[1] == kept.lag[1]:
-        _say([f"{kept.site}: P is late by {1e3 * kept.lag[0]:.3g} ± {1.96e3 * kept.lag[1]:.2g} ms."])
+        lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
+        which = "late" if lag > 0.0 else "early"
+        _say([
+            f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without this lag, "
+            "but the record that a check reads still has it."
+        ])  # fmt: skip
     _say(kept.warnings)
 
 

@@ -264,7 +264,7 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
     The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so that
     white noise keeps its variance. At high harmonics that little motion is a large part of a turn and would add noise
     to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low harmonics it
-    is needed: drift leaks into the model of a record that is no whole number of beats, and the residual makes up for it.
+    is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
     """
     n = len(record.time)
     nearest = np.minimum(np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp), n - 1)

@@ -55,6 +55,10 @@ class Loop:
         """Variances of a Fourier coefficient that stand for rounding."""
         return tuple(float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))  # type: ignore[return-value]
 
+    def earlier(self, lag: float) -> Loop:
+        """The loop with P moved forward in time by ``lag`` [s]."""
+        return replace(self, P=spectral.shift(self.P, -lag / self.T)) if lag else self
+
     def covariances(self) -> tuple[Array, Array, Array]:
         """C_PP, C_RR, C_RP : (N, N) of the samples."""
         floor = self.floor
@@ -83,23 +87,26 @@ class Solution:
     condition: float
 
 
-def solve(loop: Loop, model: WallModel, start: Values, *, lag_free: bool = False, steps: int = _ITERATIONS) -> Solution:
+def solve(
+    loop: Loop, model: WallModel, start: Values, *, lag: float | None = None, steps: int = _ITERATIONS
+) -> Solution:
     """Iterate from ``start`` until a step is a thousandth of its standard deviation, or ``steps`` are done.
 
+    lag : of P behind R to start from [s], if it is to be found, too.
     Raises NoFit if the parameters leave what a wall can have (E, R0, φ0 > 0), do not converge in 50 steps, or if P is a
     function of R to rounding, which leaves nothing to weigh the two by.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused below
-        return _iterate(loop, model, start, lag_free, steps)
+        return _iterate(loop, model, start, lag, steps)
 
 
-def _iterate(loop: Loop, model: WallModel, start: Values, lag_free: bool, steps: int) -> Solution:
+def _iterate(loop: Loop, model: WallModel, start: Values, start_lag: float | None, steps: int) -> Solution:
     noise, D = loop.covariances(), _derivative_matrix(loop.N, loop.T)
-    values, lag, R = dict(start), 0.0, loop.R
+    lag_free, lag = start_lag is not None, start_lag or 0.0
+    values, R = dict(start), loop.R
     for iteration in range(steps):
         relax = 1.0 if iteration < _FULL_STEPS else 0.5  # a model that misses the loop may swing about its best
-        P = spectral.shift(loop.P, -lag / loop.T) if lag else loop.P
-        system = _linearise(replace(loop, P=P), noise, D, R, evaluate(model, values, R, D @ R), lag_free)
+        system = _linearise(loop.earlier(lag), noise, D, R, evaluate(model, values, R, D @ R), lag_free)
         step = relax * system.step
         step *= _admissible(model, values, step)
         for name, change in zip(model.free, step, strict=False):

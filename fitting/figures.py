@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .beats import Beats
-from .regression import WallFit
+from .regression import WallFit, without_lag
 from .style import BLACK, BLUE, GREEN, MMHG, PURPLE, SKY, STYLE, VERMILION
 
 Array = np.ndarray
@@ -45,7 +45,7 @@ def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
 
 def _loop(ax: Axes, fitted: WallFit, beats: Beats) -> None:
     """Every recorded beat, their mean, and the model."""
-    P, R = beats.site(fitted.site)
+    P, R = without_lag(beats, fitted).site(fitted.site)
     ax.plot(1e3 * R.T, P.T / MMHG, ".", color=SKY, markersize=2, alpha=0.35, zorder=1)
     ax.plot([], [], ".", color=SKY, label="all beats")
     ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")

@@ -17,7 +17,7 @@ from scipy.stats import t as t_distribution
 from solver.wall import Wall
 
 from .beats import Beats
-from .regression import WallFit
+from .regression import WallFit, without_lag
 from .spectral import coefficients
 from .units import READ
 
@@ -71,7 +71,7 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
     half = float(t_distribution.ppf(0.975, fit.dof)) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
-    return estimates(value, half) | {"loss_measured": measured_estimate(beats, fit.site)}
+    return estimates(value, half) | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
 
 
 # name, unit of the indices that the wall law has

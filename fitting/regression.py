@@ -34,6 +34,7 @@ Array = np.ndarray
 
 _MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
+_LAG_HARMONICS = 12  # of the radius, for the search of a lag: enough for its shape, few enough for its noise
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
 NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
@@ -49,9 +50,9 @@ class WallFit:
     lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
     r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. dof : of the residual; where its chi2 is
     larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
-    delayed. ignored_noise : the values that ordinary least squares gives, without regard to the noise of R.
-    filtered : the γ-loop. loop : the mean beats that were fitted. solution : how. n_beats, source, sha256 : of the
-    record. warnings : what to know, one sentence each.
+    delayed, if the lag was not free. ignored_noise : the values that ordinary least squares gives, without regard to
+    the noise of R. filtered : the γ-loop. loop : the mean beats that were fitted, without the lag. solution : how.
+    n_beats, source, sha256 : of the record. warnings : what to know, one sentence each.
     """
 
     site: str
@@ -144,6 +145,7 @@ class WallFit:
                 "model": self.model.name,
                 "free": list(self.model.free),
                 "beats": self.n_beats,
+                **({"lag_of_P": {"value": self.lag[0], "unit": "s"}} if self.lag[0] else {}),
                 "period": self.loop.T,
                 "gamma": self.filtered.gamma,
                 "kept_harmonics": list(self.filtered.kept),
@@ -180,13 +182,29 @@ def fit(
         chosen = chosen.without("R0")
     loop = mean_loop(beats, site)
     _check_thickness(site, float(loop.R.mean()), h)
-    filtered = spectral.gamma_loop(loop.P, loop.R, loop.T, partial(columns, chosen))
+    start_lag = _start_lag(chosen, loop) if lag_free else None
+    timed = loop.earlier(start_lag or 0.0)
+    filtered = spectral.gamma_loop(timed.P, timed.R, timed.T, partial(columns, chosen))
     try:
-        solution = solve(loop, chosen, _start(chosen, loop, filtered, h, eta, R0), lag_free=lag_free)
-        ignored = plain(loop, chosen, solution.values, filtered.R)
+        solution = solve(loop, chosen, _start(chosen, timed, filtered, h, eta, R0), lag=start_lag)
+        timed = loop.earlier(solution.lag)
+        ignored = plain(timed, chosen, solution.values, filtered.R)
     except NoFit as error:
         raise NoFit(f"{beats.source}: site {site}: {error}") from None
-    return _with_warnings(_result(beats, site, chosen, loop, filtered, solution, ignored), beats)
+    return _with_warnings(_result(beats, site, chosen, timed, filtered, solution, ignored), beats)
+
+
+def without_lag(beats: Beats, fitted: WallFit) -> Beats:
+    """The beats with the lag taken out that the fit found between P and R of its site: P moved, gaps with it."""
+    lag = fitted.lag[0]
+    if not lag:
+        return beats
+    name = f"{fitted.site}.P"
+    P, fraction = beats.values[name], -lag / beats.T
+    gaps = np.isnan(P)
+    moved = spectral.shift(np.where(gaps, beats.mean(name), P), fraction)
+    moved[np.roll(gaps, round(fraction * beats.N), axis=1)] = np.nan
+    return replace(beats, values={**beats.values, name: moved})
 
 
 def mean_loop(beats: Beats, site: str) -> Loop:
@@ -208,6 +226,7 @@ def bootstrap(
     Percentile intervals, for ``model.free``, widened by √(n/(n - 1)) as n drawn beats scatter less than n measured.
     """
     rng = np.random.default_rng(seed)
+    beats, lag = without_lag(beats, fitted), 0.0 if np.isfinite(fitted.lag[1]) else None
     names = (f"{fitted.site}.P", f"{fitted.site}.R")
     means = np.empty((replicates, len(fitted.model.free)))
     n = beats.n_beats
@@ -215,7 +234,7 @@ def bootstrap(
         drawn = beats.select(rng.integers(0, n, n))
         P, R = (spectral.resample(drawn.mean(name), fitted.loop.N) for name in names)
         loop = replace(fitted.loop, P=P, R=R)
-        values = solve(loop, fitted.model, fitted.values, steps=3).values
+        values = solve(loop, fitted.model, fitted.values, lag=lag, steps=3).values
         means[i] = [values[name] for name in fitted.model.free]
         if progress:
             progress((i + 1) / replicates)
@@ -226,6 +245,17 @@ def bootstrap(
 
 
 # --- start and result ---------------------------------------------------------------------------------------------
+
+
+def _start_lag(chosen: WallModel, loop: Loop) -> float:
+    """The lag of P, among some to a tenth of a beat either way, with which the paper's regression explains P best."""
+    lags = np.linspace(-0.1, 0.1, 41) * loop.T
+    R_t = spectral.derivative(spectral.without_high(loop.R, _LAG_HARMONICS), loop.T)
+    M = columns(chosen, loop.R, R_t)
+    q = np.linalg.qr(M / np.linalg.norm(M, axis=0))[0]
+    P = np.stack([spectral.shift(loop.P, -lag / loop.T) for lag in lags])
+    missed = np.linalg.norm(P - (P @ q) @ q.T, axis=1)
+    return float(lags[int(np.argmin(missed))])
 
 
 def _start(
@@ -256,8 +286,8 @@ def _check_start(values: Mapping[str, float], R: float) -> None:
     E, R0, phi0 = values["E"], values["R0"], values["phi0"]
     if not (np.isfinite(E) and np.isfinite(R0) and 0.0 < R0 < 3.0 * R):
         raise NoFit(
-            f"no unstressed radius fits the loop (R0 = {R0:.3g} m, E = {E:.3g} Pa, mean radius {R:.3g} m); "
-            "check that P and R are not swapped and belong together, or give R0."
+            "no unstressed radius fits the loop: the pressure does not rise with the radius as in a wall; "
+            "check the sign and the order of the two channels, that they belong together, and R0 if it was given."
         )
     if E <= 0.0:
         raise NoFit(
@@ -267,7 +297,7 @@ def _check_start(values: Mapping[str, float], R: float) -> None:
     if phi0 <= 0.0:
         raise NoFit(
             f"phi0 = {phi0:.3g} Pa.s is negative: the pressure comes after the radius, so the loop would give "
-            "energy; check the time lag between the channels and that P and R are not swapped."
+            "energy; check that P and R are not swapped, fit a time lag between them, and check R0 if it was given."
         )
 
 
@@ -290,6 +320,7 @@ def _result(
     ignored_noise: Mapping[str, float],
 ) -> WallFit:
     p, values = len(chosen.free), solution.values
+    lag_free = len(solution.covariance) > p
     dof = loop.N - len(solution.covariance)
     covariance = solution.covariance * max(1.0, solution.chi2 / dof)
     pulsatile = loop.P - loop.P.mean()
@@ -300,10 +331,10 @@ def _result(
         model=chosen,
         values=values,
         covariance=covariance[:p, :p],
-        lag=(solution.lag, float(np.sqrt(covariance[-1, -1])) if len(covariance) > p else np.nan),
+        lag=(solution.lag, float(np.sqrt(covariance[-1, -1])) if lag_free else np.nan),
         r2=1.0 - float(np.sum(missed**2) / np.sum(pulsatile**2)),
         dof=dof,
-        by_lag={name: float(1e-3 * change / values[name]) for name, change in changes.items() if values[name]},
+        by_lag={n: float(1e-3 * change / values[n]) for n, change in changes.items() if values[n] and not lag_free},
         ignored_noise=ignored_noise,
         filtered=filtered,
         loop=loop,

@@ -57,6 +57,13 @@ def resample(x: Array, N: int) -> Array:
     return np.fft.irfft(cut, N) * N
 
 
+def without_high(x: Array, most: int) -> Array:
+    """Periodic samples x : (…, N) without the harmonics above ``most``."""
+    c = np.fft.rfft(x)
+    c[..., most + 1 :] = 0.0
+    return np.fft.irfft(c, x.shape[-1])
+
+
 def shift(x: Array, fraction: float) -> Array:
     """Periodic samples x : (…, N) delayed by a fraction of the period: x(t - fraction · T)."""
     N = x.shape[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from rich.table import Table
@@ -40,20 +41,23 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
 
 
 def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, float]]) -> Table:
-    """What a time lag does, what ignoring the noise of R would give, and the bootstrap beside the interval."""
+    """Interval and bootstrap; how a time lag, or ignoring the noise of R, would move the value."""
     table = Table(title=f"How sure: {fitted.model.name} model of {fitted.site}")
-    table.add_column("parameter")
-    table.add_column("P late by 1 ms", justify="right")
-    table.add_column("noise of R ignored", justify="right")
+    table.add_column("")
     table.add_column("95 % interval", justify="right")
     if bootstrapped:
-        table.add_column("bootstrap of the beats", justify="right")
+        table.add_column("bootstrap", justify="right")
+    # in units of the interval: a relative change says nothing of a value near 0
+    table.add_column("moved by P\n1 ms late", justify="right")
+    table.add_column("by ignoring\nnoise of R", justify="right")
     for name in fitted.model.free:
         label, factor = _SHOWN[name]
-        bias = fitted.ignored_noise[name] / fitted.values[name] - 1.0
-        row = [label, f"{fitted.by_lag[name]:+.2%}", f"{bias:+.2%}", _interval(fitted.ci95(name), factor)]
+        row = [label, _interval(fitted.ci95(name), factor)]
         if bootstrapped:
             row.append(_interval(bootstrapped[name], factor))
+        lag = factor * fitted.by_lag[name] * fitted.values[name] if name in fitted.by_lag else None
+        bias = factor * (fitted.ignored_noise[name] - fitted.values[name])
+        row += ["–" if lag is None else f"{lag:+.2g}", f"{bias:+.2g}"]
         table.add_row(*row)
     return table
 
@@ -93,14 +97,25 @@ def calibration_table(result: Calibration) -> Table:
 
 
 def _estimate(fitted: WallFit, name: str, factor: float) -> str:
+    value = factor * fitted.values[name]
     if name not in fitted.model.free:
-        return f"{factor * fitted.values[name]:.5g} (given)" if fitted.values[name] else "–"
-    low, high = fitted.ci95(name)
-    return f"{factor * fitted.values[name]:.5g} ± {factor * (high - low) / 2.0:.2g}"
+        return f"{value:.5g} (given)" if fitted.values[name] else "–"
+    half = factor * (fitted.ci95(name)[1] - fitted.ci95(name)[0]) / 2.0
+    return f"{_rounded(value, half)} ± {_rounded(half, half)}"
+
+
+def _rounded(value: float, half: float) -> str:
+    """The value to the digits that an interval of ± ``half`` leaves: two of the half."""
+    if not (math.isfinite(half) and half > 0.0):
+        return f"{value:.5g}"
+    return f"{value:.{min(8, max(0, 1 - math.floor(math.log10(half))))}f}"
 
 
 def _interval(ends: tuple[float, float] | None, factor: float) -> str:
-    return "–" if ends is None else f"{factor * ends[0]:.5g} … {factor * ends[1]:.5g}"
+    if ends is None:
+        return "–"
+    low, high = factor * ends[0], factor * ends[1]
+    return f"{_rounded(low, (high - low) / 2.0)} … {_rounded(high, (high - low) / 2.0)}"
 
 
 def _plus_minus(estimate: Estimate | None, factor: float) -> str:

@@ -1,4 +1,4 @@
-"""Every snippet of README.md and docs/fitting.md runs, in order, in a fresh directory each; installation is left to CI."""
+"""Every snippet of README.md and docs/fitting.md runs, in order, in a fresh directory each; CI sees to installation."""
 
 from __future__ import annotations
 
@@ -39,9 +39,15 @@ def test_there_are_snippets(document: str) -> None:
     assert kinds.count("sh") >= 2
 
 
-@pytest.mark.parametrize(
-    ("document", "number"), [(document, i) for document in DOCUMENTS for i in range(len(_snippets(document)))]
-)
+# a snippet needs those before it, and two of docs/fitting.md take more than 10 s: they are slow together
+CASES = [
+    pytest.param(document, i, marks=[pytest.mark.slow] if document == "docs/fitting.md" else [])
+    for document in DOCUMENTS
+    for i in range(len(_snippets(document)))
+]
+
+
+@pytest.mark.parametrize(("document", "number"), CASES)
 def test_snippet(folders: dict[str, Path], document: str, number: int) -> None:
     """Exit code 0, after all snippets before it in the document."""
     kind, text = _snippets(document)[number]

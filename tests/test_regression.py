@@ -16,7 +16,7 @@ from fitting import regression
 from fitting.beats import Beats, align
 from fitting.errors_in_variables import Loop, NoFit, solve
 from fitting.records import Record
-from fitting.regression import WallFit, bootstrap, fit
+from fitting.regression import WallFit, bootstrap, fit, without_lag
 from fitting.spectral import coefficients, derivative, resample, shift
 from fitting.virtual import (
     SITES,
@@ -338,6 +338,27 @@ def test_time_lag() -> None:
     assert abs(lag - 1e-3) < 3.0 * sd < 1e-3
     assert abs(free.values["phi0"] - wall.phi0) < 3.0 * free.sd("phi0")
     assert free.sd("phi0") > 2.0 * plain.sd("phi0")  # the price
+
+
+@pytest.mark.parametrize("late", [-20e-3, 30e-3])
+def test_large_lag(late: float) -> None:
+    """P 20 ms early and 30 ms late, more than φ0/E = 17 ms: found, and everything that follows is without it.
+
+    Lag and φ0 within 3 standard deviations; the bootstrap agrees with the interval, the loop's fit with the noise.
+    """
+    wall = table_wall("AA")
+    beats = recording(wall, 40.0, 4)
+    moved = replace(beats, values=beats.values | {"S.P": shift(beats.values["S.P"], late / T)})
+    fitted = fit(moved, "S", wall.h, lag_free=True)
+    assert abs(fitted.lag[0] - late) < 3.0 * fitted.lag[1] < 1e-3
+    assert abs(fitted.values["phi0"] - wall.phi0) < 3.0 * fitted.sd("phi0")
+    assert fitted.r2 > 0.999
+    assert fitted.by_lag == {}
+    assert fitted.parameter_set().provenance["lag_of_P"]["value"] == fitted.lag[0]
+    for name, (low, high) in bootstrap(fitted, moved, 60, seed=1).items():
+        assert low < fitted.values[name] < high
+        assert 0.5 < (high - low) / np.subtract(*fitted.ci95(name)[::-1]) < 1.5, name
+    np.testing.assert_allclose(without_lag(moved, fitted).mean("S.P"), beats.mean("S.P"), atol=0.02 * 4e3)
 
 
 def test_misfit_of_a_noise_free_loop_is_reported() -> None:
