@@ -20,7 +20,7 @@ help:
 	@echo "make demo    build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
 	@echo "make test    run the tests"
 	@echo "make check   formatting, lint, types"
-	@echo "make bench   measure speed, and the accuracy of the fits"
+	@echo "make bench   measure speed and memory, and the accuracy of the fits"
 	@echo "make docs    write the API reference to build/docs"
 	@echo "make clean   remove .venv and everything that was built"
 
@@ -39,6 +39,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/speed.py
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/wall_fits.py
+	$(BIN)/python benchmarks/records.py
 
 docs: $(VENV)/installed-docs
 	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting build_fmu
