@@ -25,7 +25,7 @@ from .records import read_record
 from .regression import WallFit, bootstrap, fit
 from .wall_model import model
 
-app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True)
+app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
 
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no tables.")]
@@ -61,6 +61,10 @@ def fit_command(
     with _sentences(), _bar(quiet) as progress:
         progress(0.0, "reading")
         _check_destinations(out, figure, bench, parameters=out)
+        if figure is not None and figure.suffix.lower() != ".png":
+            raise ValueError(f"{figure}: a figure is a .png file; rename it.")
+        if replicates < 0:
+            raise ValueError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
         beats = align(read_record(record), _seconds(period, "--period"))
         chosen = model(wall, law)
         options: dict[str, Any] = {

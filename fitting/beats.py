@@ -21,6 +21,9 @@ _JITTER = 1e-3  # probability of shifts as large as those found without any jitt
 _TIMING = 48  # harmonics that tell the timing of a beat
 _UNSTEADY, _MOST_UNSTEADY = 0.02, 0.1  # of the period: shifts of beats that are warned about, and refused
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
+_NAMED = 3  # odd beats
+_OTHER_PERIOD = 0.02  # by which a given period may differ from the one that is found
+_ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
 _TURN = 8  # harmonics above N/8: half a sample is an eighth of a turn and more
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
 
@@ -77,7 +80,23 @@ class Beats:
                 f"the heart rate was not steady: beats came up to {self.unsteadiness:.1%} of the period early or late; "
                 "intervals do not cover what that does to the shape of a beat."
             )
-        return tuple(found)
+        return (*found, *self._odd_beats())
+
+    def _odd_beats(self) -> list[str]:
+        """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
+        found: dict[int, str] = {}
+        for name, beats in self.values.items():
+            deviations = beats - np.nanmedian(beats, axis=0)
+            deviations -= np.nanmean(deviations, axis=1, keepdims=True)
+            size = np.sqrt(np.nanmean(deviations**2, axis=1))
+            usual = float(np.median(size))
+            for b in np.flatnonzero(size > max(_ODD * usual, _VISIBLE * np.ptp(self.mean(name)))):
+                found.setdefault(
+                    int(b),
+                    f"beat {b + 1} (from {b * self.T:.4g} s on) is unlike the others in {name}: it deviates "
+                    f"{size[b] / usual:.0f} times as much; if it is an artefact, leave its samples empty.",
+                )
+        return [found[b] for b in sorted(found)][:_NAMED]
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""
@@ -193,7 +212,7 @@ def _require_phases(counts: Array, name: str, source: str) -> None:
     if (counts == 0).any():
         raise ValueError(
             f"{source}: the gaps of {name} leave {np.mean(counts == 0):.0%} of the beat without a single sample; "
-            "record more beats, or leave the channel out."
+            "resample all channels to one rate if theirs differ, record more beats, or leave the channel out."
         )
 
 
@@ -218,7 +237,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     Raises ValueError if there is no period, fewer than two whole beats, or a phase that a channel never measured.
     """
     dt, n = record.dt, len(record.time)
-    T = find_period(record.channels, dt, record.path).T if period is None else _given(period, n * dt, record.path)
+    T = find_period(record.channels, dt, record.path).T if period is None else _given(period, record)
     f = dt / T
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
     if N < FEWEST:
@@ -247,13 +266,26 @@ def align(record: Record, period: float | None = None) -> Beats:
     return beats
 
 
-def _given(period: float, span: float, source: str) -> float:
+def _given(period: float, record: Record) -> float:
+    """The period that was given, or a whole number of beats, unless the record says otherwise."""
+    source, span = record.path, len(record.time) * record.dt
     if not (np.isfinite(period) and period > 0.0):
         raise ValueError(f"{source}: period = {period!r} s: must be a positive, finite number.")
     if 2.0 * period > span * (1.0 + 1e-9) + 0.0:
         raise ValueError(
             f"{source}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
+        )
+    if period < FEWEST * record.dt:
+        return float(period)  # refused for that
+    try:
+        found = find_period(record.channels, record.dt, source).T
+    except ValueError:  # too irregular or too short to tell: then the word of the user counts
+        return float(period)
+    beats = period / found
+    if abs(beats / max(1, round(beats)) - 1.0) > _OTHER_PERIOD:
+        raise ValueError(
+            f"{source}: period = {period:.4g} s: the record repeats every {found:.4g} s; give that, or leave it out."
         )
     return float(period)
 

@@ -200,8 +200,10 @@ def _decode(data: bytes, source: str) -> str:
 def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list[float]]:
     """Channel names (D as R), kinds, and the factor to SI of every column, time first."""
     parts = [_title(title) for title in titles]
-    if not parts or parts[0][0] != "time":
-        refuse(source, 1, titles[0] if titles else "", "the first column must be the time; name it 'time [s]'")
+    if not parts or parts[0][0].lower() != "time":
+        refuse(
+            source, 1, titles[0] if titles else "", "the first column must be the time; name it 'time [s]', in brackets"
+        )
     if len(parts) == 1:
         raise ValueError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
     names: list[str] = []
@@ -320,8 +322,9 @@ def _number(text: str, source: str, line: int, title: str) -> float:
 def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
     """The uniform time axis [s] behind printed times: the straight line through them.
 
-    A printed time may be off by its rounding: half a unit of its last decimal, or of single precision if all of them
-    are such numbers. Never by a quarter of a step: a lost sample bends the line by half a step at least.
+    A printed time may be off by its rounding: half a unit of its last decimal, or of the last of its significant digits
+    (%.6g), or of single precision, if all of them are such numbers. Never by a quarter of a step: a lost sample bends
+    the line by half a step at least.
     """
     n = len(given)
     bad = np.flatnonzero(~np.isfinite(given))
@@ -346,6 +349,8 @@ def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
     decimal = _last_decimal(given)
     rounding = 0.75 * decimal + 1e-6 * dt + _DOUBLE * np.abs(given).max()
     worst = np.abs(given - line).max()
+    if worst > rounding:
+        rounding = max(rounding, 0.75 * _last_digit(given))
     if worst > rounding and _single(given):
         rounding += _SINGLE * np.abs(given).max()
     if not dt > 0.0 or worst > min(rounding, 0.25 * dt):
@@ -369,6 +374,18 @@ def _single(values: Array) -> bool:
     with np.errstate(over="ignore"):
         some = values[:1000].astype(np.float32)
     return bool((some == values[:1000]).all() or (some.astype(str).astype(float) == values[:1000]).all())
+
+
+def _last_digit(values: Array) -> float:
+    """The last digit of the largest if all, of the first and the last, have the same 4 to 9 significant digits."""
+    some = np.abs(np.concatenate([values[:1000], values[-1000:]]))
+    some = some[some > 0.0]
+    size = np.floor(np.log10(some)) + 1.0
+    for digits in range(4, 10):
+        scaled = some * 10.0 ** (digits - size)
+        if np.abs(scaled - np.round(scaled)).max() < 1e-6:
+            return float(10.0 ** (size.max() - digits))
+    return 0.0
 
 
 def _last_decimal(values: Array) -> float:

@@ -35,6 +35,7 @@ Array = np.ndarray
 _MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 _LAG_HARMONICS = 12  # of the radius, for the search of a lag: enough for its shape, few enough for its noise
+USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
 NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
@@ -190,7 +191,8 @@ def fit(
         timed = loop.earlier(solution.lag)
         ignored = plain(timed, chosen, solution.values, filtered.R)
     except NoFit as error:
-        raise NoFit(f"{beats.source}: site {site}: {error}") from None
+        hint = "".join(f" Note that {text}" for text in beats.warnings[:1])
+        raise NoFit(f"{beats.source}: site {site}: {error}{hint}") from None
     return _with_warnings(_result(beats, site, chosen, timed, filtered, solution, ignored), beats)
 
 
@@ -349,9 +351,19 @@ def _result(
 
 
 def _with_warnings(fitted: WallFit, beats: Beats) -> WallFit:
-    found = (_viscosity, _collinear, _noise_of_R, _misfit, _undetermined)
+    found = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined)
     own = tuple(text for check in found if (text := check(fitted)))
     return replace(fitted, warnings=(*(f"{fitted.site}: {text}" for text in beats.warnings), *own))
+
+
+def _unusual(fitted: WallFit) -> str:
+    E, (low, high) = fitted.values["E"], USUAL_E
+    if low <= E <= high:
+        return ""
+    return (
+        f"{fitted.site}: E = {E:.3g} Pa is not that of an artery ({low:g} to {high:g} Pa); "
+        "check the units of P, R and h."
+    )
 
 
 def _viscosity(fitted: WallFit) -> str:

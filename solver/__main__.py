@@ -19,7 +19,9 @@ _MMHG = 133.322387415
 
 
 def main(
-    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network: sheep.")],
+    network: Annotated[
+        str, typer.Argument(help="A network file (TOML), or the name of a bundled network: sheep, sheep_nonlinear.")
+    ],
     out: Annotated[Path | None, typer.Option(help="Write the waveforms to this CSV file.")] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help='Change a parameter, e.g. --set "CA.phi0=0 kPa*s"; repeatable.')
@@ -88,7 +90,7 @@ def _show(network: Network, result: Waveforms, out: Path | None) -> None:
     periodic = result.change == result.change
     how = f"{result.beats} beats, last change {result.change:.1e}" if periodic else f"{result.time[-1]:g} s from rest"
     table = Table(title=f"{network.name}: {how}")
-    for column in ("site", "P min [mmHg]", "P max [mmHg]", "Q max [mL/s]", "R mean [mm]"):
+    for column in ("site", "P min, mmHg", "P max, mmHg", "Q max, mL/s", "R mean, mm"):
         table.add_column(column, justify="left" if column == "site" else "right")
     for site in network.sites:
         P, Q, R = (result[f"{site.name}.{kind}"] for kind in "PQR")

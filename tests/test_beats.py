@@ -362,3 +362,25 @@ def test_serial_correlation_widens_the_mean() -> None:
         beats = Beats("x", "", 0.5, {"AA.P": level[:, None] + 1e-3 * rng.normal(size=(n_beats, 8))}, np.zeros(n_beats))
         ratio.append(beats.covariance(["AA.P"])[0, 0, 0].real / (level.var(ddof=1) / n_beats))
     assert np.mean(ratio) == pytest.approx(4.0, rel=0.1)  # r itself is estimated low by 3/n: 6 % here
+
+
+def test_a_given_period_that_the_record_contradicts() -> None:
+    """0.9 s for beats of 0.5 s is refused; 0.5 s, two beats of it, and 0.505 s (within 2 %) are taken."""
+    time = np.arange(1500) * DT
+    beating = record(time, P=pressure(time / 0.5))
+    with pytest.raises(ValueError, match=r"period = 0.9 s: the record repeats every 0.5 s; give that, or leave it out"):
+        align(beating, 0.9)
+    for period in (0.5, 1.0, 0.505):
+        assert align(beating, period).T == period
+
+
+def test_a_beat_unlike_the_others_is_named() -> None:
+    """Beat 4 of 12 has a spike of one sample, beat 9 half the pulse: both are named, an even record is not."""
+    time = np.arange(1200) * DT
+    P = pressure(time / 0.5) + np.random.default_rng(0).normal(0.0, 20.0, time.size)
+    assert align(record(time, P=P), 0.5).warnings == ()
+    P[350] += 8e3
+    P[800:900] = P[800:900].mean() + 0.5 * (P[800:900] - P[800:900].mean())
+    texts = align(record(time, P=P), 0.5).warnings
+    assert [text.split(" (")[0] for text in texts] == ["beat 4", "beat 9"]
+    assert "unlike the others in AA.P" in texts[0]

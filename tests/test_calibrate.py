@@ -74,7 +74,7 @@ def test_noisy_records() -> None:
 def test_few_beats() -> None:
     """3 beats: Student's t with 4 · 2 degrees of freedom, 2.306 standard deviations of ln E to 1e-12, and a sentence.
 
-    Over 100 seeds the intervals of the three UNKNOWNS hold the truth in 95 % (91 % by the normal quantile).
+    Over 200 seeds the intervals of the three UNKNOWNS hold the truth in 95 % (91 % by the normal quantile).
     """
     found = calibrate(record(clean(), 3, 0.01), NETWORK, ["all.E:none"], settings=SETTINGS)
     assert found.report == ("3 beats say little about the noise; record at least 5 for honest intervals",)

@@ -245,6 +245,19 @@ def lines_with(line: int, cells: str) -> str:
     return "\n".join(lines)
 
 
+def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
+    """60 Hz with %.6g, as numpy and others print: steps of 0.0166667 become 0.01667 after 10 s; dt to 1e-6.
+
+    With one sample lost the same file is refused.
+    """
+    time = np.arange(1200) / 60.0
+    rows = [f"{t:.6g},{85.0 + 10.0 * np.sin(7.0 * t):.4f}" for t in time]
+    found = read_record(save(tmp_path, "\n".join(["time [s],AA.P [mmHg]", *rows])))
+    assert found.dt == pytest.approx(1 / 60, rel=1e-6)
+    del rows[700]
+    assert "sampling is not uniform" in refusal(tmp_path, "\n".join(["time [s],AA.P [mmHg]", *rows]))
+
+
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
