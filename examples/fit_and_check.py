@@ -60,7 +60,7 @@ def main(
         law = means.texts["network.elastic_law"]
         record = table1_record(replace(network, elastic_law=law), out / "table1.csv")
         report = check(means, fmu, read_record(record), progress=lambda what: tell(0.5, what))
-        page = report.write(out / "check")
+        page = report.write(out / "fit_and_check")
     show(report)
     print(f"{len(cohort.recordings)} virtual recordings fitted; {law} law; wrote {out / 'means.json'} and {page}")
 

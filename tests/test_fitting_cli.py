@@ -109,6 +109,7 @@ def test_virtual_cohort_and_its_fit(tmp_path: Path) -> None:
     assert "virtual" in done.output
 
 
+@pytest.mark.slow
 def test_calibrate_then_check_a_network(tmp_path: Path) -> None:
     """A synthetic record of the sheep network with E 10 % larger: found to 1e-4; the FMU repeats the record.
 
