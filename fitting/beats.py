@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,8 +11,10 @@ from scipy.stats import f as f_distribution
 
 from .period import FEWEST, Normal, evaluate, find_period, highest
 from .records import Array, Record, require
+from .spikes import FAR, without_spikes
 from .threads import single_threaded
 
+_MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
 _WINDOW = 3  # harmonics on either side that share one estimate of the covariance
 _SERIAL = 1.645  # a lag-1 correlation between beat means above this many standard errors (5 %) counts
 _MOST_SERIAL = 0.9
@@ -33,7 +35,8 @@ class Beats:
     """Beats of one length; ``values`` : name -> (n_beats, N) in SI, NaN in gaps, sample j at phase j/N.
 
     source, sha256 of the record; T : period [s]; shifts : (n_beats,) [s], how much later than the strict period each
-    beat came before it was moved back (0 where none was moved). Phase 0 is the record's first sample.
+    beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
+    Phase 0 is the record's first sample.
     """
 
     source: str
@@ -41,6 +44,7 @@ class Beats:
     T: float
     values: Mapping[str, Array]
     shifts: Array
+    spikes: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def n_beats(self) -> int:
@@ -79,6 +83,11 @@ class Beats:
             found.append(
                 f"the heart rate was not steady: beats came up to {self.unsteadiness:.1%} of the period early or late; "
                 "intervals do not cover what that does to the shape of a beat."
+            )
+        for name, count in self.spikes.items():
+            found.append(
+                f"{name}: spikes left out ({count} of its samples), more than {FAR:g} robust standard deviations off "
+                "the other beats and their own neighbours."
             )
         return (*found, *self._odd_beats())
 
@@ -143,7 +152,8 @@ class Beats:
         factors = np.sqrt([_serial_factor(self._beat_means(name)) for name in names])
         pooled[0] = C[0].real * np.outer(factors, factors)
         for k in range(1, K + 1):
-            pooled[k] = C[max(1, k - _WINDOW) : k + _WINDOW + 1].mean(axis=0)
+            half = min(_WINDOW, max(1, k - 1)) if self.n_beats >= _MANY else _WINDOW
+            pooled[k] = C[max(1, k - half) : k + half + 1].mean(axis=0)
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
         return pooled
@@ -249,6 +259,9 @@ def align(record: Record, period: float | None = None) -> Beats:
             f"{record.path}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
             "record at least two whole beats."
         )
+    cleaned = {name: without_spikes(each, f, N, n_beats) for name, each in record.channels.items()}
+    spikes = {name: count for name, (_, count) in cleaned.items() if count}
+    record = replace(record, channels={name: each for name, (each, _) in cleaned.items()})
     if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
         cut = {name: each[: n_beats * N].reshape(n_beats, N) for name, each in record.channels.items()}
         for name, each in cut.items():
@@ -256,7 +269,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     else:
         cut = _resample(record, f, N, n_beats)
     values, shifts = _without_jitter({name: _without_slope(each) for name, each in cut.items()}, T)
-    beats = Beats(record.path, record.sha256, T, values, shifts)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes)
     if beats.unsteadiness > _MOST_UNSTEADY:
         raise ValueError(
             f"{record.path}: the heart rate is not steady: beats come up to {beats.unsteadiness:.0%} of the period of "

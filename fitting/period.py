@@ -24,6 +24,7 @@ _FINE = 5e-3  # [s], the time step of the search
 _WANDER = 0.25  # [Hz]; slower than any heart
 _LEAST = 0.6  # correlation from beat to beat; with less there is no beat
 _SLACK = 0.04  # by which the correlation one beat on may stay behind the one several beats on
+_ORDINARY = (0.02, 0.98)  # quantiles: what lies beyond them by the distance between them is a spike
 _ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends the search
 _MANY = 200.0  # beats
 MOST = 128  # harmonics of a model; what lies above is left to the residual
@@ -75,6 +76,8 @@ def _search(values: Array, dt: float) -> tuple[float, float]:
         return 0.0, -1.0
     index = np.arange(len(values))
     x = np.interp(index, index[there], values[there])
+    low, high = np.quantile(x, _ORDINARY)  # a few spikes must not hide the beat
+    x = np.clip(x, low - (high - low), high + (high - low))
     few = max(1, int(_FINE / dt))
     x = x[: len(x) // few * few].reshape(-1, few).mean(axis=1)
     step = few * dt
@@ -201,7 +204,8 @@ class Normal:
 def refine(values: Array, f: float) -> float:
     """f by Gauss–Newton on growing stretches: each tells the period well enough not to lose count in the next."""
     n = len(values)
-    there = ~np.isnan(values)
+    low, high = np.nanquantile(values, _ORDINARY)
+    there = np.abs(np.nan_to_num(values, nan=np.inf) - 0.5 * (low + high)) <= 1.5 * (high - low)  # no gaps, no spikes
     filled = np.where(there, values - values[there].mean(), 0.0)
     length = min(n, int(6.0 / f) + 1)
     while True:

@@ -38,6 +38,7 @@ _LAG_HARMONICS = 12  # of the radius, for the search of a lag: enough for its sh
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
 MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
+LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: at a larger standard deviation the problem is not linear within the interval
 NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
 NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
 _THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
@@ -212,6 +213,10 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
 def mean_loop(beats: Beats, site: str) -> Loop:
     """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError as :func:`fit`."""
     names = (f"{site}.P", f"{site}.R")
+    beats.require(names)
+    gaps = np.logical_or(*(np.isnan(beats.values[name]) for name in names))
+    if gaps.any() and not gaps.all(axis=0).any():  # what varies from beat to beat must be in both means, or in neither
+        beats = replace(beats, values={name: np.where(gaps, np.nan, beats.values[name]) for name in names})
     P, R = (beats.mean(name) for name in names)
     noise = beats.covariance(names)
     N = min(beats.N, _MOST_SAMPLES)
@@ -351,7 +356,7 @@ def _result(
 
 
 def _with_warnings(fitted: WallFit, beats: Beats) -> WallFit:
-    found = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined)
+    found = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
     own = tuple(text for check in found if (text := check(fitted)))
     return replace(fitted, warnings=(*(f"{fitted.site}: {text}" for text in beats.warnings), *own))
 
@@ -427,3 +432,13 @@ def _noise_free(loop: Loop) -> bool:
 def _undetermined(fitted: WallFit) -> str:
     wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
     return f"{fitted.site}: the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
+
+
+def _loose(fitted: WallFit) -> str:
+    share = fitted.sd("phi0") / fitted.values["phi0"]
+    if "phiNL" not in fitted.model.free or share <= (LOOSE if np.isnan(fitted.lag[1]) else LOOSE_WITH_LAG):
+        return ""
+    return (
+        f"{fitted.site}: phi0 is known to {share:.0%} only, and the intervals of phi0 and phiNL are then too narrow; "
+        "record more beats, or fit the linear model without a lag."
+    )
