@@ -21,7 +21,7 @@ _MOST_SERIAL = 0.9
 _WHOLE = 1e-6  # samples that the beats may slip against the samples over the whole record and still be reshaped
 _JITTER = 1e-3  # probability of shifts as large as those found without any jitter, below which they are removed
 _TIMING = 48  # harmonics that tell the timing of a beat
-_UNSTEADY, _MOST_UNSTEADY = 0.02, 0.1  # of the period: shifts of beats that are warned about, and refused
+_UNSTEADY, _MOST_UNSTEADY = 0.05, 0.1  # of the period: beats longer or shorter are warned about, and refused
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _NAMED = 3  # odd beats
 _OTHER_PERIOD = 0.02  # by which a given period may differ from the one that is found
@@ -68,8 +68,11 @@ class Beats:
 
     @property
     def unsteadiness(self) -> float:
-        """The largest shift of a beat, in periods."""
-        return float(np.abs(self.shifts).max() / self.T)
+        """How far the interval between two beats is from the period at most, in periods.
+
+        Not the shift itself: that of independent intervals wanders ever further, and does no harm.
+        """
+        return float(np.abs(np.diff(self.shifts)).max() / self.T) if self.n_beats > 1 else 0.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -81,8 +84,8 @@ class Beats:
             )
         if self.unsteadiness > _UNSTEADY:
             found.append(
-                f"the heart rate was not steady: beats came up to {self.unsteadiness:.1%} of the period early or late; "
-                "intervals do not cover what that does to the shape of a beat."
+                f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
+                "less; intervals do not cover what that does to the shape of a beat."
             )
         for name, count in self.spikes.items():
             found.append(
@@ -272,8 +275,8 @@ def align(record: Record, period: float | None = None) -> Beats:
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes)
     if beats.unsteadiness > _MOST_UNSTEADY:
         raise ValueError(
-            f"{record.path}: the heart rate is not steady: beats come up to {beats.unsteadiness:.0%} of the period of "
-            f"{T:.4g} s early or late, and more than {_MOST_UNSTEADY:.0%} cannot be aligned; "
+            f"{record.path}: the heart rate is not steady: a beat lasts up to {beats.unsteadiness:.0%} of the period "
+            f"of {T:.4g} s more or less than the others, and more than {_MOST_UNSTEADY:.0%} cannot be aligned; "
             "use a stretch of the record with a steady rate."
         )
     return beats
