@@ -37,6 +37,7 @@ Progress = Callable[[str], None]
 
 _TRUSTED = 0.75  # of the Nyquist frequency
 _NUDGE = 0.01  # of the driving beat's pulsatile standard deviation: the second run's difference
+_LOUD, _WHITE = 5.0, 1.3  # z of one harmonic, whitened RMS of one channel: below them all, the record is met
 _SEED = 11  # phases of the nudge
 
 
@@ -64,11 +65,18 @@ class CheckReport:
 
     @property
     def title(self) -> str:
-        """One sentence: "worst channel CA.Q: 0.4 % of its norm, whitened 1.1"."""
+        """One sentence: whether FMU and record agree to the noise, the worst channel, and the worst harmonic."""
         worst = self.worst
         norm = "norm" if worst.name.endswith(".Q") else "pulsatile norm"
-        noise = "" if worst.whitened is None else f", whitened {worst.whitened:.1f}"
-        return f"worst channel {worst.name}: {100 * worst.relative:.2g} % of its {norm}{noise}"
+        said = f"worst channel {worst.name}: {_percent(worst.relative)} of its {norm}"
+        noisy = [channel for channel in self.channels if channel.worst_z is not None]
+        if not noisy:
+            return said
+        loudest = max(noisy, key=lambda channel: channel.worst_z or 0.0)
+        agrees = (loudest.worst_z or 0.0) < _LOUD and all((c.whitened or 0.0) < _WHITE for c in noisy)
+        verdict = "agrees to the noise" if agrees else "differs by more than the noise"
+        where = "mean" if loudest.worst_harmonic == 0 else f"harmonic {loudest.worst_harmonic}"
+        return f"{verdict}; {said}; furthest from the noise {loudest.name}, {where}: z = {loudest.worst_z:.1f}"
 
     def to_json(self) -> str:
         """Everything but the waveforms."""
@@ -103,6 +111,10 @@ class CheckReport:
             write_whole(folder / f"{name}.png", figure.png)
         write_whole(folder / "check.html", page(self, drawn))
         return folder / "check.html"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.0f} %" if part >= 0.1 else f"{100 * part:.2g} %"
 
 
 def check(

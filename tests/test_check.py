@@ -134,6 +134,7 @@ def test_wrong_wall_is_seen(fmu: Path, table1: ParameterSet, noisy: Record) -> N
     assert report.worst.name == "CA.R"
     assert report.worst.whitened is not None
     assert report.worst.whitened > 50.0
+    assert report.title.startswith("differs by more than the noise; worst channel CA.R: ")
     loops = {loop.site: loop for loop in report.loops}
     assert abs(loops["CA"].simulated) <= 1e-3 * loops["CA"].measured
     assert loops["AA"].simulated == pytest.approx(loops["AA"].measured, rel=0.05)
@@ -224,7 +225,7 @@ def test_bench_with_noise(tmp_path: Path, bench: Path) -> None:
     write_record(tmp_path / "loop.csv", np.arange(100 * BEATS) * T / 100, samples)
     report = check(bench_set(), bench, read_record(tmp_path / "loop.csv"))
     assert report.worst.whitened == pytest.approx(1.0, abs=0.25)
-    assert report.title.startswith("worst channel AA.R: 0.")
+    assert report.title.startswith("agrees to the noise; worst channel AA.R: 0.")
 
 
 def test_bench_network() -> None:
