@@ -95,7 +95,7 @@ def test_other_models_and_options(folder: Path) -> None:
     # a law that is far off with the R0 of another one, and a lag to hide it in
     done = run("fit", folder / "AA.csv", "--site", "AA", "--h", "0.38 mm", "--law", "beta", "--R0", "9.48 mm", "--lag")
     assert done.exit_code == 2
-    assert "beta law did not converge" in done.stderr
+    assert "phi0 and phiNL run away" in done.stderr
 
 
 def test_virtual_cohort_and_its_fit(tmp_path: Path) -> None:
