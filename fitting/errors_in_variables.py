@@ -145,8 +145,8 @@ def _check_bend(model: WallModel, values: Values, R_t: Array, iteration: int) ->
     bend = 2.0 * abs(r) * float(np.abs(R_t).max()) / values["R0"]
     if model.viscous == "monotone" and iteration >= 3 and not bend < _STEEPEST:
         raise NoFit(
-            f"phi0 and phiNL run away (phiNL/phi0 = {r:.3g} s): noise, a slow sensor, a time lag or another elastic law "
-            "hides them; fit the linear model, check law and timing, R0 if it was given, or record more beats."
+            f"phi0 and phiNL run away (phiNL/phi0 = {r:.3g} s): noise, a slow sensor, a time lag or another elastic "
+            "law hides them; fit the linear model, check law and timing, R0 if it was given, or record more beats."
         )
 
 
