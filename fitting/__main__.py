@@ -276,7 +276,7 @@ def _show_fit(
         lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
         which = "late" if lag > 0.0 else "early"
         _say([
-            f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without this lag, "
+            f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without the lag, "
             "but the record that a check reads still has it."
         ])  # fmt: skip
     _say(kept.warnings)

@@ -22,9 +22,9 @@ _WHOLE = 1e-6  # samples that the beats may slip against the samples over the wh
 _UNSTEADY, _MOST_UNSTEADY = 0.05, 0.1  # of the period: beats longer or shorter are warned about, and refused
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _NAMED = 3  # odd beats
-_OTHER_PERIOD = 0.02  # by which a given period may differ from the one that is found
+_SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
 _ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
-_TURN = 8  # harmonics above N/8: half a sample is an eighth of a turn and more
+_TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class Beats:
             )
         for name, count in self.spikes.items():
             found.append(
-                f"{name}: spikes left out ({count} of its samples), more than {FAR:g} robust standard deviations off "
-                "the other beats and their own neighbours."
+                f"spikes of {name} left out ({count} samples): more than {FAR:g} robust standard deviations off the "
+                "other beats, and alone among their neighbours."
             )
         return (*found, *self._odd_beats())
 
@@ -95,15 +95,18 @@ class Beats:
         """A sentence for each beat that is unlike the others: an artefact, an ectopic beat, a flushed catheter."""
         found: dict[int, str] = {}
         for name, beats in self.values.items():
-            deviations = beats - np.nanmedian(beats, axis=0)
+            measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
+            deviations = beats[measured] - np.nanmedian(beats, axis=0)
             deviations -= np.nanmean(deviations, axis=1, keepdims=True)
             size = np.sqrt(np.nanmean(deviations**2, axis=1))
-            usual = float(np.median(size))
-            for b in np.flatnonzero(size > max(_ODD * usual, _VISIBLE * np.ptp(self.mean(name)))):
+            usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
+            for i in np.flatnonzero(size > max(_ODD * usual, _VISIBLE * pulse)):
+                b = int(measured[i])
                 found.setdefault(
-                    int(b),
-                    f"beat {b + 1} (from {b * self.T:.4g} s on) is unlike the others in {name}: it deviates "
-                    f"{size[b] / usual:.0f} times as much; if it is an artefact, leave its samples empty.",
+                    b,
+                    f"beat {b + 1} ({b * self.T:.4g} s after the record's start) is unlike the others in {name}: it "
+                    f"deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
+                    "if it is an artefact, leave its samples empty.",
                 )
         return [found[b] for b in sorted(found)][:_NAMED]
 
@@ -284,7 +287,7 @@ def _given(period: float, record: Record) -> float:
     source, span = record.path, len(record.time) * record.dt
     if not (np.isfinite(period) and period > 0.0):
         raise ValueError(f"{source}: period = {period!r} s: must be a positive, finite number.")
-    if 2.0 * period > span * (1.0 + 1e-9) + 0.0:
+    if 2.0 * period > span * (1.0 + 1e-9):
         raise ValueError(
             f"{source}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
@@ -296,7 +299,7 @@ def _given(period: float, record: Record) -> float:
     except ValueError:  # too irregular or too short to tell: then the word of the user counts
         return float(period)
     beats = period / found
-    if abs(beats / max(1, round(beats)) - 1.0) > _OTHER_PERIOD:
+    if abs(beats / max(1, round(beats)) - 1.0) * span / period > _SLIP:
         raise ValueError(
             f"{source}: period = {period:.4g} s: the record repeats every {found:.4g} s; give that, or leave it out."
         )
@@ -342,8 +345,8 @@ def _without_slope(beats: Array) -> Array:
     """
     if len(beats) < 3:
         return beats
-    whole = not np.isnan(beats).any()
-    deviations = beats - (beats.mean(axis=0) if whole else np.nanmean(beats, axis=0))
-    levels = deviations.mean(axis=1) if whole else np.nanmean(deviations, axis=1)
+    measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
+    deviations = beats[measured] - np.nanmean(beats, axis=0)
+    levels = np.interp(np.arange(len(beats)), measured, np.nanmean(deviations, axis=1))  # also of a beat in a gap
     N = beats.shape[1]
     return np.asarray(beats - np.outer(np.gradient(levels), (np.arange(N) + 0.5) / N - 0.5))

@@ -161,7 +161,7 @@ def check(
         compare_loops(waveforms),
         _sources(parameters, described, beats),
         _run(described, beats, answer, K),
-        _warnings(parameters, described, record, compared, source, answer, starts),
+        (*beats.warnings, *_warnings(parameters, described, record, compared, source, answer, starts)),
         waveforms,
     )
 

@@ -147,9 +147,9 @@ class WallFit:
                 "model": self.model.name,
                 "free": list(self.model.free),
                 "beats": self.n_beats,
-                **({"lag_of_P": {"value": self.lag[0], "unit": "s"}} if self.lag[0] else {}),
-                "period": self.loop.T,
-                "gamma": self.filtered.gamma,
+                **({"lag_of_P": {"value": self.lag[0], "unit": "s", "sd": self.lag[1]}} if self.lag[0] else {}),
+                "period": {"value": self.loop.T, "unit": "s"},
+                "gamma": {"value": self.filtered.gamma, "unit": "m"},
                 "kept_harmonics": list(self.filtered.kept),
                 "r2": self.r2,
                 "chi2_per_dof": self.chi2 / self.dof,
@@ -213,14 +213,24 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
 def mean_loop(beats: Beats, site: str) -> Loop:
     """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError as :func:`fit`."""
     names = (f"{site}.P", f"{site}.R")
-    beats.require(names)
-    gaps = np.logical_or(*(np.isnan(beats.values[name]) for name in names))
-    if gaps.any() and not gaps.all(axis=0).any():  # what varies from beat to beat must be in both means, or in neither
-        beats = replace(beats, values={name: np.where(gaps, np.nan, beats.values[name]) for name in names})
+    beats = _paired(beats, site)
     P, R = (beats.mean(name) for name in names)
     noise = beats.covariance(names)
     N = min(beats.N, _MOST_SAMPLES)
     return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
+
+
+def _paired(beats: Beats, site: str) -> Beats:
+    """A gap of P is a gap of R and the other way round, unless that leaves a phase without any sample.
+
+    What varies from beat to beat must be in the mean of both, or in neither.
+    """
+    P, R = beats.site(site)
+    gaps = np.isnan(P) | np.isnan(R)
+    if not gaps.any() or gaps.all(axis=0).any():
+        return beats
+    paired = {name: np.where(gaps, np.nan, x) for name, x in ((f"{site}.P", P), (f"{site}.R", R))}
+    return replace(beats, values=paired)
 
 
 @single_threaded
@@ -233,13 +243,14 @@ def bootstrap(
     Percentile intervals, for ``model.free``, widened by √(n/(n - 1)) as n drawn beats scatter less than n measured.
     """
     rng = np.random.default_rng(seed)
-    beats, lag = without_lag(beats, fitted), 0.0 if np.isfinite(fitted.lag[1]) else None
+    beats, lag = _paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
     names = (f"{fitted.site}.P", f"{fitted.site}.R")
+    whole = {name: beats.mean(name) for name in names}
     means = np.empty((replicates, len(fitted.model.free)))
     n = beats.n_beats
     for i in range(replicates):
-        drawn = beats.select(rng.integers(0, n, n))
-        P, R = (spectral.resample(drawn.mean(name), fitted.loop.N) for name in names)
+        drawn = rng.integers(0, n, n)
+        P, R = (spectral.resample(_mean(beats.values[name][drawn], whole[name]), fitted.loop.N) for name in names)
         loop = replace(fitted.loop, P=P, R=R)
         values = solve(loop, fitted.model, fitted.values, lag=lag, steps=3).values
         means[i] = [values[name] for name in fitted.model.free]
@@ -249,6 +260,13 @@ def bootstrap(
     wide = centre + (means - centre) * np.sqrt(n / (n - 1))
     low, high = np.quantile(wide, [0.025, 0.975], axis=0)
     return {name: (float(low[i]), float(high[i])) for i, name in enumerate(fitted.model.free)}
+
+
+def _mean(beats: Array, instead: Array) -> Array:
+    """The mean of drawn beats, and another one at phases where all that were drawn have a gap."""
+    there = ~np.isnan(beats)
+    counts = there.sum(axis=0)
+    return np.where(counts > 0, np.where(there, beats, 0.0).sum(axis=0) / np.maximum(counts, 1), instead)
 
 
 # --- start and result ---------------------------------------------------------------------------------------------
@@ -394,6 +412,8 @@ def _collinear(fitted: WallFit) -> str:
 
 
 def _noise_of_R(fitted: WallFit) -> str:
+    if _misfit(fitted):  # then ordinary least squares differs for another reason
+        return ""
     worst = max(
         fitted.model.free,
         key=lambda name: abs(fitted.ignored_noise[name] - fitted.values[name]) / (fitted.sd(name) or np.inf),
@@ -420,7 +440,8 @@ def _misfit(fitted: WallFit) -> str:
         return ""
     return (
         f"{fitted.site}: the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
-        f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error."
+        f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
+        + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
     )
 
 
@@ -440,5 +461,9 @@ def _loose(fitted: WallFit) -> str:
         return ""
     return (
         f"{fitted.site}: phi0 is known to {share:.0%} only, and the intervals of phi0 and phiNL are then too narrow; "
-        "record more beats, or fit the linear model without a lag."
+        + (
+            "record more beats, or fit the linear model."
+            if np.isnan(fitted.lag[1])
+            else "record more beats, or fit no lag."
+        )
     )

@@ -36,8 +36,9 @@ def without_spikes(values: Array, f: float, N: int, n_beats: int) -> tuple[Array
     if not suspect.any():
         return values, 0
     flat = np.nan_to_num(off.ravel())
-    alone = np.abs(flat - medfilt(np.pad(flat, 2, "edge"), 5)[2:-2]).reshape(off.shape) > far
-    spikes = np.unique(nearest[(suspect & alone).ravel()])
+    alone = np.abs(flat - medfilt(np.pad(flat, 2, "edge"), 5)[2:-2]).reshape(off.shape)
+    # most of it by itself: the samples of a smooth artefact have neighbours like them
+    spikes = np.unique(nearest[(suspect & (alone > far) & (alone > 0.5 * np.abs(np.nan_to_num(off)))).ravel()])
     if not len(spikes):
         return values, 0
     cleaned = values.copy()

@@ -32,6 +32,8 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
         if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
     table.add_row("φ0/E, ms", *(f"{1e3 * f.relaxation_time[0]:.4g}" for f in fits))
+    if any(f.lag[0] for f in fits):
+        table.add_row("lag of P, ms", *(f"{1e3 * f.lag[0]:.3g} ± {2e3 * f.lag[1]:.2g}" for f in fits))
     table.add_row("R²", *(f"{f.r2:.6f}" for f in fits))
     table.add_row("χ²/dof", *(f"{f.chi2 / f.dof:.3g}" for f in fits))
     table.add_row("condition number", *(f"{f.condition:.0f}" for f in fits))

@@ -142,7 +142,7 @@ def evaluate(model: WallModel, values: Values, R: Array, R_t: Array) -> Evaluate
 
 
 def relative_viscosity(model: WallModel, values: Values, R_t: Array) -> Array:
-    """dσ_v/dε̇ / φ0 along a loop: where it is not positive, no wall follows the law (notes on the paper, slip 3)."""
+    """dσ_v/dε̇ / φ0 along a loop: where it is not positive, no wall follows the law: the equation runs backward."""
     return model.viscous_law.slope(values["phiNL"] / values["phi0"] * R_t / values["R0"])
 
 

@@ -5,8 +5,8 @@ The wall is written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 
 
     P = P_ref + P_el(ε) + K_h/s σ_v(ε̇),    K_h = h/((1 - η²) R0)
 
-Two elastic laws (notes on the paper, slip 2) and three viscous stresses exist, each a small frozen object in a
-table by name. Pressure, derivative and integral of a law are tied together by tests.
+Two elastic laws (the paper's fit and its network differ by R0/R) and three viscous stresses exist, each a small frozen
+object in a table by name. Pressure, derivative and integral of a law are tied together by tests.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ def test_no_wall_carries_more_than_the_highest_pressure(name: str, e: float, hig
 
 
 def test_laws_differ_by_the_stretch() -> None:
-    """P_β = (R/R0) P_regression at every stretch (notes on the paper, slip 2), to round-off (3e-16)."""
+    """P_β = (R/R0) P_regression at every stretch (the paper's two laws), to round-off (3e-16)."""
     for e in (0.0, 0.3):
         beta, regression = (law.pressure(STRETCH, K, np.array(e)) for law in ELASTIC_LAWS.values())
         np.testing.assert_allclose(beta, STRETCH * regression, rtol=4e-16)
@@ -252,7 +252,7 @@ def test_wall_is_the_constitutive_law_of_the_paper(r: float) -> None:
 def test_wall_is_the_regression_law_of_the_paper() -> None:
     """P = Eh/(1-η²) (1/R0 - 1/R) + φ0 h/((1-η²)R0) R'/R + φ_NL h/((1-η²)R0²) R'²/R (`sheep_pressure_radius`), 2e-15 K.
 
-    The last coefficient carries the 1/R0² that the paper's vector C misses (notes on the paper, slip 1).
+    The last coefficient carries the 1/R0² that the paper's printed vector C misses.
     """
     r = -0.915
     R, R_t = R0 * STRETCH, R0 * np.linspace(-0.3, 0.5, len(STRETCH))
