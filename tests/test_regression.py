@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from fitting import regression
 from fitting.beats import Beats, align
+from fitting.doubts import COLLINEAR
 from fitting.errors_in_variables import Loop, NoFit, solve
 from fitting.records import Record
 from fitting.regression import WallFit, bootstrap, fit, without_lag
@@ -412,7 +412,7 @@ def test_collinear_columns_are_reported() -> None:
     """With a pulse of 100 Pa the loop has no curvature: E, R0 and E_NL cannot be told apart."""
     wall = table_wall("CA")
     fitted = fit(recording(wall, 60.0, pulse=100.0), "S", wall.h, "extended")
-    assert fitted.condition > regression.COLLINEAR
+    assert fitted.condition > COLLINEAR
     assert any("nearly collinear" in text for text in fitted.warnings)
 
 

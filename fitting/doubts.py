@@ -1,0 +1,118 @@
+"""What to know before trusting the fit of a wall: one sentence each, and the thresholds behind them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from .errors_in_variables import Loop
+from .wall_model import relative_viscosity
+
+if TYPE_CHECKING:
+    from .regression import WallFit
+
+COLLINEAR = 300.0  # condition number of the columns above which the fit warns
+USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
+MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
+MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
+LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: at a larger standard deviation the problem is not linear within the interval
+NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
+NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
+
+
+def doubts(fitted: WallFit) -> tuple[str, ...]:
+    """The sentences that apply to a fit, each starting with its site."""
+    checks = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
+    return tuple(text for check in checks if (text := check(fitted)))
+
+
+def _unusual(fitted: WallFit) -> str:
+    E, (low, high) = fitted.values["E"], USUAL_E
+    if low <= E <= high:
+        return ""
+    return (
+        f"{fitted.site}: E = {E:.3g} Pa is not that of an artery ({low:g} to {high:g} Pa); "
+        "check the units of P, R and h."
+    )
+
+
+def _viscosity(fitted: WallFit) -> str:
+    R_t = fitted.solution.R_t
+    lowest = float(np.min(relative_viscosity(fitted.model, fitted.values, R_t)))
+    if lowest > NEAR_THE_TURN or fitted.model.viscous == "monotone":
+        return ""
+    rate = float(np.max(np.abs(R_t)) / fitted.values["R0"])
+    limit = abs(fitted.values["phi0"] / (2.0 * fitted.values["phiNL"]))
+    return (
+        f"{fitted.site}: the loop {'leaves' if lowest <= 0.0 else 'nearly leaves'} the range of the quadratic phiNL: "
+        f"strain rates reach {rate:.2g} /s and its viscosity turns negative at {limit:.2g} /s; fit the monotone model."
+    )
+
+
+def _collinear(fitted: WallFit) -> str:
+    if fitted.condition <= COLLINEAR:
+        return ""
+    return (
+        f"{fitted.site}: the columns are nearly collinear (condition number {fitted.condition:.0f}, warned above "
+        f"{COLLINEAR:g}): the parameters are determined together better than one by one; give R0 or leave one out."
+    )
+
+
+def _noise_of_R(fitted: WallFit) -> str:
+    if _misfit(fitted):  # then ordinary least squares differs for another reason
+        return ""
+    worst = max(
+        fitted.model.free,
+        key=lambda name: abs(fitted.ignored_noise[name] - fitted.values[name]) / (fitted.sd(name) or np.inf),
+    )
+    shift = fitted.ignored_noise[worst] - fitted.values[worst]
+    if abs(shift) <= max(float(norm.ppf(0.975)) * fitted.sd(worst), NOISE_BIAS * abs(fitted.values[worst])):
+        return ""
+    return (
+        f"{fitted.site}: the noise of R biases ordinary least squares by more than the interval ({worst} by "
+        f"{shift / fitted.values[worst]:+.1%}); the values given are corrected for it."
+    )
+
+
+def _misfit(fitted: WallFit) -> str:
+    if _noise_free(fitted.loop):  # rounding is no measure of a misfit
+        missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
+        return (
+            f"{fitted.site}: the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
+            "the intervals do not cover that."
+            if missed > MISSED
+            else ""
+        )
+    if chi2.sf(fitted.chi2, fitted.dof) >= MISFIT:
+        return ""
+    return (
+        f"{fitted.site}: the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
+        f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
+        + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
+    )
+
+
+def _noise_free(loop: Loop) -> bool:
+    """Whether the beats are the same to rounding."""
+    return bool(loop.noise[1:, 0, 0].mean() < 1e3 * loop.floor[0] and loop.noise[1:, 1, 1].mean() < 1e3 * loop.floor[1])
+
+
+def _undetermined(fitted: WallFit) -> str:
+    wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
+    return f"{fitted.site}: the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
+
+
+def _loose(fitted: WallFit) -> str:
+    share = fitted.sd("phi0") / fitted.values["phi0"]
+    if "phiNL" not in fitted.model.free or share <= (LOOSE if np.isnan(fitted.lag[1]) else LOOSE_WITH_LAG):
+        return ""
+    return (
+        f"{fitted.site}: phi0 is known to {share:.0%} only, and the intervals of phi0 and phiNL are then too narrow; "
+        + (
+            "record more beats, or fit the linear model."
+            if np.isnan(fitted.lag[1])
+            else "record more beats, or fit no lag."
+        )
+    )
