@@ -1,0 +1,213 @@
+"""What a discrepancy study found: plain frozen data, handed from the workflow to verdict.json and to the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver.network import Network
+
+Array = np.ndarray
+
+VERDICTS = ("none", "effect", "ambiguous", "several", "unknown", "unusable")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value with unit and 95 % interval, all in SI."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect of the catalogue at a place. ``parameters`` by FMU variable, or ``all.<key>`` where it acts everywhere.
+
+    equation : the term that was added. confidence : probability that the name is right, 0 … 1.
+    """
+
+    name: str
+    where: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    confidence: float
+    equation: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis that was refitted.
+
+    delta_bic : BIC over that of the best (0 for the best). chi2_per_dof : of the fitted beats. held_out : whitened RMS
+    on the held-out beats. separation : d' by which the data tell it from the best. in_class : cannot be ruled out.
+    """
+
+    name: str
+    where: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    delta_bic: float
+    chi2_per_dof: float
+    held_out: float
+    separation: float
+    in_class: bool
+
+
+@dataclass(frozen=True)
+class Located:
+    """One entry of the z map: a channel's harmonic that disagrees. ``phase`` of the residual in degrees."""
+
+    site: str
+    signal: str
+    harmonic: int
+    z: float
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Residual of one equation over one part of the network, from measured channels alone, in noise units."""
+
+    equation: str  # "mass", "momentum", "wall law"
+    where: str
+    z: float
+
+
+@dataclass(frozen=True)
+class Absorbed:
+    """A nuisance that was refitted: its shift x in units of ``unit``, its prior and posterior standard deviations."""
+
+    name: str
+    x: float
+    sd: float
+    prior_sd: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Mean beats of one channel : (N,) [SI] at the times of the study; ``band`` one standard deviation of the mean.
+
+    after : None where nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats.
+    """
+
+    name: str
+    unit: str
+    measured: Array
+    band: Array
+    before: Array
+    after: Array | None
+    gap_before: tuple[float, float]
+    gap_after: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Isolability:
+    """What a sensor set can tell apart, before any data.
+
+    labels : "effect at place". separation : (n, n) d' of two effects of typical size after the best refit of the
+    other (0 on the diagonal). visibility : (n,) d' of each after the nuisance refit. invisible : names of effects.
+    classes : groups of labels that cannot be told apart.
+    """
+
+    labels: tuple[str, ...]
+    separation: Array
+    visibility: Array
+    invisible: tuple[str, ...]
+    classes: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Round:
+    """One turn of find, name, add, show: the effect that was added and the gap (fit, held-out) before and after."""
+
+    added: NamedEffect | None
+    before: tuple[float, float]
+    after: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything that verdict.json and report.html say.
+
+    time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
+    ``channels``. candidates : best first. smallest : smallest detectable size per "effect at place", with its unit,
+    where the verdict is ``none``. gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted,
+    held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from the direct solver,
+    of a channel's pulse.
+    """
+
+    verdict: str
+    sentence: str
+    record: str
+    model: str
+    kind: str
+    effects: tuple[NamedEffect, ...] = ()
+    members: tuple[tuple[str, tuple[str, ...]], ...] = ()  # the class: name and place
+    reason: str | None = None
+    separating_measurement: str | None = None
+    located: tuple[Located, ...] = ()
+    balances: tuple[Balance, ...] = ()
+    channels: tuple[Channel, ...] = ()
+    time: Array = field(default_factory=lambda: np.zeros(0))
+    z_map: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    candidates: tuple[Candidate, ...] = ()
+    absorbed: tuple[Absorbed, ...] = ()
+    isolability: Isolability | None = None
+    smallest: Mapping[str, Estimate] = field(default_factory=dict)
+    rounds: tuple[Round, ...] = ()
+    gap_before: tuple[float, float] | None = None
+    gap_after: tuple[float, float] | None = None
+    parity: float | None = None
+    network_before: Network | None = None
+    network_after: Network | None = None
+    warnings: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def invisible(self) -> tuple[str, ...]:
+        """Effects that these sensors cannot see."""
+        return self.isolability.invisible if self.isolability else ()
+
+
+def verdict_json(outcome: Outcome) -> dict[str, Any]:
+    """The plain content of verdict.json."""
+
+    def estimate(e: Estimate) -> dict[str, Any]:
+        return {"value": e.value, "unit": e.unit, "ci95": list(e.ci95)}
+
+    def effect(e: NamedEffect) -> dict[str, Any]:
+        parameters = {name: estimate(p) for name, p in e.parameters.items()}
+        return {"name": e.name, "where": list(e.where), "parameters": parameters, "confidence": e.confidence}
+
+    def gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
+        return None if pair is None else {"fit": pair[0], "held_out": pair[1]}
+
+    channels = {
+        c.name: {"before": c.gap_before[1], "after": None if c.gap_after is None else c.gap_after[1]}
+        for c in outcome.channels
+    }
+    return {
+        "verdict": outcome.verdict,
+        "effects": [effect(e) for e in outcome.effects],
+        "class": [{"name": name, "where": list(where)} for name, where in outcome.members],
+        "located": [
+            {"site": at.site, "signal": at.signal, "harmonic": at.harmonic, "z": at.z} for at in outcome.located
+        ],
+        "gap": {"before": gap(outcome.gap_before), "after": gap(outcome.gap_after), "channels": channels},
+        "separating_measurement": outcome.separating_measurement,
+        "invisible": list(outcome.invisible),
+        "reason": outcome.reason,
+        "seconds": round(outcome.seconds, 1),
+        "sentence": outcome.sentence,
+        "smallest_detectable": {name: estimate(e) for name, e in outcome.smallest.items()},
+        "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
+        "warnings": list(outcome.warnings),
+        "record": outcome.record,
+        "model": outcome.model,
+        "provenance": dict(outcome.provenance),
+    }
