@@ -1,121 +1,15 @@
-"""The network drawn: laid out from left to right, as SVG and as PNG. Not part of the FMU's code."""
+"""The network drawn as SVG and as PNG. Not part of the FMU's code."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from html import escape
-from itertools import count
 
-import numpy as np
-
-from solver.mesh import topology
-from solver.network import Network, Outlet, Pressure, Reflection, Resistance, Segment, Windkessel
-
-Array = np.ndarray
+from solver.layout import BEND, Lane, lanes
+from solver.network import Network, Outlet, Pressure, Reflection, Resistance, Windkessel
 
 ARTERY, OUTLET, TEXT, FAINT = "#b3363b", "#27496d", "#1d1f22", "#6b7078"
-_BEND = 0.45  # columns over which a segment leaves its junction for its own lane
 _OUTLET_LABELS = {Windkessel: "RCR", Resistance: "R", Pressure: "P"}
-
-
-@dataclass(frozen=True)
-class Lane:
-    """Where a segment is drawn: from column ``x0`` to ``x1`` at height ``y``, joined to its ends at ``y0``, ``y1``."""
-
-    segment: Segment
-    outlet: Outlet | None
-    x0: float
-    x1: float
-    y: float
-    y0: float
-    y1: float
-    relative_radius: float  # of the widest segment
-
-    def height(self, part: Array | float) -> Array:
-        """Height at ``part`` of the way from x0 to x1: smooth bends at the ends, level between them."""
-        x = np.asarray(part, float) * abs(self.x1 - self.x0)
-
-        def smooth(u: Array) -> Array:
-            u = np.clip(u, 0.0, 1.0)
-            return u * u * (3.0 - 2.0 * u)
-
-        left = smooth(x / _BEND)
-        right = smooth((x - abs(self.x1 - self.x0)) / _BEND + 1.0)
-        return self.y + (self.y0 - self.y) * (1.0 - left) + (self.y1 - self.y) * right
-
-    @property
-    def middle(self) -> float:
-        """Column of the middle of the level part."""
-        bend = _BEND if self.x1 > self.x0 else -_BEND
-        return 0.5 * (self.x0 + bend * (self.y0 != self.y) + self.x1 - bend * (self.y1 != self.y))
-
-    @cached_property
-    def path(self) -> Array:
-        """(n, 2) points of the drawn line."""
-        part = np.linspace(0.0, 1.0, 33)
-        return np.column_stack([self.x0 + part * (self.x1 - self.x0), self.height(part)])
-
-    def at(self, part: float) -> tuple[float, float]:
-        return self.x0 + part * (self.x1 - self.x0), float(self.height(part))
-
-
-def lanes(network: Network) -> list[Lane]:
-    """Lay a network out from left to right: columns by the longest way from the inlet, one lane per free end."""
-    nodes = topology(network)
-    start, end = nodes.start.tolist(), nodes.end.tolist()
-    leaving: dict[int, list[int]] = {}
-    for i, node in enumerate(start):
-        leaving.setdefault(node, []).append(i)
-
-    # walk the tree depth first, with a stack of its own: (segment that led here, segments still to follow, node)
-    y: dict[int, float] = {}
-    lane = count()
-    left: dict[int, None] = {}  # nodes in the order in which the walk left them: the reverse is downstream order
-    entered, onward, backward = {0}, set[int](), set[int]()  # onward: first to reach its end; backward: closes a circle
-    stack: list[tuple[int | None, Iterator[int], int]] = [(None, iter(leaving[0]), 0)]
-    while stack:
-        via, following, node = stack[-1]
-        i = next(following, -1)
-        if i < 0:
-            stack.pop()
-            left[node] = None
-            if via is not None:
-                after = leaving.get(node, [])
-                beside = [y[j] for j in after if j in onward] or [y[j] for j in after]
-                y[via] = float(np.mean(beside)) if beside else float(next(lane))
-        elif end[i] in entered:
-            y[i] = float(next(lane))
-            if end[i] not in left:
-                backward.add(i)
-        else:
-            entered.add(end[i])
-            onward.add(i)
-            stack.append((i, iter(leaving.get(end[i], [])), end[i]))
-    column = dict.fromkeys(left, 0)
-    for node in reversed(list(left)):
-        for i in leaving.get(node, []):
-            if i not in backward:
-                column[end[i]] = max(column[end[i]], column[node] + 1)
-    arriving = {node: [y[i] for i in y if end[i] == node and i not in backward] for node in left}
-    height = {node: float(np.mean(at)) if at else y[leaving[0][0]] for node, at in arriving.items()}
-    outlets = {outlet.segment: outlet for outlet in network.outlets}
-    widest = max(segment.R0 for segment in network.segments)
-    return [
-        Lane(
-            segment,
-            outlets.get(segment.name),
-            column[start[i]],
-            column[end[i]],
-            y[i],
-            height[start[i]],
-            height[end[i]],
-            segment.R0 / widest,
-        )
-        for i, segment in enumerate(network.segments)
-    ]
 
 
 def _outlet_label(outlet: Outlet) -> str:
@@ -196,7 +90,7 @@ def model_png(network: Network) -> bytes:
     columns, rows = max(max(lane.x0, lane.x1) for lane in drawn), max(lane.y for lane in drawn)
     longest = max(len(s.name) for s in network.segments)
     # points: what fits the level part of a lane (72 points an inch, letters 0.6 wide) and its height
-    level = 1.0 - _BEND if rows else 1.0
+    level = 1.0 - BEND if rows else 1.0
     size = min(9.0, 3.4 * 72 / (columns + 0.6) * level / (0.6 * longest), 2.3 * 72 / (rows + 1.0) / 2.4)
     widest = min(7.0, 1.2 * 72 / (rows + 1.0))
     with matplotlib.rc_context(dict(matplotlib.rcParamsDefault)):
