@@ -2,46 +2,20 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from .agreement import Channel, LoopArea
 from .check import CheckReport
-from .style import BLACK, SKY, STYLE, VERMILION, png
+from .panels import BAND, DASHED, MEASURED, SIMULATED, Drawing, by_place, drawing, legend, shown
+from .style import STYLE
 from .units import DISPLAY, READ
-
-Array = np.ndarray
-
-MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
-_COLUMNS = 3
-_MOST_POINTS = 1000  # of a curve on the page
-_DASHED = (0, (4, 2))
-_PIXELS = 100  # an inch of figure on the page; the image itself has twice as many
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """One figure as PNG, its width on the page [pixels], and what it shows."""
-
-    png: bytes
-    width: int
-    caption: str
-
-    @property
-    def source(self) -> str:
-        """The PNG as the address of an image."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
 
 def figures(report: CheckReport) -> dict[str, Drawing]:
@@ -126,36 +100,36 @@ def _signed(value: float) -> str:
 def _waveforms(report: CheckReport) -> Drawing:
     """What drove the FMU, then every channel: measured mean, ± 2 standard deviations between beats, FMU."""
     names = [report.driver, *(channel.name for channel in report.channels)]
-    figure, panels = _by_place(names)
+    figure, panels = by_place(names)
     for name, panel in panels.items():
         waveform = report.waveforms[name]
-        measured, simulated, scatter = _shown(name, waveform.measured, waveform.simulated, waveform.scatter)
+        measured, simulated, scatter = shown(name, waveform.measured, waveform.simulated, waveform.scatter)
         time = np.linspace(0.0, report.T, len(measured))
         panel.fill_between(time, measured - 2 * scatter, measured + 2 * scatter, color=BAND, alpha=0.45, linewidth=0)
         panel.plot(time, measured, color=MEASURED)
         if name == report.driver:
             panel.set_title(f"{name} (drives the FMU)", loc="left")
         else:
-            panel.plot(time, simulated, color=SIMULATED, linestyle=_DASHED)
+            panel.plot(time, simulated, color=SIMULATED, linestyle=DASHED)
         panel.margins(x=0)
-    _legend(figure, ("measured", MEASURED, "-"), ("FMU", SIMULATED, _DASHED), band="± 2 sd between beats")
-    return _drawing(figure, "Mean beats. The band is ± 2 standard deviations between the measured beats.")
+    legend(figure, ("measured", MEASURED, "-"), ("FMU", SIMULATED, DASHED), band="± 2 sd between beats")
+    return drawing(figure, "Mean beats. The band is ± 2 standard deviations between the measured beats.")
 
 
 def _residuals(report: CheckReport) -> Drawing:
     """FMU less measured mean beat, and ± 2 standard deviations of that mean."""
-    figure, panels = _by_place([channel.name for channel in report.channels])
+    figure, panels = by_place([channel.name for channel in report.channels])
     beats = float(report.run["beats_measured"])
     for name, panel in panels.items():
         waveform = report.waveforms[name]
-        residual, scatter = _shown(name, waveform.simulated - waveform.measured, waveform.scatter / np.sqrt(beats))
+        residual, scatter = shown(name, waveform.simulated - waveform.measured, waveform.scatter / np.sqrt(beats))
         time = np.linspace(0.0, report.T, len(residual))
         panel.fill_between(time, -2 * scatter, 2 * scatter, color=BAND, alpha=0.45, linewidth=0)
         panel.axhline(0.0, color=MEASURED, linewidth=0.6)
         panel.plot(time, residual, color=SIMULATED, linewidth=0.9)
         panel.margins(x=0)
-    _legend(figure, ("FMU less measured", SIMULATED, "-"), band="± 2 sd of the measured mean")
-    return _drawing(
+    legend(figure, ("FMU less measured", SIMULATED, "-"), band="± 2 sd of the measured mean")
+    return drawing(
         figure,
         f"FMU less measured mean beat. The band is ± 2 standard deviations of the measured mean by the channel's own "
         f"noise; that of {report.driver} comes on top.",
@@ -170,52 +144,12 @@ def _loops(report: CheckReport) -> Drawing:
     for i, loop in enumerate(report.loops):
         panel = figure.add_subplot(rows, min(columns, len(report.loops)), i + 1)
         P, R = report.waveforms[f"{loop.site}.P"], report.waveforms[f"{loop.site}.R"]
-        p_measured, p_simulated = _shown("P", P.measured, P.simulated)
-        r_measured, r_simulated = _shown("R", R.measured, R.simulated)
+        p_measured, p_simulated = shown("P", P.measured, P.simulated)
+        r_measured, r_simulated = shown("R", R.measured, R.simulated)
         panel.plot(r_measured, p_measured, color=MEASURED)
-        panel.plot(r_simulated, p_simulated, color=SIMULATED, linestyle=_DASHED)
+        panel.plot(r_simulated, p_simulated, color=SIMULATED, linestyle=DASHED)
         panel.set_title(loop.site, loc="left")
         panel.set_xlabel("radius [mm]")
         panel.set_ylabel("pressure [mmHg]")
-    _legend(figure, ("measured", MEASURED, "-"), ("FMU", SIMULATED, _DASHED))
-    return _drawing(figure, "Pressure against radius, mean beats.")
-
-
-def _shown(name: str, *beats: Array) -> tuple[Array, ...]:
-    """Beats in the unit that people read, closed (the first sample ends the beat too) and thinned out for the page."""
-    step = max(1, len(beats[0]) // _MOST_POINTS)
-    return tuple(np.append(beat[::step], beat[0]) * DISPLAY[name[-1]][1] for beat in beats)
-
-
-def _by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
-    """A panel for each channel; where places have several, each place begins a row."""
-    places = [name.rpartition(".")[0] for name in names]
-    several = len(set(places)) < len(places)
-    cells: dict[str, tuple[int, int]] = {}
-    row, column = 0, -1
-    for i, name in enumerate(names):
-        column += 1
-        if column == _COLUMNS or (several and i and places[i] != places[i - 1]):
-            row, column = row + 1, 0
-        cells[name] = (row, column)
-    columns = 1 + max(column for _, column in cells.values())
-    figure = Figure(figsize=(3.6 * max(2, columns), 1.9 * (row + 1) + 0.4), layout="constrained")
-    grid = figure.add_gridspec(row + 1, columns)
-    panels = {name: figure.add_subplot(grid[cell]) for name, cell in cells.items()}
-    for name, panel in panels.items():
-        panel.set_title(name, loc="left")
-        panel.set_ylabel(DISPLAY[name[-1]][0])
-        if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
-            panel.set_xlabel("time [s]")
-    return figure, panels
-
-
-def _legend(figure: Figure, *curves: tuple[str, str, Any], band: str = "") -> None:
-    handles: list[Any] = [Line2D([], [], color=color, linestyle=style, label=text) for text, color, style in curves]
-    if band:
-        handles.append(Patch(color=BAND, alpha=0.45, linewidth=0, label=band))
-    figure.legend(handles=handles, loc="outside upper right", ncols=3)
-
-
-def _drawing(figure: Figure, caption: str) -> Drawing:
-    return Drawing(png(figure, 2 * _PIXELS), round(figure.get_figwidth() * _PIXELS), caption)
+    legend(figure, ("measured", MEASURED, "-"), ("FMU", SIMULATED, DASHED))
+    return drawing(figure, "Pressure against radius, mean beats.")

@@ -1,0 +1,81 @@
+"""Figures of many channels: a panel for each, a legend, and the picture that goes on a page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from .style import BLACK, SKY, VERMILION, png
+from .units import DISPLAY
+
+Array = np.ndarray
+
+MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
+DASHED = (0, (4, 2))
+_COLUMNS = 3
+_MOST_POINTS = 1000  # of a curve on the page
+_PIXELS = 100  # an inch of figure on the page; the image itself has twice as many
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure as PNG, its width on the page [pixels], and what it shows."""
+
+    png: bytes
+    width: int
+    caption: str
+
+    @property
+    def source(self) -> str:
+        """The PNG as the address of an image."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+
+
+def shown(name: str, *beats: Array) -> tuple[Array, ...]:
+    """Beats in the unit that people read, closed (the first sample ends the beat too) and thinned out for the page."""
+    step = max(1, len(beats[0]) // _MOST_POINTS)
+    return tuple(np.append(beat[::step], beat[0]) * DISPLAY[name[-1]][1] for beat in beats)
+
+
+def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
+    """A panel for each channel; where places have several, each place begins a row."""
+    places = [name.rpartition(".")[0] for name in names]
+    several = len(set(places)) < len(places)
+    cells: dict[str, tuple[int, int]] = {}
+    row, column = 0, -1
+    for i, name in enumerate(names):
+        column += 1
+        if column == _COLUMNS or (several and i and places[i] != places[i - 1]):
+            row, column = row + 1, 0
+        cells[name] = (row, column)
+    columns = 1 + max(column for _, column in cells.values())
+    figure = Figure(figsize=(3.6 * max(2, columns), 1.9 * (row + 1) + 0.4), layout="constrained")
+    grid = figure.add_gridspec(row + 1, columns)
+    panels = {name: figure.add_subplot(grid[cell]) for name, cell in cells.items()}
+    for name, panel in panels.items():
+        panel.set_title(name, loc="left")
+        panel.set_ylabel(DISPLAY[name[-1]][0])
+        if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
+            panel.set_xlabel("time [s]")
+    return figure, panels
+
+
+def legend(figure: Figure, *curves: tuple[str, str, Any], band: str = "") -> None:
+    """A legend above the panels of the curves (text, colour, line style) and, if it has a text, of the band."""
+    handles: list[Any] = [Line2D([], [], color=color, linestyle=style, label=text) for text, color, style in curves]
+    if band:
+        handles.append(Patch(color=BAND, alpha=0.45, linewidth=0, label=band))
+    figure.legend(handles=handles, loc="outside upper right", ncols=4)
+
+
+def drawing(figure: Figure, caption: str) -> Drawing:
+    """The figure as it stands on the page."""
+    return Drawing(png(figure, 2 * _PIXELS), round(figure.get_figwidth() * _PIXELS), caption)
