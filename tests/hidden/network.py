@@ -191,7 +191,7 @@ class Balance:
         states: list[Array] = []
         steps: list[Array] = []
         correction = np.inf
-        for sweep in range(1, sweeps + 1):
+        for _ in range(sweeps):
             step = linear.correction(*self.residual(unknown, inflow))
             correction = float(np.abs(step).max() / np.abs(unknown[1:]).max(initial=1e-12))
             if not np.isfinite(correction):
@@ -201,7 +201,7 @@ class Balance:
             unknown = _combine(states[-_DEPTH:], steps[-_DEPTH:])
             if correction <= tolerance:
                 break
-        return unknown, sweep, correction
+        return unknown, len(steps), correction
 
     def channels(self, unknown: Array) -> dict[str, Array]:
         """Coefficients (K + 1,) of P, Q, R at every place, and of the inlet's P and Q."""

@@ -102,7 +102,7 @@ class Walls:
         return 1.0 - 2.0 * c / (b + np.sqrt(b * b - 4.0 * self.K * self.e * c))
 
     def speed_integral(self, s: Array, rho: float) -> Array:
-        """∫ c/A dA from A0 [m/s]: with A = A0 s², c = √(s P_el'/(2ρ)), it is ∫₁ˢ √(2 P_el'/(ρ s)) ds (16 Gauss points)."""
+        """w = ∫ c/A dA from A0 = ∫₁ˢ √(2 P_el'/(ρ s)) ds [m/s], as c = √(s P_el'/(2ρ)); 16 Gauss points."""
         x, weight = np.polynomial.legendre.leggauss(16)
         half = 0.5 * (s - 1.0)
         return half * sum(

@@ -1,0 +1,208 @@
+"""Cases with hidden effects, and the records and truths made of them.
+
+A case and a seed give one record: the base network that the workflow is given, the samples of every channel, and the
+truth. Every record, nulls too, has its own heart period, waveform and nuisance: one scale of all E and one of all phi0
+(20 %), and on the network one shift of all R_t (0.1), on the bench one scale of R0 (1 %).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fitting.records import write_record
+from solver import Network, load
+
+from .anatomy import Anatomy, anatomy
+from .beat import Beat
+from .bench import bench_wall, radius
+from .hide import Effect, hide, parameters
+from .network import Balance, Flow
+from .sensors import clock, measured, pulsatile, sensed
+from .shapes import arterial_pressure, ejection
+
+Array = np.ndarray
+
+BEATS, FITTED = 20, 15
+SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
+CHANNELS = {
+    "all": tuple(f"{site}.{kind}" for site in SITES for kind in "PQR"),
+    "three pressures": ("AA.P", "CA.P", "FA.P"),
+}
+SPREAD = {"E": 0.2, "phi0": 0.2, "R_t": 0.1, "R0": 0.01}  # prior standard deviations of the nuisance
+
+# a beat's harmonics: bench walls are solved by dense matrices
+_NETWORK_BEAT = (80, 256)
+_BENCH_BEAT = (60, 192)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one record hides.
+
+    kind "bench" (P and R of one site, ``channels`` is its name) or "network" (``channels`` a key of CHANNELS; inlet.Q
+    is always there). base: "sheep", "elastic" (sheep without wall viscosity) or "sheep_nonlinear". dB: noise.
+    """
+
+    kind: str
+    channels: str
+    dB: float
+    effects: tuple[Effect, ...] = ()
+    base: str = "sheep"
+    elastic_law: str = "beta"
+    viscous_law: str = "monotone"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The recorded channels."""
+        if self.kind == "bench":
+            return (f"{self.channels}.P", f"{self.channels}.R")
+        return ("inlet.Q", *CHANNELS[self.channels])
+
+    def network(self) -> Network:
+        """The base network that the workflow is given."""
+        network = load("sheep" if self.base == "elastic" else self.base)
+        if self.base == "elastic":
+            network = network.with_parameters({f"{s.name}.phi0": 0.0 for s in network.segments})
+        return replace(network, elastic_law=self.elastic_law, viscous_law=self.viscous_law)
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What every record's animal has of its own: scales of E, phi0 and R0, and a shift of R_t."""
+
+    E: float = 1.0
+    phi0: float = 1.0
+    R_t: float = 0.0
+    R0: float = 1.0
+
+    def applied(self, model: Anatomy) -> Anatomy:
+        """The model of this animal, before anything is hidden in it."""
+        vessels = (replace(v, E=v.E * self.E, phi0=v.phi0 * self.phi0, R0=v.R0 * self.R0) for v in model.vessels)
+        ends = (replace(e, R_t=float(np.clip(e.R_t + self.R_t, -0.9, 0.95))) for e in model.ends)
+        return replace(model, vessels=tuple(vessels), ends=tuple(ends))
+
+
+@dataclass(frozen=True)
+class Made:
+    """A record and its truth.
+
+    time (n,) [s]; channels (n,) each, SI; base: the network given to the workflow. truth: plain data with the effects,
+    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise;
+    noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; dt, beat and nuisance of
+    the record, for ``detect.py``.
+    """
+
+    case: Case
+    time: Array
+    channels: Mapping[str, Array]
+    base: Network
+    truth: Mapping[str, Any]
+    clean: Mapping[str, Array]
+    noise: Mapping[str, float]
+    drive: Array
+    beat: Beat
+    nuisance: Nuisance
+    flow: Flow | None = field(default=None, repr=False)
+
+    @property
+    def dt(self) -> float:
+        return float(self.time[1] - self.time[0])
+
+
+def make(case: Case, seed: int | tuple[int, ...]) -> Made:
+    """The record of a case. The same seed gives the same record.
+
+    Raises NoPeriodicFlow or NoPeriodicRadius if the effects are too large for a periodic state.
+    """
+    rng = np.random.default_rng(seed)
+    K, samples = _NETWORK_BEAT if case.kind == "network" else _BENCH_BEAT
+    beat = Beat(float(rng.uniform(0.4, 0.6)), K, samples)
+    nuisance = _nuisance(rng, case)
+    base = case.network()
+    drive = ejection(rng, beat, base.inlet.Q_max) if case.kind == "network" else arterial_pressure(rng, beat)
+    clean, flow = truth_channels(case, anatomy(base), nuisance, drive, beat)
+    noise = {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
+    at = clock(rng, beat.T, BEATS)
+    channels = {name: measured(rng, clean[name], at, noise[name], beat.T) for name in case.names}
+    truth = _truth(case, seed, anatomy(base), nuisance, beat, clean)
+    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, nuisance, flow)
+
+
+def write(made: Made, path: str | os.PathLike[str]) -> None:
+    """The record as CSV at ``path``; beside it, with the endings .truth.json, what is hidden."""
+    write_record(path, made.time, made.channels, {n: _UNITS[n.rpartition(".")[2]] for n in made.channels})
+    Path(path).with_suffix(".truth.json").write_text(json.dumps(made.truth, indent=1))
+
+
+_UNITS = {"P": "mmHg", "Q": "mL/s", "R": "mm"}
+
+
+def _nuisance(rng: np.random.Generator, case: Case) -> Nuisance:
+    z = np.clip(rng.standard_normal(4), -3.0, 3.0)
+    E, phi0 = np.exp(SPREAD["E"] * z[0]), np.exp(SPREAD["phi0"] * z[1])
+    if case.kind == "bench":
+        return Nuisance(float(E), float(phi0), R0=float(np.exp(SPREAD["R0"] * z[3])))
+    return Nuisance(float(E), float(phi0), R_t=float(SPREAD["R_t"] * z[2]))
+
+
+def truth_channels(
+    case: Case, base: Anatomy, nuisance: Nuisance, drive: Array, beat: Beat
+) -> tuple[dict[str, Array], Flow | None]:
+    """Every recorded channel without noise, coefficients (K + 1,), for the true inflow or pressure ``drive``."""
+    model = hidden_model(case, base, nuisance)
+    flow = None
+    if case.kind == "network":
+        flow = Balance(model, beat, points_for(model)).solve(drive)
+        clean = {name: flow.channels[name] for name in case.names}
+    else:
+        R = radius(bench_wall(model, case.channels, beat), beat.values(drive))
+        clean = dict(zip(case.names, (drive, beat.coefficients(R)), strict=True))
+    for effect in case.effects:
+        if effect.on_channel:
+            for name in effect.where:
+                clean[name] = sensed(clean[name], effect, beat)
+    return clean, flow
+
+
+def hidden_model(case: Case, base: Anatomy, nuisance: Nuisance) -> Anatomy:
+    """The truth: the animal with all effects of the case."""
+    model = nuisance.applied(base)
+    for effect in case.effects:
+        model = hide(model, effect)
+    return model
+
+
+def points_for(model: Anatomy) -> int:
+    """Points a piece: more where a wall without viscosity keeps the waves sharp."""
+    return 10 if all(v.phi0 > 0.0 for v in model.vessels) else 14
+
+
+def _truth(
+    case: Case,
+    seed: int | tuple[int, ...],
+    base: Anatomy,
+    nuisance: Nuisance,
+    beat: Beat,
+    clean: Mapping[str, Array],
+) -> dict[str, Any]:
+    model = hidden_model(case, base, nuisance)
+
+    def values(effect: Effect) -> dict[str, float]:
+        if effect.name == "channel_offset":  # in the channel's unit; a constant leaves the pulse as it was
+            return {f"{name}.offset": effect.size * pulsatile(clean[name]) for name in effect.where}
+        return parameters(model, effect)
+
+    return {
+        "case": asdict(case),
+        "seed": seed,
+        "period": beat.T,
+        "effects": [asdict(e) | {"parameters": values(e)} for e in case.effects],
+        "nuisance": asdict(nuisance),
+    }
