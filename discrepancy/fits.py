@@ -1,0 +1,111 @@
+"""A hypothesis refitted to a record, and what the whitened residual of a refit says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .terms import Term, Unknown
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The maximum of likelihood and priors of one hypothesis.
+
+    unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
+    is true; J : (n, p) its derivatives. prior : (p,) precision of x. order : (n,) the harmonic of each entry of z.
+    signal : (n,) the channel of each entry. converged : whether the search settled.
+    """
+
+    terms: tuple[Term, ...]
+    unknowns: tuple[Unknown, ...]
+    x: Array
+    z: Array
+    J: Array
+    prior: Array
+    order: Array
+    signal: Array
+    converged: bool = True
+
+    @property
+    def chi2(self) -> float:
+        """|z|² of the data."""
+        return float(self.z @ self.z)
+
+    @property
+    def cost(self) -> float:
+        """Data and priors: what the search minimises."""
+        return self.chi2 + float(self.prior @ self.x**2)
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of x."""
+        return np.linalg.pinv(self.J.T @ self.J + np.diag(self.prior), hermitian=True)
+
+    @property
+    def free(self) -> int:
+        """How many unknowns the terms have."""
+        return sum(len(term.unknowns) for term in self.terms)
+
+    def step(self, damping: float = 0.0) -> Array:
+        """Gauss–Newton step of x from here, unknowns kept in their ranges."""
+        low, high = bounds(self.unknowns)
+        return bounded_step(self.J, self.z, self.prior, self.x, low, high, damping)
+
+
+def bounds(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
+    """(p,) lowest and highest x."""
+    return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
+
+
+def bounded_step(J: Array, z: Array, prior: Array, x: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
+    """The step (p,) to the minimum of |z + J s|² + Σ prior (x + s)², those that would leave their range held there."""
+    normal = J.T @ J + np.diag(prior) + damping * np.diag(np.maximum((J**2).sum(axis=0), 1e-12))
+    gradient = J.T @ z + prior * x
+    free, step = np.ones(len(x), bool), np.zeros(len(x))
+    for _ in range(len(x)):
+        held = normal[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-12)[0]
+        outside = free & ((x + step < low) | (x + step > high))
+        step[outside] = np.clip(x + step, low, high)[outside] - x[outside]
+        free &= ~outside
+        if not outside.any() or not free.any():
+            break
+    return step
+
+
+def projected(J: Array, prior: Array, columns: Array) -> Array:
+    """What of whitened columns (n, q) a refit of the unknowns J : (n, p) under their priors cannot absorb."""
+    tall = np.concatenate([J, np.diag(np.sqrt(prior))])
+    q = np.linalg.qr(tall)[0]
+    padded = np.concatenate([columns, np.zeros((len(prior), columns.shape[1]))])
+    return padded - q @ (q.T @ padded)
+
+
+def misfit(fit: Fit, dof_of_noise: float) -> float:
+    """How far the residual is from noise, in standard normal deviations: the largest of several sums of z².
+
+    Missing physics sits at low harmonics, so that the sum over all of them would drown it: for every channel, and for
+    all together, Σ z² - 1 over harmonics up to k for each k (an adaptive Neyman test, Fan 1996), each over its standard
+    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that.
+    """
+    worst = 0.0
+    groups = [np.ones(len(fit.z), bool)] + [fit.signal == s for s in np.unique(fit.signal)]
+    p = max(fit.x.size - int((fit.prior > 0.5).sum()), 0)
+    for i, group in enumerate(groups):
+        order = np.argsort(fit.order[group], kind="stable")
+        k, excess = fit.order[group][order], (fit.z[group] ** 2)[order]
+        sums, n = np.cumsum(excess), np.arange(1, len(excess) + 1)
+        ends = np.flatnonzero(np.append(np.diff(k) > 0, True))
+        lost = np.minimum(p, n[ends] - 1) if i == 0 else 0.0
+        mean = n[ends] - lost
+        ratio = sums[ends] / mean
+        # Wilson-Hilferty: the cube root of chi2/n is close to normal, tails too
+        spread = np.sqrt(2.0 / 9.0 * (1.0 / mean + 1.0 / dof_of_noise))
+        deviation = (np.cbrt(ratio) - (1.0 - 2.0 / (9.0 * mean))) / spread
+        worst = max(worst, float(deviation.max()))
+    return worst

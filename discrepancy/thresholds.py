@@ -1,0 +1,26 @@
+"""Every number that decides: fixed on tuning records before the reported run of the bank (benchmarks/hidden_effects)."""
+
+from __future__ import annotations
+
+# --- the record ---
+HELD_OUT = 0.25  # of the beats, the last ones, are kept from every fit
+FEWEST_BEATS = 8  # fewer leave no scatter to judge by once some are held out
+
+# --- find ---
+FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
+LOUDEST = 8  # entries of the z map that the verdict lists
+
+# --- name ---
+BIC_NONE = 6.0  # by which a candidate must beat "none", its share of the prior included
+CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
+MISFIT = 4.0  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
+SECOND = 10.0  # by which a second effect must lower the BIC
+SOMETHING_ELSE = 0.02  # odds beforehand of an effect outside the catalogue, against the best candidate
+PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+SHORTLIST = 14  # candidates that are refitted
+INVISIBLE = 3.0  # d' of a typical effect below which sensors cannot see it
+INSEPARABLE = 6.0  # d' between two typical effects below which sensors cannot tell them apart
+DETECTABLE = 5.0  # d' of the smallest detectable size: named half the time or more
+
+# --- solver ---
+COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
