@@ -1,0 +1,308 @@
+"""The figures of a study: the network with the place marked, z map, waveforms, loops, gap, and what can be told apart.
+
+Every function takes an :class:`~discrepancy.outcome.Outcome` and returns a drawing; :func:`figures` calls those whose
+data there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from fitting.panels import BAND, DASHED, Drawing, by_place, drawing, legend, shown
+from fitting.style import BLACK, BLUE, ORANGE, STYLE, VERMILION
+from solver.layout import Lane, lanes
+from solver.network import Network
+
+from .outcome import Isolability, Outcome
+from .places import Mark, marks
+from .scales import APART, Scale, Z
+from .tables import channel_z, harmonics_shown, loop_sites
+
+Array = np.ndarray
+
+MEASURED, BEFORE, AFTER = BLACK, VERMILION, BLUE
+NAMES = ("network", "z_map", "waveforms", "loops", "gap", "isolability")
+_VESSEL, _TEXT, _FAINT, _MISSING = "#c9ccd1", "#1a1a1a", "#555555", "#e6e6e6"
+
+
+def figures(outcome: Outcome) -> dict[str, Drawing]:
+    """The figures by file name (of :data:`NAMES`); one that has no data is not among them."""
+    drawn: dict[str, Drawing] = {}
+    with rc_context(STYLE):
+        if outcome.network_before is not None and outcome.kind == "network":
+            drawn["network"] = _network(outcome, outcome.network_before)
+        if outcome.z_map.size:
+            drawn["z_map"] = _z_map(outcome)
+        if outcome.channels:
+            drawn["waveforms"] = _waveforms(outcome)
+            drawn["gap"] = _gap(outcome)
+        if loop_sites(outcome):
+            drawn["loops"] = _loops(outcome)
+        if outcome.isolability is not None and outcome.isolability.labels:
+            drawn["isolability"] = _isolability(outcome.isolability)
+    return drawn
+
+
+# --- the network --------------------------------------------------------------------------------------------------
+
+
+def _network(outcome: Outcome, network: Network) -> Drawing:
+    """Vessels from left to right, the places of the effects marked, every measured site in the colour of its z."""
+    drawn = {lane.segment.name: lane for lane in lanes(network)}
+    columns = max(max(lane.x0, lane.x1) for lane in drawn.values())
+    rows = max(lane.y for lane in drawn.values())
+    figure = Figure(figsize=(min(14.0, max(7.0, 2.2 + 1.9 * columns)), 1.5 + 0.6 * rows), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_axis_off()
+    axes.set_xlim(-0.35, columns + 0.35)
+    axes.set_ylim(rows + 0.7, -0.7)
+    marked = marks(outcome)
+    for lane in drawn.values():
+        _vessel(axes, lane, marked)
+    for lane in drawn.values():
+        if lane.outlet is not None:
+            color = _colour([m for m in marked if m.is_at("outlet", lane.segment.name)])
+            axes.plot([lane.x1], [lane.y1], "|", ms=16, mew=5.0 if color else 1.8, color=color or _FAINT, zorder=4)
+    for junction in network.junctions:
+        lane = drawn[junction.name]
+        color = _colour([m for m in marked if m.is_at("junction", junction.name)])
+        if color:
+            axes.plot([lane.x1], [lane.y1], "o", ms=17, mfc="none", mec=color, mew=3.0, zorder=4)
+    root = drawn[network.inlet.segment]
+    axes.annotate(
+        "",
+        (root.x0, root.y0),
+        (-28.0, 0.0),
+        textcoords="offset points",
+        arrowprops={"arrowstyle": "-|>", "color": _TEXT, "lw": 1.4},
+    )
+    _sites(axes, outcome, network, drawn, marked)
+    _network_legend(figure, marked)
+    return drawing(figure, _network_caption(marked))
+
+
+def _vessel(axes: Axes, lane: Lane, marked: Sequence[Mark]) -> None:
+    width = 3.0 + 7.0 * lane.relative_radius
+    color = _colour([m for m in marked if m.is_at("segment", lane.segment.name)])
+    if color:
+        axes.plot(*lane.path.T, color=color, lw=width + 8, solid_capstyle="butt", alpha=0.95, zorder=1)
+    axes.plot(*lane.path.T, color=_VESSEL, lw=width, solid_capstyle="butt" if lane.outlet else "round", zorder=2)
+    axes.annotate(
+        lane.segment.name,
+        (lane.middle, lane.y),
+        (0.0, 0.5 * width + 6.0),
+        textcoords="offset points",
+        ha="center",
+        fontsize=9,
+        fontweight="bold" if color else "normal",
+        color=_TEXT,
+        zorder=6,
+    )
+
+
+def _sites(axes: Axes, outcome: Outcome, network: Network, drawn: dict[str, Lane], marked: Sequence[Mark]) -> None:
+    worst = channel_z(outcome)
+    for site in network.sites:
+        channels = [name for name in worst if name.rpartition(".")[0] == site.name]
+        if not channels:
+            continue
+        x, y = drawn[site.segment].at(site.position)
+        color = _colour([m for m in marked if m.is_at("channel", site.name)])
+        z = max(worst[name] for name in channels)
+        edge, wide = (color, 3.0) if color else (_TEXT, 1.0)
+        axes.plot([x], [y], "o", ms=11, mfc=Z.colour(z), mec=edge, mew=wide, zorder=5)
+        letters = " ".join(name[-1] for name in channels)
+        axes.annotate(letters, (x, y), (0, -17), textcoords="offset points", ha="center", fontsize=7.5, color=_FAINT)
+
+
+def _colour(here: Sequence[Mark]) -> str | None:
+    """Of the strongest mark at one place: what was named, or what cannot be told from it."""
+    if not here:
+        return None
+    return VERMILION if any(mark.named for mark in here) else ORANGE
+
+
+def _network_legend(figure: Figure, marked: Sequence[Mark]) -> None:
+    handles = [
+        Line2D([], [], marker="o", ls="", ms=9, mfc=Z.colour(z), mec=_TEXT, label=label)
+        for z, label in ((0.0, "site: |z| below 2"), (5.0, "4 to 8"), (20.0, "16 to 32"), (100.0, "above 64"))
+    ]
+    if any(mark.named for mark in marked):
+        handles.append(Line2D([], [], color=VERMILION, lw=6, label="the missing effect"))
+    if any(not mark.named for mark in marked):
+        handles.append(Line2D([], [], color=ORANGE, lw=6, label="could be here too"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+
+
+def _network_caption(marked: Sequence[Mark]) -> str:
+    places = ", ".join(dict.fromkeys(mark.text for mark in marked))
+    return (
+        "The network of the model, flow from left to right. A circle is a measured site, as dark as its largest |z|; "
+        f"the letters are what was measured there. {f'Marked: {places}.' if places else 'No place is marked.'}"
+    )
+
+
+# --- where it disagrees -------------------------------------------------------------------------------------------
+
+
+def _z_map(outcome: Outcome) -> Drawing:
+    """Channels by harmonics, in classes of |z|; a frame around what is significant."""
+    shown_harmonics = harmonics_shown(outcome)
+    names = [channel.name for channel in outcome.channels[: outcome.z_map.shape[1]]]
+    z = np.abs(outcome.z_map[:shown_harmonics]).T
+    size = (min(13.0, 2.4 + 0.3 * shown_harmonics), 1.3 + 0.24 * len(names))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.add_subplot()
+    image = _classes(axes, z, Z)
+    axes.set_yticks(range(len(names)), names)
+    axes.set_xticks(range(shown_harmonics), ["mean", *map(str, range(1, shown_harmonics))])
+    axes.tick_params(length=0, labelsize=8)
+    axes.set_xlabel("harmonic of the beat")
+    for at in outcome.located:
+        name = f"{at.site}.{at.signal}"
+        if name in names and at.harmonic < shown_harmonics:
+            axes.plot([at.harmonic], [names.index(name)], "s", ms=10, mfc="none", mec=BLACK, mew=1.4)
+    _scale(figure, axes, image, Z)
+    return drawing(
+        figure,
+        "Residual over its standard deviation, |z|, of every channel and harmonic before anything was added. Framed: "
+        "significant with all channels and harmonics looked at taken into account.",
+    )
+
+
+def _isolability(isolability: Isolability) -> Drawing:
+    """Separation of every pair of effects, in classes."""
+    n = len(isolability.labels)
+    side = float(np.clip(0.2 * n, 2.0, 9.5))
+    figure = Figure(figsize=(side + 3.4, side + 2.2), layout="constrained")
+    axes = figure.add_subplot()
+    separation = np.array(isolability.separation, float)
+    np.fill_diagonal(separation, np.nan)
+    image = _classes(axes, separation, APART)
+    fontsize = float(np.clip(72 * side / n * 0.8, 3.0, 8.0))
+    axes.set_xticks(range(n), isolability.labels, rotation=90, fontsize=fontsize)
+    axes.set_yticks(range(n), isolability.labels, fontsize=fontsize)
+    axes.tick_params(length=0)
+    axes.set_xlabel("if this is refitted instead")
+    axes.set_ylabel("true effect, of typical size")
+    _scale(figure, axes, image, APART)
+    return drawing(figure, f"Separation d′ of every pair of {n} effects and places by this set of sensors.")
+
+
+def _classes(axes: Axes, values: Array, scale: Scale) -> Any:
+    """A map of values by the classes of a scale; what is not a number is grey."""
+    colours = ListedColormap(scale.colours)
+    norm = BoundaryNorm([*scale.bounds, np.inf], len(scale.colours))
+    axes.set_facecolor(_MISSING)
+    image = axes.imshow(np.ma.masked_invalid(values), cmap=colours, norm=norm, aspect="auto", interpolation="nearest")
+    rows, columns = values.shape
+    if max(rows, columns) <= 60:
+        axes.set_xticks(np.arange(columns + 1) - 0.5, minor=True)
+        axes.set_yticks(np.arange(rows + 1) - 0.5, minor=True)
+        axes.grid(which="minor", color="#d0d0d0", lw=0.5)
+        axes.tick_params(which="minor", length=0)
+    axes.spines[:].set_visible(False)
+    return image
+
+
+def _scale(figure: Figure, axes: Axes, image: Any, scale: Scale) -> None:
+    handles = [
+        Line2D([], [], marker="s", ls="", ms=9, mfc=colour, mec="#888888", label=text)
+        for colour, text in zip(scale.colours, scale.texts, strict=True)
+    ]
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), title=scale.name, columnspacing=0.9)
+
+
+# --- beats --------------------------------------------------------------------------------------------------------
+
+
+def _waveforms(outcome: Outcome) -> Drawing:
+    """Every channel: measured mean beat with its band, the model before, and after."""
+    figure, panels = by_place([channel.name for channel in outcome.channels])
+    T = _period(outcome)
+    for channel in outcome.channels:
+        panel = panels[channel.name]
+        measured, band, before = shown(channel.name, channel.measured, channel.band, channel.before)
+        time = np.linspace(0.0, T, len(measured))
+        panel.fill_between(time, measured - 2 * band, measured + 2 * band, color=BAND, alpha=0.6, linewidth=0)
+        panel.plot(time, measured, color=MEASURED)
+        panel.plot(time, before, color=BEFORE, linestyle=DASHED)
+        if channel.after is not None:
+            panel.plot(time, *shown(channel.name, channel.after), color=AFTER, linestyle=(0, (1, 1)))
+        panel.margins(x=0)
+    legend(figure, *_curves(outcome), band="± 2 sd of the mean")
+    return drawing(figure, "Mean beats of every channel. The band is ± 2 standard deviations of the measured mean.")
+
+
+def _loops(outcome: Outcome) -> Drawing:
+    """Pressure against radius of every site that has both."""
+    sites, channels = loop_sites(outcome), {channel.name: channel for channel in outcome.channels}
+    columns = min(4, len(sites))
+    rows = -(-len(sites) // columns)
+    figure = Figure(figsize=(2.8 * max(2, columns), 2.4 * rows + 0.4), layout="constrained")
+    for i, site in enumerate(sites):
+        panel = figure.add_subplot(rows, columns, i + 1)
+        P, R = channels[f"{site}.P"], channels[f"{site}.R"]
+        panel.plot(*shown("R", R.measured), *shown("P", P.measured), color=MEASURED)
+        panel.plot(*shown("R", R.before), *shown("P", P.before), color=BEFORE, linestyle=DASHED)
+        if P.after is not None and R.after is not None:
+            panel.plot(*shown("R", R.after), *shown("P", P.after), color=AFTER, linestyle=(0, (1, 1)))
+        panel.set_title(site, loc="left")
+        panel.set_xlabel("radius [mm]")
+        panel.set_ylabel("pressure [mmHg]")
+    legend(figure, *_curves(outcome))
+    return drawing(figure, "Pressure against radius, mean beats.")
+
+
+def _gap(outcome: Outcome) -> Drawing:
+    """Whitened RMS of every channel on held-out beats (filled) and fitted beats (hollow), before and after."""
+    names = [channel.name for channel in outcome.channels]
+    figure = Figure(figsize=(8.0, 1.3 + 0.24 * len(names)), layout="constrained")
+    axes = figure.add_subplot()
+    for pairs, color, marker, label in (
+        ([c.gap_before for c in outcome.channels], BEFORE, "o", "before"),
+        ([c.gap_after for c in outcome.channels], AFTER, "D", "after"),
+    ):
+        known = [(row, pair) for row, pair in enumerate(pairs) if pair is not None]
+        if known:
+            rows = [row for row, _ in known]
+            axes.plot(
+                [pair[0] for _, pair in known], rows, marker, mfc="white", mec=color, ms=7, label=f"{label}, fitted"
+            )
+            axes.plot([pair[1] for _, pair in known], rows, marker, color=color, ms=5, label=f"{label}, held out")
+    axes.axvline(1.0, color=_FAINT, lw=0.9, ls=DASHED)
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.grid(axis="y", color="#e6e6e6", lw=0.6)
+    low, high = axes.get_xlim()
+    axes.set_xlim(min(low, 0.5), max(high, 5.0))
+    ticks = [
+        t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if axes.get_xlim()[0] <= t <= axes.get_xlim()[1]
+    ]
+    axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    axes.minorticks_off()
+    axes.set_xlabel("whitened RMS of the gap (1 = noise)")
+    figure.legend(loc="outside upper right", ncols=4)
+    return drawing(figure, "Gap of every channel in units of its sensor's noise; 1 is noise alone.")
+
+
+def _curves(outcome: Outcome) -> list[tuple[str, str, Any]]:
+    curves: list[tuple[str, str, Any]] = [("measured", MEASURED, "-"), ("before", BEFORE, DASHED)]
+    if any(channel.after is not None for channel in outcome.channels):
+        curves.append(("after", AFTER, (0, (1, 1))))
+    return curves
+
+
+def _period(outcome: Outcome) -> float:
+    """The period [s] of the beat whose samples are at ``outcome.time``."""
+    time = outcome.time
+    return float(time[-1] - time[0]) * len(time) / (len(time) - 1)

@@ -1,0 +1,88 @@
+"""The report of a study: one HTML page that needs nothing else, and its figures as PNG."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from solver.files import write_whole
+
+from . import tables
+from .outcome import VERDICTS, Outcome
+from .places import plain
+from .scales import APART, Z
+from .wording import HEADINGS, MEANINGS, next_steps
+
+if TYPE_CHECKING:
+    from fitting.panels import Drawing
+
+
+def write_report(outcome: Outcome, folder: Path) -> None:
+    """Write ``report.html`` and ``figures/*.png`` into a folder, which is made if it is missing.
+
+    Everything is made before the first file is written; each file is whole or not there, and the page comes last.
+    Figures of an earlier report that have no data now are removed.
+    Raises ValueError if the verdict is not one of :data:`discrepancy.outcome.VERDICTS`, or the folder or a file cannot
+    be written.
+    """
+    from .figures import NAMES, figures  # matplotlib takes a second
+
+    if outcome.verdict not in VERDICTS:
+        raise ValueError(f"verdict {outcome.verdict!r} is not known; it must be one of {', '.join(VERDICTS)}.")
+    drawings = figures(outcome)
+    html = page(outcome, drawings)
+    pictures = Path(folder) / "figures"
+    try:
+        pictures.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{pictures}: cannot be made ({error.strerror}); give another folder.") from None
+    for name, drawn in drawings.items():
+        write_whole(pictures / f"{name}.png", drawn.png)
+    for name in set(NAMES) - set(drawings):
+        (pictures / f"{name}.png").unlink(missing_ok=True)
+    write_whole(Path(folder) / "report.html", html)
+
+
+def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
+    """The page with its figures inside."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"plain": plain, "number": tables.number, "places": tables.places_text}
+    return environment.get_template("report.html.j2").render(
+        outcome=outcome,
+        heading=HEADINGS[outcome.verdict],
+        meaning=MEANINGS[outcome.verdict],
+        next_steps=next_steps(outcome),
+        drawings=drawings,
+        scales={"z": Z, "apart": APART},
+        **_rows(outcome),
+    )
+
+
+def _rows(outcome: Outcome) -> dict[str, Any]:
+    isolability = outcome.isolability
+    return {
+        "effects": [tables.effect_row(effect) for effect in outcome.effects],
+        "candidates": [tables.candidate_row(candidate) for candidate in outcome.candidates],
+        "channels": [tables.channel_row(channel) for channel in outcome.channels],
+        "gap": (*tables.gap_text(outcome.gap_before), *tables.gap_text(outcome.gap_after)),
+        "z_rows": tables.z_rows(outcome) if outcome.z_map.size else [],
+        "absorbed": tables.absorbed_rows(outcome),
+        "rounds": tables.round_rows(outcome),
+        "smallest": tables.smallest_rows(outcome),
+        "rivals": tables.rival_rows(isolability) if isolability else [],
+        "classes": tables.classes_text(isolability) if isolability else [],
+        "beats": json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
+        "provenance": {
+            key.replace("_", " "): tables.words(v) for key, v in outcome.provenance.items() if v not in ([], {})
+        },
+    }

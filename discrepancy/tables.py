@@ -1,0 +1,304 @@
+"""The rows of the page: numbers of a study as text, in the units that people read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from fitting.units import DISPLAY, MMHG
+
+from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
+from .places import place_text, plain
+from .scales import Z
+
+Array = np.ndarray
+
+DASH = "–"
+_LOUD = 3.0  # |z| that is worth a column of the z map
+_FEWEST_HARMONICS = 12
+_MOST_POINTS = 400  # of a curve on the page
+_OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
+
+# SI unit of a parameter -> unit people read it in, factor from SI
+_READ: Mapping[str, tuple[str, float]] = {
+    "1": ("", 1.0),
+    "Pa": ("mmHg", 1.0 / MMHG),
+    "Pa.s": ("kPa·s", 1e-3),
+    "Pa.s^2": ("kPa·s²", 1e-3),
+    "Pa.s/m^3": ("mmHg·s/mL", 1e-6 / MMHG),
+    "m": ("mm", 1e3),
+    "m^2/(Pa.s)": ("mm²/(mmHg·s)", 1e6 * MMHG),
+    "m^3/Pa": ("mL/mmHg", 1e6 * MMHG),
+    "m^3/s": ("mL/s", 1e6),
+    "s": ("ms", 1e3),
+    "s^2": ("ms²", 1e6),
+}
+_MODULI = ("E", "ENL")  # pressures that are not read in mmHg
+
+
+# --- what there is ------------------------------------------------------------------------------------------------
+
+
+def loop_sites(outcome: Outcome) -> list[str]:
+    """Sites where both pressure and radius were measured."""
+    names = {channel.name for channel in outcome.channels}
+    return [name[:-2] for name in names_in_order(outcome) if name.endswith(".P") and f"{name[:-2]}.R" in names]
+
+
+def names_in_order(outcome: Outcome) -> list[str]:
+    """The names of the channels."""
+    return [channel.name for channel in outcome.channels]
+
+
+def channel_z(outcome: Outcome) -> dict[str, float]:
+    """Largest |z| of every channel that was compared."""
+    columns = np.abs(outcome.z_map).T
+    return {
+        channel.name: float(np.nanmax(column, initial=0.0))
+        for channel, column in zip(outcome.channels, columns, strict=False)
+    }
+
+
+def harmonics_shown(outcome: Outcome) -> int:
+    """Rows of the z map up to the last that is loud, the mean included, and a few at least."""
+    loud = np.flatnonzero((np.abs(np.nan_to_num(outcome.z_map)) > _LOUD).any(axis=1))
+    wanted = max(_FEWEST_HARMONICS, int(loud[-1]) if loud.size else 0)
+    return min(len(outcome.z_map), wanted + 1)
+
+
+# --- numbers ------------------------------------------------------------------------------------------------------
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with ``digits`` significant digits and a true minus; a dash for what is not a number."""
+    if not math.isfinite(value):
+        return DASH
+    short = f"{value:.{digits}g}"
+    exponent = "e" in short and 1e-4 <= abs(value) < 1e7
+    return (f"{float(short):.0f}" if exponent else short).replace("-", "−")
+
+
+def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
+    """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
+    unit, factor = _READ.get(estimate.unit, (estimate.unit, 1.0))
+    if estimate.unit == "Pa" and name.rpartition(".")[2] in _MODULI:
+        unit, factor = "MPa", 1e-6
+    value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
+    value_text, low_text, high_text = (_to_digits(x, high - low) for x in (value, low, high))
+    interval = f"{low_text} … {high_text}" if math.isfinite(low) and math.isfinite(high) else DASH
+    return f"{value_text} {unit}".strip(), interval
+
+
+def _to_digits(value: float, width: float) -> str:
+    """A number to the second digit of half the width of its interval."""
+    half = 0.5 * abs(width)
+    if not math.isfinite(value) or not math.isfinite(half) or half == 0.0:
+        return number(value)
+    decimals = 1 - math.floor(math.log10(half))
+    if not -6 <= decimals <= 6:
+        return number(value)
+    rounded = round(value, decimals) + 0.0  # no −0
+    return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
+
+
+def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
+    """Gap on (fitted, held-out) beats."""
+    return (DASH, DASH) if pair is None else (number(pair[0]), number(pair[1]))
+
+
+def places_text(where: Iterable[str]) -> str:
+    """Places in words."""
+    return ", ".join(map(place_text, where)) or DASH
+
+
+# --- rows ---------------------------------------------------------------------------------------------------------
+
+
+def effect_row(effect: NamedEffect) -> dict[str, Any]:
+    """An effect of the verdict: name, place, equation, confidence, parameters."""
+    return {
+        "name": plain(effect.name),
+        "where": places_text(effect.where),
+        "equation": effect.equation,
+        "confidence": f"{100 * effect.confidence:.0f} %" if math.isfinite(effect.confidence) else DASH,
+        "parameters": [
+            {
+                "name": name,
+                "value": value,
+                "interval": interval,
+                "si": f"{p.value:.5g} {'' if p.unit == '1' else p.unit}",
+            }
+            for name, p in effect.parameters.items()
+            for value, interval in [estimate_text(name, p)]
+        ],
+    }
+
+
+def candidate_row(candidate: Candidate) -> dict[str, Any]:
+    """A hypothesis that was refitted."""
+    texts = [(name, *estimate_text(name, p)) for name, p in candidate.parameters.items()]
+    return {
+        "name": plain(candidate.name),
+        "where": places_text(candidate.where),
+        "parameters": [f"{name} = {value} ({interval})" for name, value, interval in texts],
+        "delta_bic": number(candidate.delta_bic),
+        "chi2": number(candidate.chi2_per_dof),
+        "held_out": number(candidate.held_out),
+        "separation": number(candidate.separation),
+        "in_class": candidate.in_class,
+    }
+
+
+def channel_row(channel: Channel) -> dict[str, str]:
+    """The gap of a channel before and after."""
+    (before_fit, before_held), (after_fit, after_held) = gap_text(channel.gap_before), gap_text(channel.gap_after)
+    pulse = float(np.ptp(channel.measured)) * DISPLAY[channel.name[-1]][1]
+    return {
+        "name": channel.name,
+        "pulse": f"{number(pulse)} {DISPLAY[channel.name[-1]][0]}",
+        "before_fit": before_fit,
+        "before_held": before_held,
+        "after_fit": after_fit,
+        "after_held": after_held,
+    }
+
+
+def z_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """The z map by channel: the text and colour of every cell."""
+    located = {(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located}
+    size = np.abs(outcome.z_map[: harmonics_shown(outcome)])
+    return [
+        {
+            "name": channel.name,
+            "cells": [_z_cell(channel.name, k, float(z), located) for k, z in enumerate(column)],
+        }
+        for channel, column in zip(outcome.channels, size.T, strict=False)
+    ]
+
+
+def _z_cell(name: str, harmonic: int, z: float, located: Mapping[tuple[str, int], float]) -> dict[str, Any]:
+    what = "mean" if harmonic == 0 else f"harmonic {harmonic}"
+    if not math.isfinite(z):
+        return {"text": "", "kind": "none", "found": False, "title": f"{name}, {what}: not compared"}
+    phase = located.get((name, harmonic))
+    angle = f", phase {number(phase)}°" if phase is not None and harmonic else ""
+    title = f"{name}, {what}: |z| = {number(z)}{angle}"
+    return {"text": f"{z:.0f}", "kind": f"z{Z.index(z)}", "found": phase is not None, "title": title}
+
+
+def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """What the refit of the nuisances took up."""
+    return [
+        {
+            "name": a.name,
+            "shift": f"{number(a.x)} ± {number(a.sd, 2)}",
+            "prior": f"0 ± {number(a.prior_sd)}",
+            "unit": "" if a.unit == "1" else a.unit,
+            "relative": number(a.x / a.prior_sd, 2) if a.prior_sd else DASH,
+            "far": bool(a.prior_sd) and abs(a.x) > _OUTSIDE_PRIOR * a.prior_sd,
+        }
+        for a in outcome.absorbed
+    ]
+
+
+def round_rows(outcome: Outcome) -> list[dict[str, str]]:
+    """Every turn: what was added and what it did to the gap."""
+    rows = []
+    for i, turn in enumerate(outcome.rounds, 1):
+        added = f"{plain(turn.added.name)} at {places_text(turn.added.where)}" if turn.added else "nothing"
+        (before_fit, before_held), (after_fit, after_held) = gap_text(turn.before), gap_text(turn.after)
+        rows.append(
+            {
+                "turn": str(i),
+                "added": added,
+                "before_fit": before_fit,
+                "before_held": before_held,
+                "after_fit": after_fit,
+                "after_held": after_held,
+            }
+        )
+    return rows
+
+
+def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
+    """The smallest detectable size of every effect and place."""
+    return [
+        {"name": _label(label), "size": estimate_text(_key(label), size)[0]} for label, size in outcome.smallest.items()
+    ]
+
+
+def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
+    """Every effect with its visibility and its nearest rival."""
+    separation = np.array(isolability.separation, float)
+    np.fill_diagonal(separation, np.inf)
+    rows = []
+    for i, label in enumerate(isolability.labels):
+        alone = separation.shape[0] < 2
+        nearest = int(np.argmin(separation[i])) if not alone else -1
+        rows.append(
+            {
+                "name": _label(label),
+                "visibility": number(float(isolability.visibility[i])),
+                "rival": DASH if alone else _label(isolability.labels[nearest]),
+                "separation": DASH if alone else number(float(separation[i, nearest])),
+                "together": not alone
+                and any({label, isolability.labels[nearest]} <= set(c) for c in isolability.classes),
+            }
+        )
+    return rows
+
+
+def classes_text(isolability: Isolability) -> list[str]:
+    """The groups that cannot be told apart, those of one left out."""
+    return ["; ".join(map(_label, group)) for group in isolability.classes if len(group) > 1]
+
+
+def beats(outcome: Outcome) -> dict[str, Any]:
+    """The mean beats for the interactive plot: in the units people read, closed, thinned out, to five digits."""
+    time = outcome.time
+    if len(time) < 2 or not outcome.channels:
+        return {"time": [], "channels": []}
+    step = -(-len(time) // _MOST_POINTS)
+    period = float(time[-1] - time[0]) * len(time) / (len(time) - 1)
+
+    def short(values: Array, factor: float) -> list[float | None]:
+        closed = factor * np.append(values[::step], values[0])
+        return [float(f"{x:.6g}") if math.isfinite(x) else None for x in closed.tolist()]
+
+    channels = []
+    for channel in outcome.channels:
+        unit, factor = DISPLAY[channel.name[-1]]
+        channels.append(
+            {
+                "name": channel.name,
+                "unit": unit,
+                "measured": short(channel.measured, factor),
+                "band": short(channel.band, factor),
+                "before": short(channel.before, factor),
+                "after": None if channel.after is None else short(channel.after, factor),
+            }
+        )
+    times = np.append(time[::step] - time[0], period)
+    return {"time": [float(f"{t:.6g}") for t in times.tolist()], "channels": channels}
+
+
+def words(value: Any) -> str:
+    """Provenance in words."""
+    if isinstance(value, Mapping):
+        return "; ".join(f"{key}: {words(each)}" for key, each in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(words, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _label(label: str) -> str:
+    """ "wall_viscosity at CA" in words."""
+    name, at, place = label.partition(" at ")
+    return plain(name) + (f" at {place_text(place)}" if at else "")
+
+
+def _key(label: str) -> str:
+    return "ENL" if label.startswith("nonlinear_elasticity") else label

@@ -1,0 +1,73 @@
+"""What a verdict means and what to do next, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from .outcome import Outcome
+from .places import place_text, plain
+
+HEADINGS: Mapping[str, str] = {
+    "none": "No effect is missing",
+    "effect": "One effect is missing",
+    "ambiguous": "An effect is missing, and this record leaves several that it can be",
+    "several": "Several effects are missing",
+    "unknown": "Something is missing that the catalogue does not have",
+    "unusable": "This record cannot be used",
+}
+
+MEANINGS: Mapping[str, str] = {
+    "none": "The model meets the record to its noise. An effect may still be there, but smaller than the size given "
+    "below, or one that these sensors cannot see.",
+    "effect": "The model and the record disagree by more than noise. One effect of the catalogue at one place explains "
+    "it, and every other candidate was ruled out by this record.",
+    "ambiguous": "The model and the record disagree by more than noise. The candidates of the class below all explain "
+    "it; the record does not tell them apart. The first is only the best of them, not a finding.",
+    "several": "The model and the record disagree by more than noise, and one effect does not explain it. The effects "
+    "below do so together, strongest first.",
+    "unknown": "The model and the record disagree by more than noise, and no effect of the catalogue explains it. "
+    "Nothing was added to the model.",
+    "unusable": "Nothing was compared and nothing was added to the model, because the record or its use is at fault, "
+    "not the physics.",
+}
+
+_ISOLABILITY = "python -m discrepancy isolability lists which sensor would add most."
+
+
+def next_steps(outcome: Outcome) -> list[str]:
+    """What to measure or to do next, one sentence each."""
+    steps = [outcome.separating_measurement] if outcome.separating_measurement else []
+    match outcome.verdict:
+        case "none":
+            if outcome.invisible:
+                steps.append(f"These sensors cannot see {_names(outcome.invisible)}; {_ISOLABILITY}")
+            steps.append("More beats lower the smallest detectable sizes as one over the square root of their number.")
+        case "effect" | "several":
+            steps.append(
+                "Confirm the added term on a record that was not used here, at another heart rate if you can: its "
+                "parameter should come out the same."
+            )
+        case "ambiguous":
+            if not steps:
+                steps.append(f"The study found no one measurement that separates the class; {_ISOLABILITY}")
+        case "unknown":
+            if outcome.located:
+                at = outcome.located[0]
+                steps.append(
+                    f"The disagreement is largest at {at.site}.{at.signal}: a second, independent sensor there would tell "
+                    "a fault of the measurement from missing physics."
+                )
+            steps.append("Check what the model takes as given: the inlet flow, the geometry and the outlets.")
+        case "unusable":
+            steps.append("Put right what is named above and run the study again; no network or FMU was written.")
+    return steps
+
+
+def _names(labels: tuple[str, ...]) -> str:
+    """Effects in words, each once."""
+    words = [plain(name) + (f" at {place_text(place)}" if at else "") for name, at, place in _parted(labels)]
+    return ", ".join(dict.fromkeys(words))
+
+
+def _parted(labels: tuple[str, ...]) -> list[tuple[str, str, str]]:
+    return [label.partition(" at ") for label in labels]

@@ -1,0 +1,307 @@
+"""The report of a study, one for every verdict: what it says, that it needs nothing else, and that a browser runs it.
+
+All outcomes here are synthetic: beats and numbers are made up, so that every part of the page has something to show.
+"""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discrepancy.figures import NAMES
+from discrepancy.outcome import (
+    VERDICTS,
+    Absorbed,
+    Balance,
+    Candidate,
+    Channel,
+    Estimate,
+    Isolability,
+    Located,
+    NamedEffect,
+    Outcome,
+    Round,
+)
+from discrepancy.report import write_report
+from discrepancy.scales import Z
+from discrepancy.tables import beats, estimate_text, number
+from fitting.units import MMHG
+from solver import Network
+
+Array = np.ndarray
+
+T, N = 0.5, 200
+SIZE = {"P": (13000.0, 3000.0), "Q": (2e-5, 2e-5), "R": (8e-3, 3e-4)}  # mean and amplitude, synthetic
+CA = NamedEffect(
+    "wall_viscosity",
+    ("CA",),
+    {"CA.phi0": Estimate(7.7e4, "Pa.s", (7.1e4, 8.3e4))},
+    0.97,
+    "P = P_ext + elastic(R) + (h/(1-η²)/R) φ_0 ε̇",
+)
+LAG = NamedEffect("channel_lag", ("CA.P",), {"CA.P.lag": Estimate(3.1e-3, "s", (2.6e-3, 3.6e-3))}, 0.55)
+OUTLET = NamedEffect("terminal_reflection", ("FA",), {"FA.outlet.R_t": Estimate(0.62, "1", (0.6, 0.64))}, 0.9)
+
+
+def synthetic_beat(i: int, signal: str, size: float = 1.0) -> Array:
+    """A made-up beat with a steep upstroke, later by site."""
+    mean, amplitude = SIZE[signal]
+    t = np.arange(N) / N - 0.02 * i
+    wave = sum(np.cos(2 * np.pi * k * t - 0.8 * k) / k**1.5 for k in range(1, 15))
+    return mean + size * amplitude * np.asarray(wave)
+
+
+def synthetic_channel(i: int, name: str, added: bool) -> Channel:
+    signal = name[-1]
+    measured = synthetic_beat(i, signal)
+    worse = 1.3 if name.startswith("CA") else 1.03
+    before = synthetic_beat(i, signal, worse)
+    band = np.full(N, 0.004 * SIZE[signal][1])
+    gap = (9.0, 9.3) if name.startswith("CA") else (1.2, 1.3)
+    after = synthetic_beat(i, signal, 1.001) if added else None
+    return Channel(name, "SI", measured, band, before, after, gap, (1.01, 1.04) if added else None)
+
+
+def candidate(effect: NamedEffect, delta_bic: float, in_class: bool) -> Candidate:
+    return Candidate(effect.name, effect.where, effect.parameters, delta_bic, 1.0, 1.1, delta_bic / 2, in_class)
+
+
+def isolability(n: int) -> Isolability:
+    labels = tuple(f"wall_viscosity at S{i}" for i in range(n - 1)) + ("channel_lag at CA.P",)
+    separation = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * 4.0
+    return Isolability(labels, separation, np.linspace(1.0, 300.0, n), (labels[0],), (labels[:2],))
+
+
+def synthetic(verdict: str, network: Network) -> Outcome:
+    """An outcome of that verdict with everything that it can have."""
+    sentence = f"A synthetic outcome of the verdict {verdict}."
+    plain = Outcome(verdict, sentence, "bench/sheep 1.csv", "sheep.toml", "network", seconds=48.2)
+    if verdict == "unusable":
+        return replace(
+            plain, reason="CA.P <dead>: it does not change; check its sensor.", warnings=("Line 7 is empty.",)
+        )
+    added = verdict in ("effect", "several", "ambiguous")
+    names = [f"{site}.{signal}" for site in ("AA", "PD", "MD", "DD", "BT", "CA", "FA") for signal in "PQR"]
+    rng = np.random.default_rng(1)
+    z = np.abs(rng.normal(size=(41, len(names))))
+    if verdict != "none":
+        z[:15, 15:18] += 60.0 * np.exp(-np.arange(15.0) / 5)[:, None]
+    z[30, 0] = np.nan
+    effects = {"effect": (CA,), "ambiguous": (CA,), "several": (CA, OUTLET)}.get(verdict, ())
+    smallest = {
+        "wall_viscosity at CA": Estimate(2.1e3, "Pa.s", (2.1e3, 2.1e3)),
+        "side_branch at MD": Estimate(2e-12, "m^2/(Pa.s)", (0, 0)),
+    }
+    return replace(
+        plain,
+        effects=effects,
+        members=tuple((e.name, e.where) for e in {"ambiguous": (CA, LAG)}.get(verdict, effects)),
+        reason="A residual at harmonics 5 to 9 of CA that no effect explains." if verdict == "unknown" else None,
+        separating_measurement="Measure CA.R: its loop opens only for the wall." if verdict == "ambiguous" else None,
+        located=() if verdict == "none" else (Located("CA", "Q", 7, 41.2, -35.0), Located("CA", "P", 1, 30.0)),
+        balances=(Balance("mass", "MD", 0.8), Balance("wall law", "CA", 12.0)),
+        channels=tuple(synthetic_channel(i // 3, name, added) for i, name in enumerate(names)),
+        time=np.arange(N) * T / N,
+        z_map=z,
+        candidates=(
+            candidate(CA, 0.0, True),
+            candidate(LAG, 1.9, verdict == "ambiguous"),
+            candidate(OUTLET, 210.0, False),
+        ),
+        absorbed=(Absorbed("all.E", 0.31, 0.02, 1.0), Absorbed("all.outlet.R_t", -2.4, 0.1, 1.0)),
+        isolability=isolability(12),
+        smallest=smallest if verdict == "none" else {},
+        rounds=tuple(Round(e, (9.1, 9.3), (1.01, 1.04)) for e in effects),
+        gap_before=(9.1, 9.3),
+        gap_after=(1.01, 1.04) if added else None,
+        parity=3e-12 if added else None,
+        network_before=network,
+        network_after=network if added else None,
+        warnings=("The record has a drift of 0.3 mmHg in an hour & more.",),
+        provenance={"record_sha256": "ab12", "seed": 1, "versions": {"numpy": "2.4"}, "notes": []},
+    )
+
+
+class Tags(HTMLParser):
+    """Checks that tags nest, and collects ids, links and text."""
+
+    VOID = ("meta", "link", "img", "br", "input")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.ids: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.links += [str(value) for key, value in attrs if key in ("src", "href", "srcset", "action", "data")]
+        self.ids += [str(value) for key, value in attrs if key == "id"]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.text += data
+
+
+def read(page: Path) -> Tags:
+    html = page.read_text(encoding="utf-8")
+    tags = Tags()
+    tags.feed(html)
+    tags.close()
+    assert not tags.open
+    assert len(set(tags.ids)) == len(tags.ids)
+    assert all(link.startswith(("#", "data:")) for link in tags.links)
+    assert "@import" not in html and not re.search(r"url\((?!data:)", html) and "<script src" not in html
+    return tags
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callable[[str], Path]:
+    """The folder of the report of a verdict, written once."""
+    written: dict[str, Path] = {}
+
+    def report(verdict: str) -> Path:
+        if verdict not in written:
+            written[verdict] = tmp_path_factory.mktemp(verdict)
+            write_report(synthetic(verdict, sheep), written[verdict])
+        return written[verdict]
+
+    return report
+
+
+# --- what it says -------------------------------------------------------------------------------------------------
+
+SAID = {
+    "none": ("No effect is missing", "Smallest detectable sizes", "2.1 kPa·s", "Invisible to them"),
+    "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3e−12"),
+    "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
+    "several": ("Several effects are missing", "Rounds", "terminal reflection, at FA", "0.620"),
+    "unknown": ("catalogue does not have", "What remains", "harmonics 5 to 9", "largest at CA.Q"),
+    "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
+}
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_page_says_the_verdict_and_needs_nothing_else(reports: Callable[[str], Path], verdict: str) -> None:
+    text = read(reports(verdict) / "report.html").text
+    for words in (*SAID[verdict], f"A synthetic outcome of the verdict {verdict}.", "bench/sheep 1.csv"):
+        assert words in text, words
+    assert "nan" not in text.lower().split() and "None" not in text.split()
+
+
+def test_unusable_is_short(reports: Callable[[str], Path]) -> None:
+    folder = reports("unusable")
+    assert not list((folder / "figures").iterdir())
+    headings = re.findall("<h2.*?>(.*?)</h2>", (folder / "report.html").read_text(encoding="utf-8"))
+    assert headings == ["What this means", "Where this comes from"]
+
+
+def test_figures_are_those_on_the_page(reports: Callable[[str], Path]) -> None:
+    folder = reports("effect")
+    html = (folder / "report.html").read_text(encoding="utf-8")
+    assert sorted(p.name for p in folder.iterdir()) == ["figures", "report.html"]
+    assert {p.stem for p in (folder / "figures").iterdir()} == set(NAMES)
+    for name in set(NAMES) - {"z_map"}:  # on the page the z map is a table
+        assert base64.b64encode((folder / "figures" / f"{name}.png").read_bytes()).decode() in html
+
+
+def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
+    """A bench record: one site, its radius is not compared; figures of an earlier report go."""
+    full = synthetic("effect", sheep)
+    write_report(full, tmp_path)
+    write_report(replace(full, kind="bench", channels=full.channels[15:18:2], z_map=full.z_map[:, 15:16]), tmp_path)
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network"}
+    read(tmp_path / "report.html")
+
+
+def test_many_labels(tmp_path: Path, sheep: Network) -> None:
+    """A sensor set with 150 effects and places, and one with a single one."""
+    for n in (150, 1):
+        write_report(replace(synthetic("none", sheep), isolability=isolability(n)), tmp_path)
+        read(tmp_path / "report.html")
+
+
+def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -> None:
+    with pytest.raises(ValueError, match="verdict 'maybe' is not known"):
+        write_report(replace(synthetic("none", sheep), verdict="maybe"), tmp_path)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="cannot be made .*; give another folder"):
+        write_report(synthetic("unusable", sheep), tmp_path / "file")
+
+
+# --- numbers ------------------------------------------------------------------------------------------------------
+
+
+def test_numbers_are_read_in_display_units() -> None:
+    """By hand: 133.322 Pa are 1 mmHg; digits follow the interval."""
+    assert estimate_text("CA.P_ext", Estimate(10 * MMHG, "Pa", (9 * MMHG, 11 * MMHG))) == ("10.0 mmHg", "9.0 … 11.0")
+    assert estimate_text("CA.ENL", Estimate(-2e6, "Pa", (-2.5e6, -1.5e6))) == ("−2.00 MPa", "−2.50 … −1.50")
+    assert estimate_text("CA.outlet.C", Estimate(7.5006e-9, "m^3/Pa", (7.5e-9, 7.5e-9)))[0] == "1 mL/mmHg"
+    assert estimate_text("CA.E_scale", Estimate(1.3, "1", (-np.inf, np.inf))) == ("1.3", "–")
+    assert (number(12345.6), number(-0.5), number(float("nan")), number(1e-9)) == ("12300", "−0.5", "–", "1e−09")
+
+
+def test_classes_of_z() -> None:
+    assert [Z.index(z) for z in (0.0, 1.99, 2.0, 63.0, 64.0, 1e9)] == [0, 0, 1, 5, 6, 6]
+    assert len(Z.texts) == len(Z.colours)
+
+
+def test_beats_are_closed_and_in_display_units(sheep: Network) -> None:
+    outcome = synthetic("effect", sheep)
+    data = beats(outcome)
+    first = data["channels"][0]
+    assert (first["name"], first["unit"], len(first["measured"])) == ("AA.P", "mmHg", N + 1)
+    assert data["time"][-1] == T and first["measured"][0] == first["measured"][-1]
+    np.testing.assert_allclose(first["measured"][:-1], outcome.channels[0].measured / MMHG, rtol=1e-5)
+
+
+# --- in a browser -------------------------------------------------------------------------------------------------
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update "
+    "--disable-sync --virtual-time-budget=3000 --enable-logging=stderr --v=0"
+).split()
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (Debian: apt install chromium)")
+
+
+def browse(folder: Path, profile: Path, *wanted: str, hash_: str = "") -> subprocess.CompletedProcess[str]:
+    """Chromium on a report; its console must stay silent."""
+    address = (folder / "report.html").as_uri() + hash_
+    command = [str(CHROMIUM), *FLAGS, f"--user-data-dir={profile}", *wanted, address]
+    environment = {**os.environ, "HOME": str(profile)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, env=environment, check=True)
+    assert "CONSOLE" not in done.stderr, done.stderr
+    return done
+
+
+@needs_chromium
+def test_page_runs_in_a_browser(reports: Callable[[str], Path], tmp_path: Path) -> None:
+    """A link to a channel draws its curves, without a word on the console."""
+    dom = browse(reports("effect"), tmp_path, "--dump-dom", hash_="#channel=CA.Q&view=difference").stdout
+    assert re.findall('data-curve="([a-z]+)"', dom) == ["before", "after"]
+    assert 'aria-label="CA.Q, model less measured: before, after"' in dom
+    assert dom.count("<option") == 21
+
+
+@needs_chromium
+def test_page_without_an_addition_runs_in_a_browser(reports: Callable[[str], Path], tmp_path: Path) -> None:
+    dom = browse(reports("none"), tmp_path, "--dump-dom").stdout
+    assert re.findall('data-curve="([a-z]+)"', dom) == ["measured", "before"]
+    assert re.search('<input type="checkbox" id="show-after"[^>]* disabled', dom)
