@@ -62,6 +62,7 @@ class CoSimulation:
     def retune(self, values: Mapping[str, Any]) -> None:
         """Take over parameters that were changed between steps; raises ValueError and keeps the old ones if bad."""
         self._use(self.scheme.with_parameters({name: values[name] for name in self.network.parameters()}))
+        self.state = self.scheme.adopt(self.state)
 
     def _use(self, scheme: Staggered) -> None:
         self.scheme, self.report = scheme, reporter(scheme)

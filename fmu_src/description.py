@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
+from solver import effects
 from solver.network import Network
 
 from .variables import Variable
@@ -21,6 +22,7 @@ _BASE_UNITS: dict[str, dict[str, int]] = {
     "kg/m^3": {"kg": 1, "m": -3},
     "Pa.s/m^3": {"kg": 1, "m": -4, "s": -1},
     "m^3/Pa": {"m": 4, "s": 2, "kg": -1},
+    "m^2/(Pa.s)": {"m": 3, "s": 1, "kg": -1},
     "1": {},
 }
 _MMHG = 133.322387415  # conventional millimetre of mercury [Pa]
@@ -102,6 +104,6 @@ def _initial_sources(output: str, table: tuple[Variable, ...]) -> list[int]:
     names = {"network.P_0"}
     if kind == "R":
         names |= {"network.P_ref", "network.eta", "network.elastic_law"}
-        walls = ("R0", "h", "E", "ENL")
+        walls = ("R0", "h", "E", *(key for effect in effects.ALL if effect.at_rest for key in effect.quantities))
         names |= {v.name for v in table if v.causality == "parameter" and v.name.rsplit(".", 1)[-1] in walls}
     return [i for i, v in enumerate(table, start=1) if v.name in names]

@@ -7,6 +7,7 @@
 
 from .files import bundled, find_network, read_network, write_network
 from .network import (
+    Channel,
     Fluid,
     Inlet,
     Junction,
@@ -28,6 +29,7 @@ def load(name_or_path: str) -> Network:
 
 
 __all__ = [
+    "Channel",
     "Fluid",
     "Inlet",
     "Junction",

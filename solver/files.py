@@ -22,12 +22,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .network import OUTLETS, Fluid, Inlet, Junction, Network, Outlet, Pressure, Segment, Site
-from .quantity import quantities
+from .effects import quantities_of, terms_of, value_of
+from .network import OUTLETS, Channel, Fluid, Inlet, Junction, Network, Outlet, Pressure, Segment, Site
+from .quantity import Quantity, quantities
 
 _NETWORKS = Path(__file__).parent / "networks"
 _TEXTS = ("name", "reference", "elastic_law", "viscous_law")
-_SECTIONS = ("network", "fluid", "inlet", "segments", "junctions", "outlets", "sites")
+_SECTIONS = ("network", "fluid", "inlet", "segments", "junctions", "outlets", "sites", "channels")
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
@@ -93,6 +94,7 @@ def dumps(network: Network) -> str:
     blocks += [[f"[outlets.{o.segment}]", *_numbers_out(o)] for o in network.outlets]
     blocks += [["[sites]"]]  # also when there are none: without the section there would be one per segment
     blocks += [[f"[sites.{s.name}]", f"segment = {_quoted(s.segment)}", *_numbers_out(s)] for s in network.sites]
+    blocks += [[f"[channels.{_quoted(c.name)}]", *_lines(c.terms, c.quantities())] for c in network.channels]
     return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
 
 
@@ -196,16 +198,17 @@ def _example(unit: str) -> str:
 def _network(data: Mapping[str, Any]) -> Network:
     check_keys("top level", data, (*_TEXTS, *_SECTIONS))
     texts: dict[str, Any] = {key: _text(data, key, "top level") for key in _TEXTS if key in data or key == "name"}
-    segments = tuple(Segment(name, **_numbers(Segment, name, t)) for name, t in _tables(data, "segments"))
+    segments = tuple(Segment(name, **_with_terms(Segment, name, t)) for name, t in _tables(data, "segments"))
     return Network(
         **texts,
         **_numbers(Network, "network", _table(data, "network")),
-        fluid=Fluid(**_numbers(Fluid, "fluid", _table(data, "fluid"))),
+        fluid=Fluid(**_with_terms(Fluid, "fluid", _table(data, "fluid"))),
         inlet=_inlet(_table(data, "inlet")),
         segments=segments,
         junctions=tuple(map(_junction, _list(data, "junctions"))),
         outlets=tuple(_outlet(name, table) for name, table in _tables(data, "outlets")),
         sites=_sites(data) if "sites" in data else tuple(Site(s.name, s.name) for s in segments),
+        channels=tuple(_channel(name, table) for name, table in _tables(data, "channels")),
     )
 
 
@@ -250,6 +253,27 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     return kind(segment, **_numbers(kind, where, table))
 
 
+def _channel(name: str, table: Mapping[str, Any]) -> Channel:
+    """The terms of a channel; its unit is known only if it ends in a signal, which Network checks."""
+    if name.rpartition(".")[1:] not in {(".", signal) for signal in "PQR"}:
+        raise ValueError(
+            f"channels.{name}: not the name of an output; write it in quotes and with its signal, such as "
+            '[channels."CA.P"].'
+        )
+    known = Channel(name).quantities()
+    check_keys(f"channel {name}", table, known)
+    given = {key: q.unit for key, q in known.items() if key in table}
+    return Channel(name, {key: parse_quantity(table[key], unit, f"{name}.{key}") for key, unit in given.items()})
+
+
+def _with_terms(kind: Any, where: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """As :func:`_numbers`, with the terms of effects under ``terms``."""
+    known = terms_of(kind.OWNER)
+    check_keys(where, table, (*quantities(kind), *known))
+    terms = {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
+    return {**_numbers(kind, where, {key: value for key, value in table.items() if key not in terms}), "terms": terms}
+
+
 def _numbers(kind: type, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
     """The quantities of ``kind`` in a section, in SI; ``others`` are its keys that are not numbers."""
     known = quantities(kind)
@@ -265,11 +289,16 @@ def _numbers(kind: type, where: str, table: Mapping[str, Any], others: Iterable[
 
 
 def _numbers_out(owner: Any) -> list[str]:
-    """One line per quantity; repr is the shortest text that reads back to the same float."""
-    values = {key: (repr(float(getattr(owner, key))), q.unit) for key, q in quantities(owner).items()}
+    known = quantities_of(owner)
+    return _lines({key: value_of(owner, key) for key in known}, known)
+
+
+def _lines(values: Mapping[str, float], known: Mapping[str, Quantity]) -> list[str]:
+    """One line per number; repr is the shortest text that reads back to the same float."""
+    shown = {key: (repr(float(value)), known[key].unit) for key, value in values.items()}
     return [
         f"{key} = {number}" if unit == "1" else f'{key} = "{number} {_pint_spelling(unit)}"'
-        for key, (number, unit) in values.items()
+        for key, (number, unit) in shown.items()
     ]
 
 

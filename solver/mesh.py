@@ -5,14 +5,17 @@ The only file that knows indices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from . import effects
+from .effects import Effect
 from .element import Element, element, lagrange
-from .network import Network, Reflection, Resistance, Windkessel
+from .network import Fluid, Network, Reflection, Resistance, Segment, Windkessel
 from .validation import check_parameters
 from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
 
@@ -27,17 +30,12 @@ class Topology:
     """Nodes are the points where segments end: node 0 is the inlet; then one per junction, then one per outlet.
 
     start, end : (n_segments,) node at each end. outlet_segment : (n_outlets,).
-    k : (n_nodes,) weight of the kinetic pressure that the node keeps (junctions only; 0 elsewhere).
     """
 
     start: Array
     end: Array
     outlet_segment: Array
-    k: Array
-
-    @property
-    def n_nodes(self) -> int:
-        return len(self.k)
+    n_nodes: int
 
     @property
     def outlets(self) -> slice:
@@ -54,26 +52,48 @@ def topology(network: Network) -> Topology:
         start[[index[name] for name in junction.outflow]] = node
     outlet_segment = np.array([index[outlet.segment] for outlet in network.outlets], int)
     end[outlet_segment] = 1 + len(network.junctions) + np.arange(len(outlet_segment))
-    k = np.array([0.0, *(junction.k for junction in network.junctions), *(0.0 for _ in network.outlets)])
-    return Topology(start, end, outlet_segment, k)
+    return Topology(start, end, outlet_segment, 1 + len(network.junctions) + len(network.outlets))
 
 
 # --- coefficients -------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
+class Term:
+    """An effect that is on somewhere: its numbers, (B, n_segments), or (B, 1) if it belongs to the fluid."""
+
+    effect: Effect
+    values: Mapping[str, Array]
+
+    def at(self, index: Array | slice) -> dict[str, Array]:
+        """Its numbers at some of the segments."""
+        return {key: value[:, index] for key, value in self.values.items()}
+
+    @property
+    def on(self) -> Array:
+        """(n_segments,) where any member of the batch has it."""
+        neutral = self.effect.neutral
+        return np.any([np.any(value != neutral[key], axis=0) for key, value in self.values.items()], axis=0)
+
+
+@dataclass(frozen=True)
 class Coefficients:
     """The numbers of a network, or of a batch of them: leading axis B (1 when nothing is batched).
 
-    L : (B, n_segments) [m]. wall : arrays (B, n_segments). rho, C_f, alpha, P_0 : (B, 1).
+    L : (B, n_segments) [m]. base : the walls without further effects, arrays (B, n_segments). rho, nu, C_f, alpha,
+    P_0 : (B, 1). k : (B, n_nodes) weight of the kinetic pressure that a node keeps (junctions only; 0 elsewhere).
+    terms : the effects that are on.
     kappa : (B, n_outlets) (1 - R_t)/(1 + R_t), 0 where the outlet does not reflect. R1, C, R2 : (B, n_outlets); a
     plain resistance is R1 with C = ∞, a prescribed pressure R1 = 0. P_venous : (B, n_outlets) [Pa].
     reflects, stores : (n_outlets,) which outlets are reflections, and which Windkessels.
     """
 
     L: Array
-    wall: Wall
+    base: Wall
+    terms: tuple[Term, ...]
     rho: Array
+    nu: Array
+    k: Array
     C_f: Array
     alpha: Array
     P_0: Array
@@ -89,6 +109,27 @@ class Coefficients:
     @property
     def B(self) -> int:
         return self.L.shape[0]
+
+    def wall_at(self, segment: Array, x: Array) -> Wall:
+        """The walls at points x : (n,) = x/L of segments : (n,), arrays (B, n), with the effects that are on."""
+        wall = self.base.at(segment)
+        for term in self.terms:
+            if term.effect.owner == "segment":
+                wall = term.effect.wall(wall, term.at(segment), x)
+        return wall
+
+    @cached_property
+    def wall(self) -> Wall:
+        """The walls at the middles of the segments : (B, n_segments)."""
+        n = self.L.shape[1]
+        return self.wall_at(np.arange(n), np.full(n, 0.5))
+
+    @property
+    def cuts(self) -> tuple[tuple[float, ...], ...]:
+        """x/L at which elements must end, for every segment."""
+        wanted = [(term.effect.cuts, term.on) for term in self.terms if term.effect.cuts]
+        n = self.L.shape[1]
+        return tuple(tuple(sorted({x for cuts, on in wanted if on[s] for x in cuts})) for s in range(n))
 
 
 def batch_size(parameters: Parameters) -> int | None:
@@ -124,11 +165,26 @@ def coefficients(network: Network, parameters: Parameters | None = None) -> Coef
         names = [f"{o.segment}.outlet.{key}" if isinstance(o, kind) else None for o in network.outlets]
         return np.stack([column(n) if n else np.full(size or 1, otherwise) for n in names], axis=1)
 
+    def spread(effect: Effect, key: str) -> Array:
+        """(B, n) values of a term, neutral where an owner does not hold it."""
+        neutral = np.full(size or 1, effect.neutral[key])
+        return np.stack([column(f"{n}.{key}") if key in o.terms else neutral for n, o in owners[effect.owner]], axis=1)
+
+    owners: dict[str, list[tuple[str, Segment | Fluid]]] = {
+        "segment": [(segment.name, segment) for segment in network.segments],
+        "fluid": [("fluid", network.fluid)],
+    }
+    held = [
+        Term(effect, {key: spread(effect, key) for key in effect.terms})
+        for effect in effects.ALL
+        if any(key in owner.terms for _, owner in owners.get(effect.owner, []) for key in effect.terms)
+    ]
+    on = tuple(term for term in held if term.on.any())
     plate = 1.0 - column("network.eta")[:, None] ** 2
     h_over_R0 = table("h") / table("R0")
     phi0, phiNL = table("phi0"), table("phiNL")
     rho = column("fluid.rho")[:, None]
-    wall = Wall(
+    base = Wall(
         elastic=ELASTIC_LAWS[network.elastic_law],
         viscous=VISCOUS_LAWS[network.viscous_law],
         A0=np.pi * table("R0") ** 2,
@@ -142,12 +198,23 @@ def coefficients(network: Network, parameters: Parameters | None = None) -> Coef
         nonlinear=bool(np.any(phiNL != 0.0)),
         bent=bool(np.any(table("ENL") != 0.0)),
     )
+    nu = column("fluid.nu")[:, None]
+    C_f = (column("fluid.friction") * np.pi * column("fluid.nu"))[:, None]
+    for term in on:
+        if term.effect.owner == "fluid":
+            C_f = term.effect.friction(C_f, term.values)
     R_t = outlets(Reflection, "R_t", 1.0)
+    k = np.zeros((size or 1, topology(network).n_nodes))
+    for node, junction in enumerate(network.junctions, start=1):
+        k[:, node] = column(f"{junction.name}.junction.k")
     return Coefficients(
         L=table("L"),
-        wall=wall,
+        base=base,
+        terms=on,
         rho=rho,
-        C_f=(column("fluid.friction") * np.pi * column("fluid.nu"))[:, None],
+        nu=nu,
+        k=k,
+        C_f=C_f,
         alpha=column("fluid.alpha")[:, None],
         P_0=column("network.P_0")[:, None],
         kappa=(1.0 - R_t) / (1.0 + R_t),
@@ -166,9 +233,11 @@ def coefficients(network: Network, parameters: Parameters | None = None) -> Coef
 
 @dataclass(frozen=True)
 class Mesh:
-    """Every segment cut into equal elements of one degree; element ends join at nodes, the first the topology's.
+    """Every segment cut into elements of one degree, equal but where an effect wants cuts; element ends join at nodes.
 
-    segment : (n_e,) segment of each element. ends : (n_e, 2) node at the left and right end.
+    segment : (n_e,) segment of each element. parts : (n_e,) length of the segment over that of the element.
+    left : (n_e,) x/L where it begins. piece : (n_e,) number of the stretch between cuts that it lies in.
+    ends : (n_e, 2) node at the left and right end; the first nodes are the topology's.
     incidence : (n_nodes, 2 n_e) net inflow of each node from the flows at the element ends (left, right, left, …).
     first, count : (n_segments,) first element and number of elements of each segment.
     """
@@ -176,6 +245,9 @@ class Mesh:
     topology: Topology
     element: Element
     segment: Array
+    parts: Array
+    left: Array
+    piece: Array
     ends: Array
     incidence: Array
     first: Array
@@ -200,15 +272,24 @@ class Mesh:
         s = self.topology.outlet_segment
         return self.first[s] + self.count[s] - 1
 
+    def positions(self, xi: Array) -> Array:
+        """x/L : (n_e, len(xi)) of points ξ in [-1, 1] of every element."""
+        return self.left[:, None] + (xi + 1.0) / 2.0 / self.parts[:, None]
+
+    def same_as(self, other: Mesh) -> bool:
+        """Whether a state on this mesh means the same on the other."""
+        mine, others = (self.segment, self.parts, self.ends), (other.segment, other.parts, other.ends)
+        return self.element.N == other.element.N and all(map(np.array_equal, mine, others))
+
     def sample_gauss(self, segment: Array, position: Array) -> Array:
-        """Matrix (n_points, n_e N): A or ∂Q/∂x at x = position · L from the N + 1 nearest points."""
+        """Matrix (n_points, n_e N): A or ∂Q/∂x at x = position · L from the N + 1 nearest points of its piece."""
         N = self.element.N
+        points = self.positions(self.element.x_gauss).ravel()
         W = np.zeros((len(segment), self.n_elements * N))
         for row, (s, x) in enumerate(zip(segment, position, strict=True)):
-            m = self.count[s]
-            points = ((self.element.x_gauss + 1.0) / 2.0 + np.arange(m)[:, None]).ravel() / m
-            near = np.sort(np.argsort(np.abs(points - x), kind="stable")[: N + 1])
-            W[row, self.first[s] * N + near] = lagrange(points[near], np.array([x]))[0]
+            at = np.flatnonzero(np.repeat(self.piece == self.piece[self._holding(s, x)], N))
+            near = at[np.sort(np.argsort(np.abs(points[at] - x), kind="stable")[: N + 1])]
+            W[row, near] = lagrange(points[near], np.array([x]))[0]
         return W
 
     def sample_lobatto(self, segment: Array, position: Array) -> Array:
@@ -216,28 +297,39 @@ class Mesh:
         n = self.element.N + 1
         W = np.zeros((len(segment), self.n_elements * n))
         for row, (s, x) in enumerate(zip(segment, position, strict=True)):
-            m = int(self.count[s])
-            e = min(int(x * m), m - 1)
-            xi = 2.0 * (x * m - e) - 1.0
-            at = (self.first[s] + e) * n
-            W[row, at : at + n] = lagrange(self.element.x_lobatto, np.array([xi]))[0]
+            e = self._holding(s, x)
+            xi = 2.0 * (x - self.left[e]) * self.parts[e] - 1.0
+            W[row, e * n : e * n + n] = lagrange(self.element.x_lobatto, np.array([xi]))[0]
         return W
 
+    def _holding(self, segment: int, x: float) -> int:
+        """The element that holds the point x/L of a segment."""
+        own = slice(self.first[segment], self.first[segment] + self.count[segment])
+        return int(self.first[segment] + np.searchsorted(self.left[own], x, side="right") - 1)
 
-def build_mesh(network: Network, L: Array, element_length: float, degree: int) -> Mesh:
+
+def build_mesh(
+    network: Network, L: Array, element_length: float, degree: int, cuts: Sequence[Sequence[float]] | None = None
+) -> Mesh:
     """Cut segments of length L : (n_segments,) [m] into elements no longer than ``element_length`` [m].
 
-    Raises ValueError if that makes too many.
+    cuts : x/L for every segment at which elements must end, increasing. Raises ValueError if that makes too many.
     """
     nodes = topology(network)
-    count = np.maximum(1, np.ceil(L / element_length - 1e-9)).astype(int)
-    if count.sum() > _LARGEST_MESH:
+    bounds = [np.array([0.0, *at, 1.0]) for at in (cuts or [()] * len(L))]
+    owner = np.repeat(np.arange(len(L)), [len(b) - 1 for b in bounds])  # of each piece
+    start, width = np.concatenate([b[:-1] for b in bounds]), np.concatenate([np.diff(b) for b in bounds])
+    pieces = np.maximum(1, np.ceil(width * L[owner] / element_length - 1e-9)).astype(int)
+    if pieces.sum() > _LARGEST_MESH:
         raise ValueError(
-            f"element_length = {element_length:g} m cuts network {network.name} into {count.sum()} elements, more than "
-            f"{_LARGEST_MESH}; use longer elements (5 cm is the default) or check the lengths of the segments."
+            f"element_length = {element_length:g} m cuts network {network.name} into {pieces.sum()} elements, more "
+            f"than {_LARGEST_MESH}; use longer elements (5 cm is the default) or check the lengths of the segments."
         )
+    piece = np.repeat(np.arange(len(owner)), pieces)
+    segment, parts = owner[piece], pieces[piece] / width[piece]
+    left = start[piece] + (np.arange(len(piece)) - (np.cumsum(pieces) - pieces)[piece]) / parts
+    count = np.bincount(segment, minlength=len(L))
     first = np.cumsum(count) - count
-    segment = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(segment)) - first[segment]
     inner = place < count[segment] - 1  # the element's right end lies inside the segment
     ends = np.stack([nodes.start[segment], nodes.end[segment]], axis=1)
@@ -247,4 +339,4 @@ def build_mesh(network: Network, L: Array, element_length: float, degree: int) -
     at = np.arange(len(segment))
     incidence[ends[:, 0], 2 * at] = -1.0
     incidence[ends[:, 1], 2 * at + 1] = 1.0
-    return Mesh(nodes, element(degree), segment, ends, incidence, first, count)
+    return Mesh(nodes, element(degree), segment, parts, left, piece, ends, incidence, first, count)

@@ -2,7 +2,9 @@
 
 Everything here is in SI. Every number that a user may change is a *quantity*: a dataclass field that carries a
 :class:`~solver.quantity.Quantity`. The variables of the FMU, the keys of the network file, the error messages and the
-batch parameters of the solver all follow from these fields, so a new one is added here and nowhere else.
+batch parameters of the solver all follow from these fields, so a new one is added here and nowhere else. Beside the
+fields, which every network has, segments, fluid and channels hold *terms* by key: numbers of the effects of
+:mod:`solver.effects` that this network has.
 """
 
 from __future__ import annotations
@@ -13,8 +15,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .effects import quantities_of, terms_of, value_of
 from .quantity import Quantity, quantities, quantity
-from .validation import check_network, check_parameters
+from .validation import check_network, check_parameters, check_terms
+
+
+def _terms() -> Any:
+    """A field for the terms of :mod:`solver.effects` that the object holds, SI values by key."""
+    return field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,9 @@ class Fluid:
     nu: float = quantity(3.5e-6, "m^2/s", "kinematic viscosity nu", 0.0, 1.0, nominal=1e-6, tunable=False)
     alpha: float = quantity(1.0, "1", "convective coefficient alpha", 0.0, 2.0, tunable=False)
     friction: float = quantity(22.0, "1", "friction factor C_f/(pi nu)", 0.0, 1e4, nominal=10.0, tunable=False)
+    terms: Mapping[str, float] = _terms()
+
+    OWNER: ClassVar[str] = "fluid"
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,9 @@ class Segment:
     phi0: float = quantity(0.0, "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s")
     phiNL: float = quantity(0.0, "Pa.s^2", "nonlinear wall viscosity phiNL", -1e8, 1e8, nominal=1e4, display="kPa.s^2")
     ENL: float = quantity(0.0, "Pa", "nonlinear elastic modulus ENL", -1e10, 1e10, nominal=1e4, display="MPa")
+    terms: Mapping[str, float] = _terms()
+
+    OWNER: ClassVar[str] = "segment"
 
 
 @dataclass(frozen=True)
@@ -116,6 +130,27 @@ class Site:
 
 
 @dataclass(frozen=True)
+class Channel:
+    """How a sensor shows an output of the network (``CA.P``) or ``inlet.Q``: see :func:`solver.effects.observe`.
+
+    The observation is part of the network's description, but not of the FMU, whose outputs are the true quantities.
+    """
+
+    name: str
+    terms: Mapping[str, float] = _terms()
+
+    OWNER: ClassVar[str] = "channel"
+
+    def quantities(self) -> dict[str, Quantity]:
+        """The terms that it may hold, in the unit of its signal."""
+        unit = _SIGNAL_UNITS[self.name.rpartition(".")[2]]
+        return {key: replace(q, unit=unit) if q.unit == "signal" else q for key, q in terms_of("channel").items()}
+
+
+_SIGNAL_UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}
+
+
+@dataclass(frozen=True)
 class Inlet:
     """Where flow enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine."""
 
@@ -145,6 +180,7 @@ class Network:
     outlets: tuple[Outlet, ...] = ()
     sites: tuple[Site, ...] = ()
     fluid: Fluid = Fluid()
+    channels: tuple[Channel, ...] = field(default=(), kw_only=True)
     eta: float = quantity(0.5, "1", "Poisson's ratio eta", 0.0, 0.5, tunable=False)
     P_ref: float = quantity(
         0.0, "Pa", "reference pressure P_ref", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False
@@ -171,18 +207,36 @@ class Network:
             yield segment.name, segment
         for outlet in self.outlets:
             yield f"{outlet.segment}.outlet", outlet
+        for junction in self.junctions:
+            yield f"{junction.name}.junction", junction
 
     def parameters(self) -> dict[str, float]:
         """All parameters by variable name (``AA.E``, ``CA.outlet.R_t``, ``fluid.rho``, ``network.P_ref``), in SI."""
-        return {f"{prefix}.{key}": getattr(owner, key) for prefix, owner in self.owners() for key in quantities(owner)}
+        return {
+            f"{prefix}.{key}": value_of(owner, key) for prefix, owner in self.owners() for key in quantities_of(owner)
+        }
 
     def parameter_quantities(self) -> dict[str, Quantity]:
         """The :class:`Quantity` of every parameter, by variable name."""
-        return {f"{prefix}.{key}": q for prefix, owner in self.owners() for key, q in quantities(owner).items()}
+        return {f"{prefix}.{key}": q for prefix, owner in self.owners() for key, q in quantities_of(owner).items()}
 
     def with_parameters(self, values: Mapping[str, float]) -> Network:
         """The same network with some parameters replaced. Raises ValueError for a name or value that is not allowed."""
         check_parameters(self, values)
+        return self._with(values)
+
+    def with_terms(self, values: Mapping[str, float]) -> Network:
+        """As :meth:`with_parameters`; terms that the network has not yet (``CA.tau``, ``CA.P.lag``) are added to it.
+
+        Raises ValueError for a name that is neither a parameter nor a term of :mod:`solver.effects`.
+        """
+        known = self.parameter_quantities()
+        added = {name: value for name, value in values.items() if name not in known}
+        check_terms(self, added)
+        check_parameters(self, {name: value for name, value in values.items() if name in known})
+        return self._with(values)
+
+    def _with(self, values: Mapping[str, float]) -> Network:
         for name, value in values.items():
             if np.ndim(value):
                 raise ValueError(
@@ -191,14 +245,37 @@ class Network:
 
         def changed(prefix: str, owner: Any) -> Any:
             mine = {key: float(values[f"{prefix}.{key}"]) for key in quantities(owner) if f"{prefix}.{key}" in values}
+            known = terms_of(getattr(owner, "OWNER", ""))
+            terms = {key: float(values[f"{prefix}.{key}"]) for key in known if f"{prefix}.{key}" in values}
+            if terms:
+                mine["terms"] = {**owner.terms, **terms}  # type: ignore[assignment]
             return replace(owner, **mine) if mine else owner
 
+        names = {name.rpartition(".")[0] for name in values} & set(self.channel_names())
+        new = sorted(names - {channel.name for channel in self.channels})
         return replace(
             changed(self.NETWORK_GROUP, self),
             fluid=changed("fluid", self.fluid),
             segments=tuple(changed(s.name, s) for s in self.segments),
             outlets=tuple(changed(f"{o.segment}.outlet", o) for o in self.outlets),
+            junctions=tuple(changed(f"{j.name}.junction", j) for j in self.junctions),
+            channels=tuple(changed(c.name, c) for c in (*self.channels, *map(Channel, new))),
         )
+
+    # --- outputs --------------------------------------------------------------------------------------------------
+
+    def output_units(self) -> dict[str, str]:
+        """SI unit of every output, by name: inlet.P, <site>.P, .Q, .R and <segment>.outlet.P, .Q."""
+        units = {"inlet.P": "Pa"}
+        for site in self.sites:
+            units |= {f"{site.name}.{signal}": unit for signal, unit in _SIGNAL_UNITS.items()}
+        for outlet in self.outlets:
+            units |= {f"{outlet.segment}.outlet.{signal}": _SIGNAL_UNITS[signal] for signal in "PQ"}
+        return units
+
+    def channel_names(self) -> tuple[str, ...]:
+        """What a sensor may show: the outputs and ``inlet.Q``."""
+        return ("inlet.Q", *self.output_units())
 
     def segment(self, name: str) -> Segment:
         """The segment of that name (KeyError if there is none)."""
@@ -216,9 +293,10 @@ def to_dict(network: Network) -> dict[str, Any]:
 
     def plain(owner: Any, skip: Iterable[str] = ()) -> dict[str, Any]:
         result = {f.name: getattr(owner, f.name) for f in fields(owner) if f.name not in skip}
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in result.items()}
+        lists = {key: list(value) for key, value in result.items() if isinstance(value, tuple)}
+        return result | lists | ({"terms": dict(owner.terms)} if "terms" in result else {})
 
-    nested = ("segments", "junctions", "outlets", "sites", "fluid", "inlet")
+    nested = ("segments", "junctions", "outlets", "sites", "fluid", "inlet", "channels")
     return {
         **plain(network, nested),
         "fluid": plain(network.fluid),
@@ -227,6 +305,7 @@ def to_dict(network: Network) -> dict[str, Any]:
         "junctions": [plain(j) for j in network.junctions],
         "outlets": [{"condition": type(o).__name__, **plain(o)} for o in network.outlets],
         "sites": [plain(s) for s in network.sites],
+        "channels": [plain(c) for c in network.channels],
     }
 
 
@@ -246,4 +325,5 @@ def from_dict(data: Mapping[str, Any]) -> Network:
         junctions=tuple(Junction(tuple(j["inflow"]), tuple(j["outflow"]), j["k"]) for j in data["junctions"]),
         outlets=tuple(outlet(o) for o in data["outlets"]),
         sites=tuple(Site(**s) for s in data["sites"]),
+        channels=tuple(Channel(**c) for c in data.get("channels", ())),
     )

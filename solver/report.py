@@ -29,14 +29,15 @@ class Reporter:
 def reporter(scheme: Staggered) -> Reporter:
     """Outputs of a network: inlet.P, <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
-    At a site A and ∂Q/∂x are interpolated and P follows from the wall law; the nodal pressures are the multipliers H.
+    At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
+    stress; the nodal pressures are the multipliers H.
     """
     network, mesh = scheme.network, scheme.mesh
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     segment = np.array([index[site.segment] for site in network.sites], int)
     position = np.array([site.position for site in network.sites])
     gauss, lobatto = mesh.sample_gauss(segment, position).T, mesh.sample_lobatto(segment, position).T
-    wall = scheme.coefficients.wall.at(segment)
+    wall = scheme.coefficients.wall_at(segment, position)
     n, B = len(segment), scheme.coefficients.B
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
     names, units = output_variables(network)
@@ -45,10 +46,15 @@ def reporter(scheme: Staggered) -> Reporter:
     def report(state: State) -> Array:
         result = np.empty((B, len(names)))
         result[:, 0] = state.H[:, 0]
-        A_t = scheme.area_rate(state.Q).reshape(B, -1) @ gauss
+        A_t = state.A_t.reshape(B, -1) @ gauss
         A = state.A.reshape(B, -1) @ gauss
         at_sites = result[:, sites].reshape(B, n, 3)
         at_sites[..., 0] = wall.pressure(A, A_t)
+        if state.stress is not None:
+            # the difference, not the stress itself: so that the answer is continuous as tau vanishes
+            change = state.stress - scheme.wall.viscous_stress(state.A, state.A_t)
+            change = np.where(scheme.wall.tau == 0.0, 0.0, change).reshape(B, -1) @ gauss
+            at_sites[..., 0] += wall.K_h * np.sqrt(wall.A0 / A) * change
         at_sites[..., 1] = state.Q.reshape(B, -1) @ lobatto
         at_sites[..., 2] = np.sqrt(A / np.pi)
         result[:, sites] = at_sites.reshape(B, -1)
@@ -61,9 +67,5 @@ def reporter(scheme: Staggered) -> Reporter:
 
 def output_variables(network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names and SI units of the outputs of a network."""
-    rows = [("inlet.P", "Pa")]
-    for site in network.sites:
-        rows += [(f"{site.name}.P", "Pa"), (f"{site.name}.Q", "m^3/s"), (f"{site.name}.R", "m")]
-    for outlet in network.outlets:
-        rows += [(f"{outlet.segment}.outlet.P", "Pa"), (f"{outlet.segment}.outlet.Q", "m^3/s")]
-    return tuple(name for name, _ in rows), tuple(unit for _, unit in rows)
+    units = network.output_units()
+    return tuple(units), tuple(units.values())

@@ -18,15 +18,16 @@ answer is continuous as φ0 → 0, and it does not ring when an input is held.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import NoReturn
+from dataclasses import dataclass, replace
+from typing import Any, NoReturn
 
 import numpy as np
 
+from .effects import Drag, Effect, Points
 from .mesh import Parameters, build_mesh, coefficients
 from .network import Network
 from .sdirk import GAMMA, INFLOW_AT_STAGES, SDIRK3, STAGES
-from .stage import Stage
+from .stage import Base, Memory, Stage
 
 Array = np.ndarray
 
@@ -73,7 +74,9 @@ class State:
     A : (B, n_e, N) [m²]; Q : (B, n_e, N+1) [m³/s]; H : (B, n_nodes) [Pa]; P_C : (B, n_outlets) [Pa].
 
     rates, heads hold the stage values (∂Q/∂t and H) of the last step, the ``_before`` ones of the step before:
-    they start the next iterations.
+    they start the next iterations. A_t : like A, ∂A/∂t at the end of the step. Memory, None where no wall and no fluid
+    has one: stress : like A, viscous stress [Pa]; history : (m, B, n_e, N+1) [m/s], y - U of each
+    :class:`~solver.effects.Drag` term.
     """
 
     t: float
@@ -85,6 +88,22 @@ class State:
     heads: Array  # (STAGES, B, n_nodes)
     rates_before: Array
     heads_before: Array
+    A_t: Array
+    stress: Array | None = None
+    history: Array | None = None
+
+    def members(self, index: Array | slice) -> State:
+        """The state of some members of a batch."""
+        changed: dict[str, Any] = {}
+        for name, batch_axis in _STATE_AXES.items():
+            array = getattr(self, name)
+            if array is not None:
+                changed[name] = array[index] if batch_axis == 0 else array[:, index]
+        return replace(self, **changed)
+
+
+_STATE_AXES = {"A": 0, "Q": 0, "H": 0, "P_C": 0, "A_t": 0, "stress": 0}
+_STATE_AXES |= {"rates": 1, "heads": 1, "rates_before": 1, "heads_before": 1, "history": 1}
 
 
 @dataclass(frozen=True)
@@ -111,6 +130,14 @@ class Operators:
     charge: Array
 
 
+def _ahead(memory: Memory, weight: float, rates: Memory, scale: float = 1.0) -> Memory:
+    """scale (memory + weight rates), where there is memory."""
+    stress, history = (
+        None if m is None or r is None else scale * (m + weight * r) for m, r in zip(memory, rates, strict=True)
+    )
+    return stress, history
+
+
 class Staggered:
     """The scheme on one network with one parameter set, or with a batch of B of them (leading axis of every array).
 
@@ -124,7 +151,8 @@ class Staggered:
         self.settings = settings or Settings()
         self.coefficients = coefficients(network, parameters)
         L = self.coefficients.L.max(axis=0)
-        self.mesh = build_mesh(network, L, self.settings.element_length, self.settings.degree)
+        cuts = self.coefficients.cuts
+        self.mesh = build_mesh(network, L, self.settings.element_length, self.settings.degree, cuts)
         self._prepare()
 
     def with_parameters(self, parameters: Parameters) -> Staggered:
@@ -138,15 +166,17 @@ class Staggered:
     def _prepare(self) -> None:
         """Arrays that every step uses, spread from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1)."""
         c, mesh, el = self.coefficients, self.mesh, self.mesh.element
-        self.wall = c.wall.at(mesh.segment).spread(el.N)
-        self.outlet_wall = c.wall.at(mesh.topology.outlet_segment)
+        x = mesh.positions(el.x_gauss)
+        self.wall = c.wall_at(np.repeat(mesh.segment, el.N), x.ravel()).shaped(x.shape)
+        self.outlet_wall = c.wall_at(mesh.topology.outlet_segment, np.ones(len(mesh.topology.outlet_segment)))
         # full contiguous arrays: broadcasting over a last axis of length N is several times slower
         gauss, lobatto = (c.B, mesh.n_elements, el.N), (c.B, mesh.n_elements, el.N + 1)
-        J = (c.L / mesh.count)[:, mesh.segment, None] / 2.0
+        J = (c.L[:, mesh.segment] / mesh.parts)[..., None] / 2.0
         rho, alpha = c.rho[..., None], c.alpha[..., None]
         self.minus_J_inverse = np.broadcast_to(-1.0 / J, gauss).copy()
         self.mass = np.broadcast_to(rho * el.w_lobatto * J, lobatto).copy()
         self.friction = self.mass * c.C_f[..., None]
+        self.drag = self._drag()
         self.kinetic = np.broadcast_to(0.5 * rho * alpha, gauss).copy()
         self.derivative = np.ascontiguousarray(el.derivative.T)
         self.to_gauss = np.ascontiguousarray(el.to_gauss.T)
@@ -157,7 +187,7 @@ class Staggered:
         self.end_flux = np.zeros((2, el.N + 1))
         self.end_flux[0, 0], self.end_flux[1, -1] = -1.0, 1.0
         node_kinetic = np.zeros((c.B, mesh.n_nodes))
-        node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * (c.alpha - mesh.topology.k)
+        node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * (c.alpha - c.k)
         self.end_kinetic = node_kinetic[:, mesh.ends]
         self.incidence = np.ascontiguousarray(mesh.incidence.T)
         self.inlet_element = mesh.inlet_element
@@ -168,7 +198,27 @@ class Staggered:
         self.flow_floor = _ROUND_OFF * np.min(self.wall.A0 * self.wall.c0, axis=(1, 2))
         self.pressure_floor = _ROUND_OFF * np.max(np.abs(self.wall.K), axis=(1, 2))
         self.impedance = np.min(self.wall.rho * self.wall.c0 / self.wall.A0, axis=(1, 2))
+        # the outlet whose venous pressure a leak of each element meets; one more that stands for 0 Pa
+        sink = np.full(c.L.shape[1], len(mesh.topology.outlet_segment))
+        sink[mesh.topology.outlet_segment] = np.arange(len(mesh.topology.outlet_segment))
+        self.sink = sink[mesh.segment]
         self._operators: dict[float, Operators] = {}
+
+    def _drag(self) -> Drag | None:
+        """The forces on the flow of the effects that are on, together."""
+        c, mesh, el = self.coefficients, self.mesh, self.mesh.element
+        if not any(type(term.effect).drag is not Effect.drag for term in c.terms):
+            return None
+        x = mesh.positions(el.x_lobatto)
+        wall = c.wall_at(np.repeat(mesh.segment, el.N + 1), x.ravel()).shaped(x.shape)
+        centre = mesh.positions(np.zeros(1))
+        points = Points(x, centre, np.sqrt(wall.A0 / np.pi), c.L[:, mesh.segment, None], c.nu[..., None])
+        found = None
+        for term in c.terms:
+            values = term.at(mesh.segment) if term.effect.owner == "segment" else term.values
+            drag = term.effect.drag({key: value[..., None] for key, value in values.items()}, points)
+            found = drag if found is None else found if drag is None else found + drag
+        return found
 
     def _refuse_unreachable_pressure(self) -> None:
         c, law = self.coefficients, self.network.elastic_law
@@ -194,29 +244,38 @@ class Staggered:
         if dt not in self._operators:
             if len(self._operators) >= 16:
                 self._operators.clear()
-            Q = np.zeros_like(self.mass)
             H = np.broadcast_to(self.coefficients.P_0, (self.coefficients.B, self.mesh.n_nodes))
-            self._operators[dt] = self.condense(dt, self.jacobian(GAMMA * dt, self.A_rest, Q, Q), H, None)
+            rest = Base(self, GAMMA * dt, self.A_rest, np.zeros_like(self.mass), *self._rest_memory())
+            self._operators[dt] = self.condense(dt, self.jacobian(rest, rest.Q), H, None)
         return self._operators[dt]
 
-    def jacobian(self, tau: float, A: Array, Q: Array, Q_base: Array) -> Array:
-        """∂R/∂Q : (B, n_e, N+1, N+1) of the momentum residual of a stage of length τ; A follows Q."""
-        D, N = self.derivative.T, self.mesh.element.N
-        A_t, U, Q_xi = self.area_rate(Q), (Q @ self.to_gauss) / A, Q @ self.derivative
-        nu = self.wall.viscosity(A, A_t)
+    def jacobian(self, base: Base, Q: Array) -> Array:
+        """∂R/∂Q : (B, n_e, N+1, N+1) of the momentum residual of a stage from ``base``; A follows Q."""
+        D, N, tau, wall = self.derivative.T, self.mesh.element.N, base.tau, base.wall
+        A_t = base.area_rate(Q)
+        A = base.A + tau * A_t
+        U, Q_xi = (Q @ self.to_gauss) / A, Q @ self.derivative
+        nu = wall.viscosity(A, A_t)
+        stiffness = wall.stiffness(A) + wall.viscous_slope(A, A_t)
         dA_t = self.minus_J_inverse[..., None] * D
+        if wall.leak is not None:
+            dA_t = dA_t / (1.0 + wall.leak * (tau * stiffness + nu))[..., None]
         dA = tau * dA_t
         dU = (self.to_gauss.T - U[..., None] * dA) / A[..., None]
-        stiffness = self.wall.stiffness(A) - nu * A_t / A
         dP = stiffness[..., None] * dA + nu[..., None] * dA_t + (2.0 * self.kinetic * U)[..., None] * dU
         dC = Q_xi[..., None] * dU + U[..., None] * D - (U * Q_xi / A)[..., None] * dA
         dC *= (self.kinetic / A)[..., None]
         K = np.einsum("gi,begj->beij", self.pressure_flux, dP) + np.einsum("gi,begj->beij", self.convection, dC)
         A_end, dA_end = A @ self.to_lobatto, np.einsum("gi,begj->beij", self.to_lobatto, dA)
         inertia = self.mass / tau
-        K -= ((inertia * (Q - Q_base) + 2.0 * self.friction * Q / A_end) / A_end**2)[..., None] * dA_end
+        slope = (inertia * (Q - base.Q) + 2.0 * self.friction * Q / A_end) / A_end**2
         diagonal = np.arange(N + 1)
         K[:, :, diagonal, diagonal] += (inertia + self.friction / A_end) / A_end
+        if self.drag is not None:
+            dF = self.mass * base.drag_slope(Q / A_end) / A_end
+            slope += dF * Q / A_end
+            K[:, :, diagonal, diagonal] += dF
+        K -= slope[..., None] * dA_end
         for end, sign in ((0, -1.0), (1, 1.0)):
             U_end = (Q / A_end)[..., -end]
             slope = (2.0 * sign * self.end_kinetic[..., end] * U_end / A_end[..., -end])[..., None]
@@ -277,7 +336,34 @@ class Staggered:
         H = np.broadcast_to(c.P_0, (c.B, mesh.n_nodes)).copy()
         P_C = np.broadcast_to(c.P_0, c.C.shape) * c.stores
         rates, heads = np.zeros((STAGES, *Q.shape)), np.broadcast_to(H, (STAGES, *H.shape))
-        return State(t, self.A_rest, Q, H, P_C, rates, heads, rates, heads)
+        A_t = np.zeros_like(self.A_rest)
+        return State(t, self.A_rest, Q, H, P_C, rates, heads, rates, heads, A_t, *self._rest_memory())
+
+    def _rest_memory(self) -> Memory:
+        """Memory of a fluid and walls that have been at rest for ever."""
+        return (
+            None if self.wall.tau is None else np.zeros_like(self.A_rest),
+            None if self.drag is None else np.zeros((len(self.drag.rate), *self.mass.shape)),
+        )
+
+    def adopt(self, state: State) -> State:
+        """A state of this mesh under other parameters, ready for these: memory is added where it lacks, or dropped.
+
+        The stress of a wall that had no memory is that of its strain rate, the history of a fluid none. The state of
+        one member serves a whole batch. Raises ValueError for a batch of another size.
+        """
+        B, members = self.coefficients.B, len(state.Q)
+        if members not in (1, B):
+            raise ValueError(f"the state is one of {members} parameter sets, not of {B}; take one member of it.")
+        if members != B:
+            state = state.members(np.zeros(B, int))
+        stress, history = self._rest_memory()
+        if stress is not None:
+            stress = self.wall.viscous_stress(state.A, state.A_t) if state.stress is None else state.stress
+        if history is not None:
+            kept = state.history is not None and state.history.shape == history.shape
+            history = state.history if kept else np.broadcast_to(-state.Q / (state.A @ self.to_lobatto), history.shape)
+        return replace(state, stress=stress, history=history)
 
     def step(self, state: State, dt: float, inflow: Array, P_venous: Array | None = None) -> State:
         """Advance by dt [s].
@@ -305,26 +391,33 @@ class Staggered:
         # over the step, the jump would show in the inlet pressure as its inertia divided by dt
         Q_start = state.Q.copy()
         Q_start[:, self.inlet_element, 0] = inflow[0]
+        memory_t: list[Memory] = []
         with np.errstate(all="ignore"):
             for i in range(STAGES):
-                A, Q, P_C = state.A, Q_start, state.P_C
+                A, Q, P_C, memory = state.A, Q_start, state.P_C, (state.stress, state.history)
                 for j in range(i):
                     weight = dt * SDIRK3[i, j]
                     A = A + weight * A_t[j]
                     Q = Q + weight * rates[j]
                     P_C = P_C + weight * C_t[j]
-                stage = Stage(self, operators, A, Q, P_C, Q_in[i], venous, state.t + dt)
+                    memory = _ahead(memory, weight, memory_t[j])
+                base = Base(self, operators.tau, A, Q, *memory, venous=venous)
+                stage = Stage(self, operators, base, P_C, Q_in[i], venous, state.t + dt)
                 Q_i, heads[i], A_t_i = stage.solve(Q + operators.tau * guess_rates[i], guess_heads[i], small)
                 A_t.append(A_t_i)
                 rates[i] = (Q_i - Q) / operators.tau
                 charged = stage.charge(Q_i) if self.stores else P_C
                 C_t.append((charged - P_C) / operators.tau)
+                remembered = base.memory(Q_i, A_t_i)
+                memory_t.append(_ahead(remembered, -1.0, memory, 1.0 / operators.tau))
             A_new = A + operators.tau * A_t_i
             self.check(A_new, A_t_i, Q_i, state.t + dt)
-        return State(state.t + dt, A_new, Q_i, heads[-1], charged, rates, heads, state.rates, state.heads)
+        return State(
+            state.t + dt, A_new, Q_i, heads[-1], charged, rates, heads, state.rates, state.heads, A_t_i, *remembered
+        )
 
     def area_rate(self, Q: Array) -> Array:
-        """∂A/∂t = -∂Q/∂x at the Gauss points (`massConserv_AQ`) : (B, n_e, N) [m²/s]."""
+        """-∂Q/∂x at the Gauss points : (B, n_e, N) [m²/s], which is ∂A/∂t where nothing leaks (`massConserv_AQ`)."""
         return (Q @ self.derivative) * self.minus_J_inverse
 
     def check(self, A: Array, A_t: Array, Q: Array, t: float) -> None:
@@ -333,10 +426,12 @@ class Staggered:
             if not margin.min() > 0.0:
                 self._fail(margin, t, reason(), remedy)
 
-    def refuse(self, A: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float) -> NoReturn:
+    def refuse(
+        self, A: Array, A_t: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float
+    ) -> NoReturn:
         """Raise NonPhysicalState for a stage that did not converge: by outlets, then by :meth:`check`, else as such.
 
-        A, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. Members that are ``done`` are not to blame.
+        A, A_t, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. ``done`` members are not to blame.
         """
         blame = ~done
         outlet = self.outlet_wall.area(H[:, self.mesh.topology.outlets] - venous)
@@ -349,7 +444,6 @@ class Staggered:
                 t,
                 f"check {outlet_segment.name}.outlet.P_venous and the elastic law",
             )
-        A_t = self.area_rate(Q)
         innocent = np.where(done, np.inf, 0.0)[:, None, None]
         for margin, reason, remedy in self._margins(A, A_t, Q):
             if not np.min(margin + innocent) > 0.0:
@@ -381,6 +475,6 @@ class Staggered:
         """Raise NonPhysicalState at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
         b, e, g = np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape)
         s = self.mesh.segment[e]
-        place = (e - self.mesh.first[s] + (self.mesh.element.x_gauss[g] + 1.0) / 2.0) / self.mesh.count[s]
+        place = self.mesh.positions(self.mesh.element.x_gauss)[e, g]
         x = float(place * self.coefficients.L[b, s])
         raise NonPhysicalState(reason + self._member(int(b)), self.network.segments[s].name, x, t, remedy)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .quantity import quantities
+from .effects import quantities_of, terms_of, value_of
 from .wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 if TYPE_CHECKING:
@@ -30,21 +30,58 @@ def check_network(network: Network) -> None:
     _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
     _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
     for prefix, owner in _all_owners(network):
-        for key, quantity_ in quantities(owner).items():
-            quantity_.check(f"{prefix}.{key}", getattr(owner, key))
+        for key, quantity_ in quantities_of(owner).items():
+            quantity_.check(f"{prefix}.{key}", value_of(owner, key))
+    for prefix, owner in network.owners():
+        _check_keys(prefix, owner)
     for segment in network.segments:
         _check_ratio(segment.name, np.asarray(segment.phi0), np.asarray(segment.phiNL))
     _check_references(network)
     _check_topology(network)
+    _check_channels(network)
 
 
 def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
-    yield from network.owners()
+    junctions = {f"{junction.name}.junction": f"junction {junction.name}" for junction in network.junctions}
+    for prefix, owner in network.owners():
+        yield junctions.get(prefix, prefix), owner
     yield "inlet", network.inlet
-    for junction in network.junctions:
-        yield f"junction {junction.name}", junction
     for site in network.sites:
         yield f"site {site.name}", site
+
+
+def _check_keys(where: str, owner: Any) -> None:
+    for key in getattr(owner, "terms", {}):
+        if key not in terms_of(owner.OWNER):
+            raise ValueError(f"{where}.{key}: not a term of a {owner.OWNER}; {_suggest(key, terms_of(owner.OWNER))}")
+
+
+def _check_channels(network: Network) -> None:
+    names, known = [channel.name for channel in network.channels], network.channel_names()
+    for channel in network.channels:
+        if channel.name not in known:
+            raise ValueError(
+                f"channel {channel.name!r}: network {network.name} has no such output; {_suggest(channel.name, known)}"
+            )
+        if names.count(channel.name) > 1:
+            raise ValueError(f"channel {channel.name}: it occurs {names.count(channel.name)} times; keep one.")
+        _check_keys(channel.name, channel)
+        for key, value in channel.terms.items():
+            channel.quantities()[key].check(f"{channel.name}.{key}", value)
+
+
+def check_terms(network: Network, values: Mapping[str, Any]) -> None:
+    """Raise ValueError unless every name is a term that a segment, the fluid or a channel of the network may hold."""
+    owners = {s.name: "segment" for s in network.segments} | {"fluid": "fluid"}
+    owners |= dict.fromkeys(network.channel_names(), "channel")
+    for name in values:
+        prefix, _, key = name.rpartition(".")
+        if key not in terms_of(owners.get(prefix, "")):
+            terms = [f"{prefix}.{term}" for term in terms_of(owners.get(prefix, ""))]
+            known = [*network.parameter_quantities(), *terms]
+            raise ValueError(
+                f"{name}: neither a parameter nor a term of network {network.name}; {_suggest(name, known)}"
+            )
 
 
 def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:

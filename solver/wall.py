@@ -233,6 +233,11 @@ class Wall:
 
     A0 [m²]; K = E h/((1-η²) R0) [Pa]; e = E_NL/E; K_h = h/((1-η²) R0) [-]; phi0 [Pa·s]; r = φ_NL/φ0 [s];
     P_ref [Pa]; rho [kg/m³]. ``nonlinear`` tells whether any r differs from 0, ``bent`` whether any e does.
+    tau [s] : relaxation time of the viscous stress, τ dσ_v/dt + σ_v = σ_v(ε̇); leak [m²/(Pa·s)] : what the wall lets
+    through per length and pressure. None where no wall has it.
+
+    A wall with memory stands for one moment, made by :meth:`remembering`: its viscous stress is
+    weight σ_v(ε̇) + (1 - weight) past, ``past`` : like A [Pa].
     """
 
     elastic: ElasticLaw
@@ -247,17 +252,22 @@ class Wall:
     rho: Array
     nonlinear: bool
     bent: bool
+    tau: Array | None = None
+    leak: Array | None = None
+    weight: Array | None = None
+    past: Array | None = None
 
     def at(self, index: Array | slice) -> Wall:
         """The walls at some of the points: last axis indexed."""
         return self._with(lambda array: np.ascontiguousarray(array[..., index]))
 
-    def spread(self, n: int) -> Wall:
-        """The same walls with one more axis, of n points that share a wall."""
-        return self._with(lambda array: np.repeat(array[..., None], n, axis=-1))
+    def shaped(self, shape: tuple[int, ...]) -> Wall:
+        """The same walls with the last axis in this shape."""
+        return self._with(lambda array: np.ascontiguousarray(array.reshape(*array.shape[:-1], *shape)))
 
     def _with(self, change: Callable[[Array], Array]) -> Wall:
-        changed: dict[str, Any] = {name: change(getattr(self, name)) for name in _WALL_ARRAYS}
+        held = {name: getattr(self, name) for name in _WALL_ARRAYS}
+        changed: dict[str, Any] = {name: change(array) for name, array in held.items() if array is not None}
         return replace(self, **changed)
 
     @cached_property
@@ -278,8 +288,34 @@ class Wall:
         viscous = self.viscosity_area * A_t / A
         if self.nonlinear:
             viscous = viscous * self.viscous.factor(self.r * self.strain_rate(A, A_t))
+        if self.past is not None:
+            viscous = self.weight * viscous + self._faded(s)
         P += viscous
         return P
+
+    def remembering(self, past: Array, theta: float) -> Wall:
+        """The wall of a moment: θ [s] ago its viscous stress was ``past`` [Pa], and ε̇ has been since what it is now.
+
+        σ_v = past + θ (σ_v(ε̇) - σ_v)/τ: exactly the stress without memory where τ = 0.
+        """
+        assert self.tau is not None
+        off = self.tau == 0.0
+        return replace(self, past=past, weight=np.where(off, 1.0, theta / np.where(off, 1.0, self.tau + theta)))
+
+    def viscous_stress(self, A: Array, A_t: Array) -> Array:
+        """σ_v [Pa]: φ0 ε̇ with the nonlinear factor, and memory if the wall is one of a moment."""
+        rate = self.strain_rate(A, A_t)
+        stress = self.phi0 * rate
+        if self.nonlinear:
+            stress = stress * self.viscous.factor(self.r * rate)
+        if self.past is None or self.weight is None:
+            return stress
+        return self.weight * stress + (1.0 - self.weight) * self.past
+
+    def _faded(self, s: Array) -> Array:
+        """What memory adds to P [Pa]: K_h/s of the stress that is left of the past; exactly 0 without memory."""
+        assert self.weight is not None and self.past is not None
+        return (1.0 - self.weight) * self.K_h / s * self.past
 
     def stiffness(self, A: Array) -> Array:
         """dP_el/dA [Pa/m²]."""
@@ -289,7 +325,14 @@ class Wall:
     def viscosity(self, A: Array, A_t: Array) -> Array:
         """∂P/∂(∂A/∂t) [Pa·s/m²]: ν_s + 2 ν_NL ∂A/∂t for the paper's law."""
         nu_s = self.viscosity_area / A
+        if self.past is not None:
+            nu_s = nu_s * self.weight
         return nu_s * self.relative_viscosity(A, A_t) if self.nonlinear else nu_s
+
+    def viscous_slope(self, A: Array, A_t: Array) -> Array:
+        """∂P/∂A [Pa/m²] of the viscous part at fixed ∂A/∂t."""
+        slope = -self.viscosity(A, A_t) * A_t / A
+        return slope if self.past is None else slope - 0.5 * self._faded(np.sqrt(A / self.A0)) / A
 
     def relative_viscosity(self, A: Array, A_t: Array) -> Array:
         """Effective viscosity dσ_v/dε̇ / φ0 [-], which must stay positive."""
@@ -318,4 +361,4 @@ class Wall:
         return np.where(self.e == 0.0, simple, riemann_velocity(self.elastic, s, self.K, self.e, self.rho))
 
 
-_WALL_ARRAYS = ("A0", "K", "e", "K_h", "phi0", "r", "P_ref", "rho")
+_WALL_ARRAYS = ("A0", "K", "e", "K_h", "phi0", "r", "P_ref", "rho", "tau", "leak", "weight", "past")
