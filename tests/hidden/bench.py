@@ -47,12 +47,14 @@ def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:
     """
     R0 = float(np.sqrt(wall.A0[0] / np.pi))
     s = wall.stretch(P - wall.P_level) if start is None else start / R0
-    try:
-        return R0 * _newton(wall, P, s)
-    except NoPeriodicRadius:
+    with np.errstate(over="ignore", invalid="ignore"):  # an iterate may run away; _newton notices
+        try:
+            return R0 * _newton(wall, P, s)
+        except NoPeriodicRadius:
+            s = wall.stretch(P - wall.P_level)
         for share in (0.0, 0.25, 0.5, 0.75, 0.9, 1.0):
             s = _newton(replace(wall, r=share * wall.r, phi3=share * wall.phi3), P, s)
-        return R0 * s
+    return R0 * s
 
 
 def _newton(wall: Walls, P: Array, s: Array) -> Array:
@@ -61,8 +63,7 @@ def _newton(wall: Walls, P: Array, s: Array) -> Array:
     springpot = _circulant(wall.beat, wall.springpot()) if np.any(wall.w) else None
     for _ in range(_STEPS):
         rate = D @ s
-        with np.errstate(over="ignore", invalid="ignore"):
-            stress, slope = wall.rate_stress(rate), wall.rate_slope(rate)[:, None] * D
+        stress, slope = wall.rate_stress(rate), wall.rate_slope(rate)[:, None] * D
         if memory is not None:
             stress, slope = memory @ stress, memory @ slope
         if springpot is not None:

@@ -1,0 +1,290 @@
+"""How visible a hidden effect is, from truth and noise alone: d' and the separation from its nearest rival.
+
+    d'² = min over the nuisance of Σ_k N w_k Δ_kᴴ Σ_k⁻¹ Δ_k + Σ (nuisance/prior)²,     w_0 = 1, w_k = 2
+
+Δ_k: harmonic k of the record without noise less the base model's, which is driven by the record's own inflow or
+pressure. N: samples in the beats that are fitted. Σ_k: white noise of every channel, and what that of the driving
+channel does to all of them (h σ² hᴴ). The nuisance moves about its true value under the prior; d' of a null is zero.
+With two effects, d' of one is what is left when the size of the other is free. The separation is the same with a
+rival's parameters free, too.
+
+On the bench everything is refitted. On the network the nuisance is; separations are d' times the sine of the angle
+between an effect and its rivals, all taken on one standard beat (linear in the rivals, truths at their own sizes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .anatomy import anatomy
+from .bench import NoPeriodicRadius, bench_wall, radius
+from .hide import CHANNEL, WALL, Effect, hide
+from .network import Balance, Linearised, NoPeriodicFlow
+from .records import FITTED, SPREAD, Made, Nuisance, points_for
+from .sensors import pulsatile, sensed
+
+Array = np.ndarray
+Predict = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """d' of each effect of a case, in its order; for a single one the separation and its nearest rival.
+
+    separation: from any other name of the catalogue (infinite if no rival exists). place_separation: from the same
+    name elsewhere (network only).
+    """
+
+    d_prime: tuple[float, ...]
+    separation: float = float("inf")
+    rival: str = ""
+    place_separation: float = float("inf")
+    place_rival: str = ""
+
+
+def detect(made: Made) -> Detection:
+    """d' and separation of what is hidden in a record."""
+    from .rivals import network_separation  # rivals.py uses the refit below
+
+    problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
+    effects = made.case.effects
+    d_prime = tuple(_left(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
+    if len(effects) != 1:
+        return Detection(d_prime)
+    if made.case.kind == "network":
+        return network_separation(made, d_prime[0])
+    found = {name: problem.left_with(name) for name in bench_rivals(made)}
+    name = min(found, key=found.__getitem__)
+    return Detection(d_prime, min(found[name], d_prime[0]), name)
+
+
+def _left(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> float:
+    """d' when ``others`` stay in the model with free sizes."""
+    sizes = np.array([e.size for e in others])
+
+    def predict(x: Array) -> Array:
+        known = [replace(e, size=s) for e, s in zip(others, x[problem.nuisances :], strict=True)]
+        return problem.residual(x[: problem.nuisances], known)
+
+    x0 = np.concatenate([np.zeros(problem.nuisances), sizes])
+    step = np.concatenate([np.full(problem.nuisances, 1e-3), 1e-2 * sizes])
+    prior = np.concatenate([problem.prior, np.full(len(others), np.inf)])
+    return refit(predict, x0, step, prior)
+
+
+# --- the refit -----------------------------------------------------------------------------------------------------
+
+
+class _Point(NamedTuple):
+    x: Array
+    r: Array
+    cost: float
+
+
+def refit(predict: Predict, x0: Array, step: Array, prior: Array, rounds: int = 8) -> float:
+    """√ of the smallest |r(x)|² + |(x - x0)/prior|², by Gauss-Newton with halved steps. r real, whitened."""
+
+    def at(x: Array) -> _Point:
+        r = np.concatenate([predict(x), (x - x0) / prior])
+        return _Point(x, r, float(r @ r))
+
+    here = at(x0)
+    for _ in range(rounds):
+        if here.cost < 1e-6:
+            break
+        J = np.stack([(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)], axis=1)
+        scale = np.linalg.norm(J, axis=0)
+        scale[scale == 0.0] = 1.0
+        move = -np.linalg.lstsq(J / scale, here.r, rcond=1e-10)[0] / scale
+        there = _shortened(at, here, move)
+        if there is None:
+            break
+        gain, here = here.cost - there.cost, there
+        if gain < 2e-3 * here.cost + 1e-6:
+            break
+    return float(np.sqrt(here.cost))
+
+
+def _shortened(at: Callable[[Array], _Point], here: _Point, move: Array) -> _Point | None:
+    """The first of a few shorter and shorter moves that lowers the cost."""
+    for share in (1.0, 0.5, 0.2, 0.05):
+        try:
+            there = at(here.x + share * move)
+        except (NoPeriodicFlow, NoPeriodicRadius):
+            continue
+        if there.cost < here.cost:
+            return there
+    return None
+
+
+def weights(made: Made, harmonics: int) -> Array:
+    """√(N w_k) per harmonic : (K + 1,)."""
+    samples = FITTED * made.beat.T / made.dt
+    return np.sqrt(samples * np.where(np.arange(harmonics) == 0, 1.0, 2.0))
+
+
+def whitened(delta: Array, noise: Array, response: Array, drive_noise: float, weight: Array) -> Array:
+    """Δ : (channels, K + 1) as real numbers of unit variance, for white noise and that of the driving channel.
+
+    noise : (channels,); response : (channels, K + 1), of each channel to the driving one.
+    """
+    h = response.T * drive_noise  # (K + 1, channels)
+    covariance = h[:, :, None] * h[:, None, :].conj() + np.diag(noise**2)
+    root = np.linalg.cholesky(covariance)
+    z = weight[:, None] * np.linalg.solve(root, delta.T[..., None])[..., 0]
+    return np.concatenate([z.real.ravel(), z.imag.ravel()])
+
+
+# --- bench ---------------------------------------------------------------------------------------------------------
+
+
+class BenchProblem:
+    """Residual of R, of a wall under the record's pressure as its sensor shows it."""
+
+    nuisances = 3
+    prior = np.array([SPREAD["E"], SPREAD["phi0"], SPREAD["R0"]])
+
+    def __init__(self, made: Made) -> None:
+        self.made, self.beat = made, made.beat
+        self.base = anatomy(made.base)
+        self.P_name, self.R_name = made.case.names
+        self.P, self.R = made.clean[self.P_name], made.clean[self.R_name]
+        self.start: Array | None = None
+        self.weight = weights(made, len(self.R))
+        self.response = self._response()
+
+    def _response(self) -> Array:
+        """δR/δP per harmonic of the base at the mean radius."""
+        wall = bench_wall(self.made.nuisance.applied(self.base), self.made.case.channels, self.beat)
+        A = np.pi * self.R[0].real ** 2
+        return (1.0 / (wall.impedance(np.array([A])) * 2.0 * np.pi * self.R[0].real))[None]
+
+    def residual(self, x: Array, effects: list[Effect], a: float = 0.0, b: float = 0.0, on: str = "") -> Array:
+        """Whitened residual with nuisance x (logarithms) and effects; ``on`` a channel a sensor 1/(1 + iωa - ω²b)."""
+        n = self.made.nuisance
+        E, phi0, R0 = np.exp(x)
+        model = replace(n, E=n.E * E, phi0=n.phi0 * phi0, R0=n.R0 * R0).applied(self.base)
+        P = self.P
+        for effect in effects:
+            model = hide(model, effect)
+            if self.P_name in effect.where:
+                P = _undone(P, effect, self)
+        sensor = 1.0 + 1j * self.beat.omega * a - self.beat.omega**2 * b
+        if on == self.P_name:
+            P = P * sensor
+        wall = bench_wall(model, self.made.case.channels, self.beat)
+        samples = radius(wall, self.beat.values(P), self.start)
+        self.start = samples
+        R = self.beat.coefficients(samples)
+        for effect in effects:
+            if self.R_name in effect.where:
+                R = sensed(R, effect, self.beat)
+        if on == self.R_name:
+            R = R / sensor
+        noise = self.made.noise
+        return whitened(
+            (self.R - R)[None], np.array([noise[self.R_name]]), self.response, noise[self.P_name], self.weight
+        )
+
+    def left_with(self, rival: str) -> float:
+        """What is left when ``rival`` (name@where) is refitted with the nuisance."""
+        name, _, where = rival.partition("@")
+        if name == "catheter_resonance":
+            return refit(
+                lambda x: self.residual(x[:3], [], x[3], x[4] ** 2, where),  # the square: no negative inertia
+                np.array([0.0, 0.0, 0.0, 0.0, 2e-3]),
+                np.array([1e-3, 1e-3, 1e-3, 1e-4, 1e-5]),
+                np.array([*self.prior, np.inf, np.inf]),
+            )
+        return refit(
+            lambda x: self.residual(x[:3], [Effect(name, (where,), float(x[3]))]),
+            np.zeros(4),
+            np.array([1e-3, 1e-3, 1e-3, _STEP[name]]),
+            np.array([*self.prior, np.inf]),
+        )
+
+
+def _undone(P: Array, effect: Effect, problem: BenchProblem) -> Array:
+    """The pressure that a faulty sensor showed as P."""
+    omega = problem.beat.omega
+    match effect.name:
+        case "channel_lag":
+            return P * np.exp(1j * omega * effect.size)
+        case "channel_gain":
+            return P / (1.0 + effect.size)
+        case "channel_offset":
+            result = P.copy()
+            result[0] -= effect.size * pulsatile(P)
+            return result
+    ratio = omega * effect.size / (2.0 * np.pi)
+    return P * (1.0 + 2j * effect.second * ratio - ratio**2)
+
+
+# finite-difference steps of sizes, about a hundredth of a typical effect
+_STEP = {
+    "wall_viscosity": 1e-4,
+    "nonlinear_wall_viscosity": 1e-2,
+    "nonlinear_elasticity": 1e-2,
+    "stress_relaxation": 1e-4,
+    "external_pressure": 10.0,
+    "channel_lag": 1e-4,
+    "channel_gain": 1e-3,
+    "channel_offset": 1e-2,
+}
+
+
+def bench_rivals(made: Made) -> list[str]:
+    """Every other effect of the catalogue that a bench record can show, as name@where.
+
+    wall_stiffness is the nuisance itself. Without wall viscosity there is nothing to be nonlinear or to relax; with it
+    a change of phi0 is the nuisance.
+    """
+    own = {f"{e.name}@{where}" for e in made.case.effects for where in e.where}
+    viscous = made.case.base != "elastic"
+    absent = {"wall_stiffness"} | ({"wall_viscosity"} if viscous else {"nonlinear_wall_viscosity", "stress_relaxation"})
+    names = [f"{name}@{made.case.channels}" for name in WALL if name not in absent]
+    names += [f"{name}@{channel}" for name in CHANNEL for channel in made.case.names]
+    return [name for name in names if name not in own]
+
+
+# --- network -------------------------------------------------------------------------------------------------------
+
+
+class NetworkProblem:
+    """Residual of the recorded channels, of a network under the record's inflow as its sensor shows it."""
+
+    nuisances = 3
+    prior = np.array([SPREAD["E"], SPREAD["phi0"], SPREAD["R_t"]])
+
+    def __init__(self, made: Made) -> None:
+        assert made.flow is not None
+        self.made, self.base, self.names = made, anatomy(made.base), made.case.names[1:]
+        self.n = points_for(self.base)
+        self.weight = weights(made, made.beat.K + 1)
+        self.noise = np.array([made.noise[name] for name in self.names])
+        balance = Balance(made.nuisance.applied(self.base), made.beat, self.n)
+        self.start = balance.solve(made.clean["inlet.Q"]).unknown
+        response = Linearised(balance, self.start).inlet_response()
+        self.response = np.stack([response[name] for name in self.names])
+
+    def residual(self, x: Array, effects: list[Effect]) -> Array:
+        """Whitened residual with nuisance x (E and phi0 in logarithms, R_t) and effects of known sizes."""
+        n = self.made.nuisance
+        model = Nuisance(n.E * np.exp(x[0]), n.phi0 * np.exp(x[1]), n.R_t + x[2]).applied(self.base)
+        inflow = self.made.clean["inlet.Q"]
+        for effect in effects:
+            model = hide(model, effect)
+            if "inlet.Q" in effect.where:
+                inflow = self.made.drive  # known, not refitted: its sensor cannot always be undone
+        balance = Balance(model, self.made.beat, self.n)
+        start = self.start if len(balance.pieces) == self.start.shape[1] else None
+        channels = balance.solve(inflow, start).channels
+        for effect in effects:
+            for name in effect.where if effect.name in CHANNEL else ():
+                channels[name] = sensed(channels[name], effect, self.made.beat)
+        delta = np.stack([self.made.clean[name] - channels[name] for name in self.names])
+        return whitened(delta, self.noise, self.response, self.made.noise["inlet.Q"], self.weight)
