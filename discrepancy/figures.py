@@ -31,6 +31,7 @@ Array = np.ndarray
 MEASURED, BEFORE, AFTER = BLACK, VERMILION, BLUE
 NAMES = ("network", "z_map", "waveforms", "loops", "gap", "isolability")
 _VESSEL, _TEXT, _FAINT, _MISSING = "#c9ccd1", "#1a1a1a", "#555555", "#e6e6e6"
+_MOST_FRAMED = 60  # cells in a row that still have room for a frame
 
 
 def figures(outcome: Outcome) -> dict[str, Drawing]:
@@ -136,7 +137,7 @@ def _network_legend(figure: Figure, marked: Sequence[Mark]) -> None:
         for z, label in ((0.0, "site: |z| below 2"), (5.0, "4 to 8"), (20.0, "16 to 32"), (100.0, "above 64"))
     ]
     if any(mark.named for mark in marked):
-        handles.append(Line2D([], [], color=VERMILION, lw=6, label="the missing effect"))
+        handles.append(Line2D([], [], color=VERMILION, lw=6, label="missing effect"))
     if any(not mark.named for mark in marked):
         handles.append(Line2D([], [], color=ORANGE, lw=6, label="could be here too"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
@@ -161,7 +162,7 @@ def _z_map(outcome: Outcome) -> Drawing:
     size = (min(13.0, 2.4 + 0.3 * shown_harmonics), 1.3 + 0.24 * len(names))
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.add_subplot()
-    image = _classes(axes, z, Z)
+    _classes(axes, z, Z)
     axes.set_yticks(range(len(names)), names)
     axes.set_xticks(range(shown_harmonics), ["mean", *map(str, range(1, shown_harmonics))])
     axes.tick_params(length=0, labelsize=8)
@@ -170,7 +171,7 @@ def _z_map(outcome: Outcome) -> Drawing:
         name = f"{at.site}.{at.signal}"
         if name in names and at.harmonic < shown_harmonics:
             axes.plot([at.harmonic], [names.index(name)], "s", ms=10, mfc="none", mec=BLACK, mew=1.4)
-    _scale(figure, axes, image, Z)
+    _scale(figure, Z)
     return drawing(
         figure,
         "Residual over its standard deviation, |z|, of every channel and harmonic before anything was added. Framed: "
@@ -186,34 +187,38 @@ def _isolability(isolability: Isolability) -> Drawing:
     axes = figure.add_subplot()
     separation = np.array(isolability.separation, float)
     np.fill_diagonal(separation, np.nan)
-    image = _classes(axes, separation, APART)
+    _classes(axes, separation, APART)
     fontsize = float(np.clip(72 * side / n * 0.8, 3.0, 8.0))
     axes.set_xticks(range(n), isolability.labels, rotation=90, fontsize=fontsize)
     axes.set_yticks(range(n), isolability.labels, fontsize=fontsize)
     axes.tick_params(length=0)
     axes.set_xlabel("if this is refitted instead")
     axes.set_ylabel("true effect, of typical size")
-    _scale(figure, axes, image, APART)
+    _scale(figure, APART)
     return drawing(figure, f"Separation d′ of every pair of {n} effects and places by this set of sensors.")
 
 
-def _classes(axes: Axes, values: Array, scale: Scale) -> Any:
+def _classes(axes: Axes, values: Array, scale: Scale) -> None:
     """A map of values by the classes of a scale; what is not a number is grey."""
     colours = ListedColormap(scale.colours)
     norm = BoundaryNorm([*scale.bounds, np.inf], len(scale.colours))
     axes.set_facecolor(_MISSING)
-    image = axes.imshow(np.ma.masked_invalid(values), cmap=colours, norm=norm, aspect="auto", interpolation="nearest")
     rows, columns = values.shape
-    if max(rows, columns) <= 60:
-        axes.set_xticks(np.arange(columns + 1) - 0.5, minor=True)
-        axes.set_yticks(np.arange(rows + 1) - 0.5, minor=True)
-        axes.grid(which="minor", color="#d0d0d0", lw=0.5)
-        axes.tick_params(which="minor", length=0)
+    edge = "#d0d0d0" if max(rows, columns) <= _MOST_FRAMED else "none"
+    axes.pcolormesh(
+        np.arange(columns + 1) - 0.5,
+        np.arange(rows + 1) - 0.5,
+        np.ma.masked_invalid(values),
+        cmap=colours,
+        norm=norm,
+        edgecolors=edge,
+        linewidth=0.5,
+    )
+    axes.invert_yaxis()
     axes.spines[:].set_visible(False)
-    return image
 
 
-def _scale(figure: Figure, axes: Axes, image: Any, scale: Scale) -> None:
+def _scale(figure: Figure, scale: Scale) -> None:
     handles = [
         Line2D([], [], marker="s", ls="", ms=9, mfc=colour, mec="#888888", label=text)
         for colour, text in zip(scale.colours, scale.texts, strict=True)

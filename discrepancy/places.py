@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+
+from solver.effects import BY_NAME
 
 from .outcome import Outcome
 
@@ -28,33 +29,19 @@ class Mark:
 
 def marks(outcome: Outcome) -> list[Mark]:
     """Every place of the verdict's effects, and of the others in its class."""
-    variables = {(c.name, c.where): tuple(c.parameters) for c in outcome.candidates}
-    variables |= {(e.name, e.where): tuple(e.parameters) for e in outcome.effects}
-    surely = outcome.verdict in ("effect", "several")
-    named = [(effect.name, effect.where) for effect in outcome.effects] if surely else []
-    others = [
-        member for member in (*outcome.members, *((e.name, e.where) for e in outcome.effects)) if member not in named
-    ]
+    found = [(effect.name, effect.where) for effect in outcome.effects]
+    named = found if outcome.verdict in ("effect", "several") else []
     return [
-        Mark(
-            kind_of(place, variables.get(key, ())),
-            _site(place),
-            key in named,
-            f"{plain(key[0])} at {place_text(place)}",
-        )
-        for key in dict.fromkeys((*named, *others))
-        for place in key[1]
+        Mark(_kind(name), _site(place), (name, where) in named, f"{plain(name)} at {place_text(place)}")
+        for name, where in dict.fromkeys((*named, *outcome.members, *found))
+        for place in where
     ]
 
 
-def kind_of(place: str, variables: Iterable[str]) -> str:
-    """The kind of a place, by the variables that an effect moves there: ``CA.outlet.R_t``, ``AA.junction.k`` …"""
-    if "." in place:
-        return "channel"
-    for kind in ("outlet", "junction"):
-        if any(kind in variable.split(".") for variable in variables):
-            return kind
-    return "segment"
+def _kind(name: str) -> str:
+    """The kind of place of an effect; one of the fluid acts in the segments."""
+    owner = BY_NAME[name].owner
+    return "segment" if owner == "fluid" else owner
 
 
 def plain(name: str) -> str:

@@ -15,7 +15,7 @@ from . import tables
 from .outcome import VERDICTS, Outcome
 from .places import plain
 from .scales import APART, Z
-from .wording import HEADINGS, MEANINGS, next_steps
+from .wording import heading, meaning, next_steps
 
 if TYPE_CHECKING:
     from fitting.panels import Drawing
@@ -59,8 +59,8 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
     environment.filters |= {"plain": plain, "number": tables.number, "places": tables.places_text}
     return environment.get_template("report.html.j2").render(
         outcome=outcome,
-        heading=HEADINGS[outcome.verdict],
-        meaning=MEANINGS[outcome.verdict],
+        heading=heading(outcome),
+        meaning=meaning(outcome),
         next_steps=next_steps(outcome),
         drawings=drawings,
         scales={"z": Z, "apart": APART},

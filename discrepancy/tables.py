@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fitting.units import DISPLAY, MMHG
+from solver.effects import BY_NAME
 
 from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
 from .places import place_text, plain
@@ -106,7 +107,11 @@ def _to_digits(value: float, width: float) -> str:
 
 def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
     """Gap on (fitted, held-out) beats."""
-    return (DASH, DASH) if pair is None else (number(pair[0]), number(pair[1]))
+    return (DASH, DASH) if pair is None else (_gap(pair[0]), _gap(pair[1]))
+
+
+def _gap(value: float) -> str:
+    return f"{value:.2f}" if value < 100.0 else number(value)
 
 
 def places_text(where: Iterable[str]) -> str:
@@ -118,8 +123,12 @@ def places_text(where: Iterable[str]) -> str:
 
 
 def effect_row(effect: NamedEffect) -> dict[str, Any]:
-    """An effect of the verdict: name, place, equation, confidence, parameters."""
+    """An effect of the verdict: name, place, equation, confidence, parameters, and what the catalogue says of it."""
+    row = BY_NAME[effect.name]
     return {
+        "signature": row.signature,
+        "confusable": ", ".join(map(plain, row.confusable)),
+        "separator": row.separator,
         "name": plain(effect.name),
         "where": places_text(effect.where),
         "equation": effect.equation,
@@ -257,10 +266,10 @@ def classes_text(isolability: Isolability) -> list[str]:
 
 
 def beats(outcome: Outcome) -> dict[str, Any]:
-    """The mean beats for the interactive plot: in the units people read, closed, thinned out, to five digits."""
+    """The mean beats for the interactive plot, in the units people read, closed and thinned out; ``first``: loudest."""
     time = outcome.time
     if len(time) < 2 or not outcome.channels:
-        return {"time": [], "channels": []}
+        return {}
     step = -(-len(time) // _MOST_POINTS)
     period = float(time[-1] - time[0]) * len(time) / (len(time) - 1)
 
@@ -282,7 +291,9 @@ def beats(outcome: Outcome) -> dict[str, Any]:
             }
         )
     times = np.append(time[::step] - time[0], period)
-    return {"time": [float(f"{t:.6g}") for t in times.tolist()], "channels": channels}
+    worst = channel_z(outcome)
+    first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]
+    return {"time": [float(f"{t:.6g}") for t in times.tolist()], "channels": channels, "first": first}
 
 
 def words(value: Any) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .outcome import Outcome
-from .places import place_text, plain
+from solver.effects import BY_NAME
 
-HEADINGS: Mapping[str, str] = {
+from .outcome import Outcome
+from .places import plain
+
+_HEADINGS: Mapping[str, str] = {
     "none": "No effect is missing",
     "effect": "One effect is missing",
     "ambiguous": "An effect is missing, and this record leaves several that it can be",
@@ -16,7 +18,7 @@ HEADINGS: Mapping[str, str] = {
     "unusable": "This record cannot be used",
 }
 
-MEANINGS: Mapping[str, str] = {
+_MEANINGS: Mapping[str, str] = {
     "none": "The model meets the record to its noise. An effect may still be there, but smaller than the size given "
     "below, or one that these sensors cannot see.",
     "effect": "The model and the record disagree by more than noise. One effect of the catalogue at one place explains "
@@ -31,7 +33,28 @@ MEANINGS: Mapping[str, str] = {
     "not the physics.",
 }
 
+_SENSOR = (
+    "It belongs to the measurement, not to the arteries: the network file describes it as a property of the channel, "
+    "and the physics of the FMU is as it was."
+)
 _ISOLABILITY = "python -m discrepancy isolability lists which sensor would add most."
+
+
+def heading(outcome: Outcome) -> str:
+    """The verdict in a few words."""
+    if outcome.verdict == "effect" and _of_sensors(outcome):
+        return "A sensor explains the disagreement"
+    return _HEADINGS[outcome.verdict]
+
+
+def meaning(outcome: Outcome) -> str:
+    """What the verdict means, in two or three sentences."""
+    said = _MEANINGS[outcome.verdict]
+    return f"{said} {_SENSOR}" if outcome.verdict == "effect" and _of_sensors(outcome) else said
+
+
+def _of_sensors(outcome: Outcome) -> bool:
+    return bool(outcome.effects) and all(BY_NAME[effect.name].owner == "channel" for effect in outcome.effects)
 
 
 def next_steps(outcome: Outcome) -> list[str]:
@@ -42,6 +65,8 @@ def next_steps(outcome: Outcome) -> list[str]:
             if outcome.invisible:
                 steps.append(f"These sensors cannot see {_names(outcome.invisible)}; {_ISOLABILITY}")
             steps.append("More beats lower the smallest detectable sizes as one over the square root of their number.")
+        case "effect" if _of_sensors(outcome):
+            steps.append("Calibrate that sensor, or exchange it, and record again: the disagreement should go with it.")
         case "effect" | "several":
             steps.append(
                 "Confirm the added term on a record that was not used here, at another heart rate if you can: its "
@@ -54,8 +79,8 @@ def next_steps(outcome: Outcome) -> list[str]:
             if outcome.located:
                 at = outcome.located[0]
                 steps.append(
-                    f"The disagreement is largest at {at.site}.{at.signal}: a second, independent sensor there would tell "
-                    "a fault of the measurement from missing physics."
+                    f"The disagreement is largest at {at.site}.{at.signal}: a second, independent sensor there would "
+                    "tell a fault of the measurement from missing physics."
                 )
             steps.append("Check what the model takes as given: the inlet flow, the geometry and the outlets.")
         case "unusable":
@@ -64,10 +89,5 @@ def next_steps(outcome: Outcome) -> list[str]:
 
 
 def _names(labels: tuple[str, ...]) -> str:
-    """Effects in words, each once."""
-    words = [plain(name) + (f" at {place_text(place)}" if at else "") for name, at, place in _parted(labels)]
-    return ", ".join(dict.fromkeys(words))
-
-
-def _parted(labels: tuple[str, ...]) -> list[tuple[str, str, str]]:
-    return [label.partition(" at ") for label in labels]
+    """Effects in words, each once, without the places."""
+    return ", ".join(dict.fromkeys(plain(label.partition(" at ")[0]) for label in labels))

@@ -65,6 +65,8 @@ def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
         panel.set_ylabel(DISPLAY[name[-1]][0])
         if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
             panel.set_xlabel("time [s]")
+        else:
+            panel.tick_params(labelbottom=False)  # the same times as below it
     return figure, panels
 
 

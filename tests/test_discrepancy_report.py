@@ -32,6 +32,7 @@ from discrepancy.outcome import (
     Outcome,
     Round,
 )
+from discrepancy.places import marks
 from discrepancy.report import write_report
 from discrepancy.scales import Z
 from discrepancy.tables import beats, estimate_text, number
@@ -232,7 +233,7 @@ def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
 def test_many_labels(tmp_path: Path, sheep: Network) -> None:
     """A sensor set with 150 effects and places, and one with a single one."""
     for n in (150, 1):
-        write_report(replace(synthetic("none", sheep), isolability=isolability(n)), tmp_path)
+        write_report(replace(synthetic("unusable", sheep), isolability=isolability(n)), tmp_path)
         read(tmp_path / "report.html")
 
 
@@ -243,6 +244,31 @@ def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -
     (tmp_path / "file").touch()
     with pytest.raises(ValueError, match="cannot be made .*; give another folder"):
         write_report(synthetic("unusable", sheep), tmp_path / "file")
+
+
+def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
+    write_report(replace(synthetic("effect", sheep), effects=(LAG,), members=((LAG.name, LAG.where),)), tmp_path)
+    text = read(tmp_path / "report.html").text
+    for words in ("A sensor explains the disagreement", "not to the arteries", "Calibrate that sensor", "3.10 ms"):
+        assert words in text, words
+
+
+def test_marks_are_where_the_effect_acts(sheep: Network) -> None:
+    """A vessel, a junction of the same name, a sensor's site, and everywhere; named ones apart from possible ones."""
+
+    def placed(verdict: str, *effects: tuple[str, str]) -> list[tuple[str, str, bool]]:
+        members = tuple((name, (place,)) for name, place in effects)
+        named = NamedEffect(effects[0][0], (effects[0][1],), {}, 1.0)
+        outcome = Outcome(verdict, "", "", "", "network", effects=(named,), members=members)
+        return [(mark.kind, mark.place, mark.named) for mark in marks(outcome)]
+
+    assert placed("effect", ("stenosis", "AA")) == [("segment", "AA", True)]
+    assert placed("ambiguous", ("junction_loss", "AA"), ("channel_gain", "CA.P")) == [
+        ("junction", "AA", False),
+        ("channel", "CA", False),
+    ]
+    assert placed("effect", ("terminal_reflection", "all")) == [("outlet", "all", True)]
+    assert placed("effect", ("fluid_friction", "all")) == [("segment", "all", True)]
 
 
 # --- numbers ------------------------------------------------------------------------------------------------------

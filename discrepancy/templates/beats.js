@@ -13,7 +13,8 @@
     { key: "after", colour: "#0072B2", dash: "2 3", text: "after" },
   ];
   const EDGE = { left: 64, right: 14, top: 12, bottom: 42 };
-  let state = { channel: beats.channels[0], view: "beat", at: null };
+  const named = (name) => beats.channels.find((c) => c.name === name);
+  let state = { channel: named(beats.first), view: "beat", at: null };
 
   const element = (name, attributes, text) => {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -127,14 +128,14 @@
 
   const follow = () => {
     const wanted = new URLSearchParams(location.hash.slice(1));
-    const channel = beats.channels.find((c) => c.name === wanted.get("channel"));
+    const channel = named(wanted.get("channel"));
     if (!channel) return;
     choose({ channel, view: wanted.get("view") === "difference" ? "difference" : state.view, at: null });
     document.getElementById("beats-heading").scrollIntoView();
   };
 
   for (const c of beats.channels) select.append(new Option(c.name, c.name));
-  select.addEventListener("change", () => choose({ channel: beats.channels.find((c) => c.name === select.value), at: null }));
+  select.addEventListener("change", () => choose({ channel: named(select.value), at: null }));
   for (const view of views) view.addEventListener("change", () => choose({ view: view.value }));
   for (const box of Object.values(boxes)) box.addEventListener("change", draw);
   plot.addEventListener("pointermove", (event) => {
