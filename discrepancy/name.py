@@ -124,17 +124,18 @@ def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> li
 
 
 def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
-    """The best place of every effect that promises anything, then the best of all."""
+    """The best place of every effect that promises a part of what the best promises, then the best of all."""
+    if not ranked:
+        return []
+    least = max(at.BIC_NONE, at.PROMISING * ranked[0].gain)
     chosen: dict[str, Term] = {}
-    effects = set()
+    effects: set[str] = set()
     for score in ranked:
-        if score.term.effect not in effects and score.gain > at.BIC_NONE:
+        if score.term.effect not in effects and (score.gain > least or len(effects) < at.FEWEST):
             effects.add(score.term.effect)
             chosen[score.term.label] = score.term
     for score in ranked:
-        if len(chosen) >= max(size, len(effects)):
-            break
-        if score.gain > at.BIC_NONE:
+        if len(chosen) < size and score.gain > least:
             chosen.setdefault(score.term.label, score.term)
     return list(chosen.values())
 
@@ -157,12 +158,15 @@ def name(problem: Problem, terms: Sequence[Term]) -> Naming:
         raise ArithmeticError("the model as given cannot be simulated with this record")
     (base,) = problem.refreshed([found])
     columns = problem.columns(base, terms)
-    promising = shortlist(scores(base, columns, terms), at.SHORTLIST) + [t for t in terms if t.rewires]
-    plain = [t for t in promising if not t.rewires]
-    fits = [f for f in problem.refit([(t,) for t in plain], base, columns) if f is not None]
-    fits += [f for f in problem.refit([(t,) for t in promising if t.rewires]) if f is not None]
     none = Named(base, base.cost, misfit(base, problem.dof_of_noise), 1.0, 0.0)
+    plain = shortlist(scores(base, columns, terms), at.SHORTLIST)
+    fits = [f for f in problem.refit([(t,) for t in plain], base, columns) if f is not None]
     ranked = _ranked(problem, none, fits, terms)
+    # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
+    rewiring = [t for t in terms if t.rewires]
+    if rewiring and not none.explains and not (ranked and ranked[0].explains):
+        fits += [f for f in problem.refit([(t,) for t in rewiring]) if f is not None]
+        ranked = _ranked(problem, none, fits, terms)
     if not ranked or ranked[0].score > none.score - at.BIC_NONE:
         if none.explains:
             return Naming("none", none, ranked, (), columns, terms)

@@ -35,7 +35,7 @@ from solver.simulate import Waveforms
 from .bench import transfer
 from .fits import Fit, bounded_step, bounds
 from .terms import Term, Unknown, nuisances, rewired, values
-from .thresholds import COARSE_DT, PRIOR_WIDTH
+from .thresholds import COARSE_DT, PRIOR_WIDTH, SCREEN_DT
 
 Array = np.ndarray
 Tell = Callable[[str], None]
@@ -44,8 +44,9 @@ _STEP = 0.02  # of x: finite differences
 _LARGEST = 2.0  # of a step in x
 _ROUNDS = 14  # simulations of a hypothesis at most
 _BATCH = 64  # members at once
-_PERIODIC = 1e-6
-_SMALL = 0.02  # decrease of the cost that ends a search
+_PERIODIC = 1e-5
+_SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
+_HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
 
 @dataclass
@@ -222,8 +223,11 @@ class NetworkProblem:
 
     def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; terms that break down left out."""
+        settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
+        return replace(self, simulator=replace(self.simulator, settings=settings, starts={}))._columns(at, terms)
+
+    def _columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
         plain = [t for t in terms if not t.rewires]
-        own = tuple(u for t in plain for u in t.unknowns)
         groups: dict[str, list[Term]] = {}
         for term in plain:
             groups.setdefault(_group((*at.terms, term)), []).append(term)
@@ -245,7 +249,6 @@ class NetworkProblem:
                 position += len(term.unknowns)
                 if all(x is not None for x in mine):
                     found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
-        del own
         return found
 
     # --- search -------------------------------------------------------------------------------------------------------
@@ -269,6 +272,8 @@ class NetworkProblem:
                 search.settle(search.z)
         for _ in range(_ROUNDS):
             active = [s for s in searches if s.proposes()]
+            best = min((s.cost for s in searches if not s.failed), default=np.inf)
+            active = [s for s in active if s.promise < best + _HOPELESS]
             if not active:
                 break
             X = self.observe([s.trial() for s in active])
@@ -317,7 +322,7 @@ class _Search:
         self.J: Array | None = None
         self.damping, self.failed, self.converged = 0.0, False, False
         self.low, self.high = bounds(unknowns)
-        self.cost = np.inf
+        self.cost = self.promise = np.inf
         self._step: Array = np.zeros_like(x)
 
     def member(self) -> Member:
@@ -335,7 +340,8 @@ class _Search:
         step *= min(1.0, _LARGEST / size) if size > 0.0 else 1.0
         left = self.z + self.J @ step
         gain = self.cost - float(left @ left + self.prior @ (self.x + step) ** 2)
-        if gain < _SMALL:
+        self.promise = self.cost - 3.0 * gain
+        if gain < _SMALL * max(1.0, self.cost / len(self.z)):
             self.converged = True
             return False
         self._step = step

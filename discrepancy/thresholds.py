@@ -18,9 +18,12 @@ SECOND = 10.0  # by which a second effect must lower the BIC
 SOMETHING_ELSE = 0.02  # odds beforehand of an effect outside the catalogue, against the best candidate
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
 SHORTLIST = 14  # candidates that are refitted
+PROMISING = 0.2  # of the best promised gain, which is linear, that a candidate must promise to be refitted
+FEWEST = 4  # effects that are refitted whatever they promise
 INVISIBLE = 3.0  # d' of a typical effect below which sensors cannot see it
 INSEPARABLE = 6.0  # d' between two typical effects below which sensors cannot tell them apart
 DETECTABLE = 5.0  # d' of the smallest detectable size: named half the time or more
 
 # --- solver ---
 COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
+SCREEN_DT = 5e-3  # s, for the derivatives of the score test

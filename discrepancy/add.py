@@ -1,0 +1,64 @@
+"""Add the missing effect: the network with the new term and the refitted nuisances, and the measurement chain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver.effects import BY_NAME
+from solver.network import Channel, Network
+
+from .bench import resonance_of
+from .fits import Fit
+from .outcome import Estimate, NamedEffect
+from .terms import Term, rewired, values
+
+Array = np.ndarray
+
+
+def extended(network: Network, fit: Fit) -> Network:
+    """The network of a hypothesis: its terms at their fitted sizes, the nuisances refitted, its sensors described."""
+    for term in fit.terms:
+        network = rewired(network, term)
+    nominal, known = network.parameters(), network.parameter_quantities()
+    moved = values(fit.unknowns, fit.x, nominal)
+    physical = {n: float(np.clip(v, known[n].low, known[n].high)) for n, v in moved.items() if n in nominal}
+    network = network.with_parameters(physical)
+    channels = {channel.name: dict(channel.terms) for channel in network.channels}
+    for term in fit.terms:
+        if term.is_sensor:
+            channels.setdefault(term.place, {}).update(sensor_parameters(fit, term))
+    return replace(network, channels=tuple(Channel(name, terms) for name, terms in channels.items()))
+
+
+def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
+    """The catalogue's parameters of a channel's effect: lag, gain, offset, or f_n and ζ."""
+    x = np.array([fit.x[[u.name for u in fit.unknowns].index(u.name)] for u in term.unknowns])
+    moved = {n.rpartition(".")[2]: float(v) for n, v in values(term.unknowns, x, {f"{term.place}.gain": 1.0}).items()}
+    if term.effect == "catheter_resonance":
+        f_n, zeta = resonance_of(moved["slow"], moved["resonance"])
+        return {"f_n": f_n, "zeta": zeta}
+    return moved
+
+
+def named(fit: Fit, term: Term, confidence: float, quantile: float) -> NamedEffect:
+    """The term as verdict.json has it."""
+    return NamedEffect(term.effect, term.where, estimates(fit, term, quantile), confidence, BY_NAME[term.effect].equation)
+
+
+def estimates(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
+    """Values and 95 % intervals of a term's parameters. Those of a resonance follow from its two coefficients by the
+    corners of their intervals."""
+    names, sd = [u.name for u in fit.unknowns], np.sqrt(np.diag(fit.covariance))
+    at = {u.name: names.index(u.name) for u in term.unknowns}
+    plain = {u.name: u.estimate(float(fit.x[at[u.name]]), float(sd[at[u.name]]), quantile) for u in term.unknowns}
+    if term.effect != "catheter_resonance":
+        return plain
+    slow, ringing = plain[f"{term.place}.slow"], plain[f"{term.place}.resonance"]
+    corners = np.array([resonance_of(a, b) for a in slow.ci95 for b in ringing.ci95])
+    value = resonance_of(slow.value, ringing.value)
+    return {
+        f"{term.place}.{key}": Estimate(float(value[i]), unit, (float(corners[:, i].min()), float(corners[:, i].max())))
+        for i, (key, unit) in enumerate((("f_n", "Hz"), ("zeta", "1")))
+    }

@@ -1,0 +1,98 @@
+"""Find where simulation and record disagree: z of every channel and harmonic, and balances of measured channels alone.
+
+z is the residual of the mean beat's Fourier coefficient over its standard deviation, sensors, inflow and solver taken
+together; for a complex coefficient |z|² is a χ² of two degrees of freedom over two. First the global χ², then which
+entries stand out, by Benjamini and Yekutieli (Ann. Stat. 29, 2001, 1165), which holds for correlated entries too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm
+
+from fitting.beats import Beats
+from solver.network import Network
+
+from . import thresholds
+from .outcome import Balance, Located
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Found:
+    """z : (K+1, m) of the channels ``names``. significant : (K+1, m). p_value : of the global χ²."""
+
+    names: tuple[str, ...]
+    z: Array
+    significant: Array
+    p_value: float
+    located: tuple[Located, ...]
+
+
+def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
+    """Where a residual measured less simulated stands out.
+
+    residual : (K+1, m) complex coefficients. covariance : (K+1, m, m).
+    """
+    variance = np.einsum("kii->ki", covariance).real
+    z = np.abs(residual) / np.sqrt(variance)
+    p = np.where(np.arange(len(z))[:, None] == 0, 2.0 * norm.sf(z), np.exp(-(z**2)))
+    significant = benjamini_yekutieli(p, thresholds.FALSE_DISCOVERIES)
+    order = np.argsort(-np.where(significant, z, -1.0), axis=None)
+    located = []
+    for flat in order[: thresholds.LOUDEST]:
+        k, i = np.unravel_index(int(flat), z.shape)
+        if significant[k, i]:
+            site, _, signal = names[i].rpartition(".")
+            phase = float(np.degrees(np.angle(residual[k, i])))
+            located.append(Located(site, signal, int(k), float(z[k, i]), phase))
+    return Found(tuple(names), z, significant, _global(residual, covariance), tuple(located))
+
+
+def benjamini_yekutieli(p: Array, rate: float) -> Array:
+    """Which of the p-values are discoveries at this false discovery rate, whatever their dependence; any shape."""
+    flat = p.ravel()
+    n = len(flat)
+    order = np.argsort(flat)
+    limit = rate * np.arange(1, n + 1) / (n * np.sum(1.0 / np.arange(1, n + 1)))
+    below = np.flatnonzero(flat[order] <= limit)
+    found = np.zeros(n, bool)
+    if len(below):
+        found[order[: below[-1] + 1]] = True
+    return found.reshape(p.shape)
+
+
+def _global(residual: Array, covariance: Array) -> float:
+    """p-value of χ² = Σ weight x† C⁻¹ x."""
+    power = np.einsum("ki,kij,kj->k", residual.conj(), np.linalg.inv(covariance), residual).real
+    total = power[0] + 2.0 * power[1:].sum()
+    return float(chi2_distribution.sf(total, residual.shape[1] * (2 * len(power) - 1)))
+
+
+def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
+    """Mean flow in less mean flow out between measured sites, from the record alone, in noise units.
+
+    Every junction whose vessels all have a measured flow (the inlet's is that of its segment).
+    """
+    flows = {site.segment: f"{site.name}.Q" for site in network.sites if f"{site.name}.Q" in beats.values}
+    found = []
+    if "inlet.Q" in beats.values and network.inlet.segment in flows:
+        found.append(_mass(beats, network.inlet.segment, ["inlet.Q"], [flows[network.inlet.segment]]))
+    for junction in network.junctions:
+        if all(s in flows for s in (*junction.inflow, *junction.outflow)):
+            into, out = [flows[s] for s in junction.inflow], [flows[s] for s in junction.outflow]
+            found.append(_mass(beats, f"junction {junction.name}", into, out))
+    return tuple(found)
+
+
+def _mass(beats: Beats, where: str, into: Sequence[str], out: Sequence[str]) -> Balance:
+    names = (*into, *out)
+    sign = np.array([1.0] * len(into) + [-1.0] * len(out))
+    difference = sign @ np.array([beats.mean(name).mean() for name in names])
+    variance = sign @ beats.covariance(names)[0].real @ sign
+    return Balance("mass", where, float(difference / np.sqrt(max(variance, 1e-300))))

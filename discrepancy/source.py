@@ -1,0 +1,43 @@
+"""What a study starts from: a record on disk, and a model as a network file or as an FMU that carries its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+from fitting.fmu_run import read_fmu
+from fitting.threads import ENVIRONMENT
+from solver.files import find_network, loads, read_network
+from solver.network import Network
+
+
+def read_model(path: str | os.PathLike[str]) -> Network:
+    """The network of a TOML file, of a bundled network's name, or of an FMU. Raises ValueError, one sentence."""
+    source = Path(path)
+    if source.suffix.lower() != ".fmu":
+        return read_network(find_network(path))
+    read_fmu(source)  # its own sentences for what is no FMU of this project
+    try:
+        with zipfile.ZipFile(source) as archive:
+            text = archive.read("resources/network.toml").decode("utf-8")
+    except KeyError:
+        raise ValueError(f"{source}: it carries no network file; build it anew, or give the network file.") from None
+    return loads(text, f"{source}: network.toml")
+
+
+def build_fmu(network_file: Path, folder: Path) -> Path:
+    """Build the FMU of a network file in a process of its own: ``<folder>/<name>.fmu``.
+
+    Raises ValueError with what the process said.
+    """
+    line = [sys.executable, "-m", "build_fmu", os.fspath(network_file), "--out", os.fspath(folder)]
+    done = subprocess.run(line, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        said = [text.strip() for text in done.stderr.splitlines() if text.strip()]
+        raise ValueError(
+            said[-1].removeprefix("Error: ") if said else f"{network_file}: its FMU could not be built."
+        )
+    return folder / f"{read_network(network_file).name}.fmu"
