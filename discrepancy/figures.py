@@ -22,7 +22,7 @@ from solver.layout import Lane, lanes
 from solver.network import Network
 
 from .outcome import Isolability, Outcome
-from .places import Mark, marks
+from .places import Mark, label_text, marks
 from .scales import APART, Scale, Z
 from .tables import channel_z, harmonics_shown, loop_sites
 
@@ -139,7 +139,7 @@ def _network_legend(figure: Figure, marked: Sequence[Mark]) -> None:
     if any(mark.named for mark in marked):
         handles.append(Line2D([], [], color=VERMILION, lw=6, label="missing effect"))
     if any(not mark.named for mark in marked):
-        handles.append(Line2D([], [], color=ORANGE, lw=6, label="could be here too"))
+        handles.append(Line2D([], [], color=ORANGE, lw=6, label="could be here"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
 
 
@@ -175,7 +175,7 @@ def _z_map(outcome: Outcome) -> Drawing:
     return drawing(
         figure,
         "Residual over its standard deviation, |z|, of every channel and harmonic before anything was added. Framed: "
-        "significant with all channels and harmonics looked at taken into account.",
+        "the loudest that are significant once all channels and harmonics looked at are taken into account.",
     )
 
 
@@ -183,14 +183,15 @@ def _isolability(isolability: Isolability) -> Drawing:
     """Separation of every pair of effects, in classes."""
     n = len(isolability.labels)
     side = float(np.clip(0.2 * n, 2.0, 9.5))
-    figure = Figure(figsize=(side + 3.4, side + 2.2), layout="constrained")
+    figure = Figure(figsize=(max(side + 3.4, 7.2), side + 2.2), layout="constrained")
     axes = figure.add_subplot()
     separation = np.array(isolability.separation, float)
     np.fill_diagonal(separation, np.nan)
     _classes(axes, separation, APART)
     fontsize = float(np.clip(72 * side / n * 0.8, 3.0, 8.0))
-    axes.set_xticks(range(n), isolability.labels, rotation=90, fontsize=fontsize)
-    axes.set_yticks(range(n), isolability.labels, fontsize=fontsize)
+    labels = [label_text(label) for label in isolability.labels]
+    axes.set_xticks(range(n), labels, rotation=90, fontsize=fontsize)
+    axes.set_yticks(range(n), labels, fontsize=fontsize)
     axes.tick_params(length=0)
     axes.set_xlabel("if this is refitted instead")
     axes.set_ylabel("true effect, of typical size")

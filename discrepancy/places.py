@@ -54,5 +54,11 @@ def place_text(place: str) -> str:
     return "all places" if place == "all" else place
 
 
+def label_text(label: str) -> str:
+    """ "wall_viscosity at CA" in words."""
+    name, at, place = label.partition(" at ")
+    return plain(name) + (f" at {place_text(place)}" if at else "")
+
+
 def _site(place: str) -> str:
     return place.rpartition(".")[0] or place

@@ -13,7 +13,7 @@ from solver.files import write_whole
 
 from . import tables
 from .outcome import VERDICTS, Outcome
-from .places import plain
+from .places import label_text, plain
 from .scales import APART, Z
 from .wording import heading, meaning, next_steps
 
@@ -56,7 +56,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"plain": plain, "number": tables.number, "places": tables.places_text}
+    environment.filters |= {"plain": plain, "number": tables.number, "places": tables.places_text, "label": label_text}
     return environment.get_template("report.html.j2").render(
         outcome=outcome,
         heading=heading(outcome),

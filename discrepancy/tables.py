@@ -12,7 +12,7 @@ from fitting.units import DISPLAY, MMHG
 from solver.effects import BY_NAME
 
 from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
-from .places import place_text, plain
+from .places import label_text, place_text, plain
 from .scales import Z
 
 Array = np.ndarray
@@ -111,7 +111,7 @@ def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
 
 
 def _gap(value: float) -> str:
-    return f"{value:.2f}" if value < 100.0 else number(value)
+    return f"{value:.2f}" if 0.0 <= value < 100.0 else number(value)
 
 
 def places_text(where: Iterable[str]) -> str:
@@ -154,8 +154,8 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
         "where": places_text(candidate.where),
         "parameters": [f"{name} = {value} ({interval})" for name, value, interval in texts],
         "delta_bic": number(candidate.delta_bic),
-        "chi2": number(candidate.chi2_per_dof),
-        "held_out": number(candidate.held_out),
+        "chi2": _gap(candidate.chi2_per_dof),
+        "held_out": _gap(candidate.held_out),
         "separation": number(candidate.separation),
         "in_class": candidate.in_class,
     }
@@ -235,7 +235,8 @@ def round_rows(outcome: Outcome) -> list[dict[str, str]]:
 def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
     """The smallest detectable size of every effect and place."""
     return [
-        {"name": _label(label), "size": estimate_text(_key(label), size)[0]} for label, size in outcome.smallest.items()
+        {"name": label_text(label), "size": estimate_text(_key(label), size)[0]}
+        for label, size in outcome.smallest.items()
     ]
 
 
@@ -249,9 +250,9 @@ def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
         nearest = int(np.argmin(separation[i])) if not alone else -1
         rows.append(
             {
-                "name": _label(label),
+                "name": label_text(label),
                 "visibility": number(float(isolability.visibility[i])),
-                "rival": DASH if alone else _label(isolability.labels[nearest]),
+                "rival": DASH if alone else label_text(isolability.labels[nearest]),
                 "separation": DASH if alone else number(float(separation[i, nearest])),
                 "together": not alone
                 and any({label, isolability.labels[nearest]} <= set(c) for c in isolability.classes),
@@ -262,7 +263,7 @@ def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
 
 def classes_text(isolability: Isolability) -> list[str]:
     """The groups that cannot be told apart, those of one left out."""
-    return ["; ".join(map(_label, group)) for group in isolability.classes if len(group) > 1]
+    return ["; ".join(map(label_text, group)) for group in isolability.classes if len(group) > 1]
 
 
 def beats(outcome: Outcome) -> dict[str, Any]:
@@ -303,12 +304,6 @@ def words(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(words, value))
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _label(label: str) -> str:
-    """ "wall_viscosity at CA" in words."""
-    name, at, place = label.partition(" at ")
-    return plain(name) + (f" at {place_text(place)}" if at else "")
 
 
 def _key(label: str) -> str:

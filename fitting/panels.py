@@ -63,6 +63,7 @@ def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
     for name, panel in panels.items():
         panel.set_title(name, loc="left")
         panel.set_ylabel(DISPLAY[name[-1]][0])
+        panel.locator_params(nbins=4)
         if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
             panel.set_xlabel("time [s]")
         else:

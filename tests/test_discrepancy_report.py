@@ -57,7 +57,7 @@ OUTLET = NamedEffect("terminal_reflection", ("FA",), {"FA.outlet.R_t": Estimate(
 def synthetic_beat(i: int, signal: str, size: float = 1.0) -> Array:
     """A made-up beat with a steep upstroke, later by site."""
     mean, amplitude = SIZE[signal]
-    t = np.arange(N) / N - 0.02 * i
+    t = np.arange(N) / N - 0.02 * i - (0.01 if signal == "R" else 0.0)
     wave = sum(np.cos(2 * np.pi * k * t - 0.8 * k) / k**1.5 for k in range(1, 15))
     return mean + size * amplitude * np.asarray(wave)
 
