@@ -52,17 +52,17 @@ def detect(made: Made) -> Detection:
 
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
-    d_prime = tuple(_left(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
+    seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
     if len(effects) != 1:
-        return Detection(d_prime)
+        return Detection(seen)
     if made.case.kind == "network":
-        return network_separation(made, d_prime[0])
+        return network_separation(made, seen[0])
     found = {name: problem.left_with(name) for name in bench_rivals(made)}
     name = min(found, key=found.__getitem__)
-    return Detection(d_prime, min(found[name], d_prime[0]), name)
+    return Detection(seen, min(found[name], seen[0]), name)
 
 
-def _left(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> float:
+def d_prime(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> float:
     """d' when ``others`` stay in the model with free sizes."""
     sizes = np.array([e.size for e in others])
 

@@ -33,6 +33,7 @@ Array = np.ndarray
 TOLERANCE = 1e-8
 _ROUNDS = 6  # linearisations about the mean state
 _SWEEPS = 25  # iterations with one linearisation
+_SMALL_PULSE = 1e-5  # of A0 and A0 c0: a smaller pulse cannot be told from round-off to TOLERANCE
 _DEPTH = 8  # corrections that Anderson's iteration combines
 
 
@@ -193,7 +194,7 @@ class Balance:
         correction = np.inf
         for _ in range(sweeps):
             step = linear.correction(*self.residual(unknown, inflow))
-            correction = float(np.abs(step).max() / np.abs(unknown[1:]).max(initial=1e-12))
+            correction = float(np.abs(step).max() / max(np.abs(unknown[1:]).max(), _SMALL_PULSE))
             if not np.isfinite(correction):
                 raise NoPeriodicFlow("the iteration diverged")
             states.append(unknown)

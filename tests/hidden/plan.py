@@ -65,6 +65,8 @@ NETWORK_SIZES: dict[str, tuple[float, float, float]] = {
 }
 _POSITIVE_RATIO = 0.5  # φ_NL/φ0 of the positive sign ends here, as in the paper: beyond, the upstroke stiffens at once
 
+_RADIUS_GAIN = 0.01  # a radius pulsates by a few per cent of its mean, so that a gain shows a hundred times more
+
 
 def plan(kind: str, n: int, seed: int) -> list[Case]:
     """n cases of a kind, "bench" or "network"; the same seed, the same plan."""
@@ -125,6 +127,8 @@ class _Draw:
         share = rng.uniform(0.5, 1.0) if pair else rng.random()
         size = sign * low * (high / low) ** share
         where = self._where(name, channels)
+        if name == "channel_gain" and self.kind == "network" and where[0].endswith(".R"):
+            size *= _RADIUS_GAIN
         return Effect(name, where, float(size), self._second(name))
 
     def _second(self, name: str) -> float:
