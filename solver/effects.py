@@ -610,7 +610,8 @@ def column(network: Network, variable: str, R: Array, T: float) -> Array:
     if value - step > q.low and value + step <= q.high:
         return (at(1.0) - at(-1.0)) / (2.0 * step)
     side = 1.0 if value + 2.0 * step <= q.high else -1.0
-    return side * (4.0 * at(side) - 3.0 * at(0.0) - at(2.0 * side)) / (2.0 * step)
+    start = at(0.0)
+    return side * (4.0 * (at(side) - start) - (at(2.0 * side) - start)) / (2.0 * step)
 
 
 def neutral_value(key: str, variable: str = "") -> float:
@@ -619,3 +620,24 @@ def neutral_value(key: str, variable: str = "") -> float:
         if key in effect.terms:
             return effect.neutral[key]
     raise ValueError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
+
+
+# --- documentation ------------------------------------------------------------------------------------------------
+
+
+def table() -> str:
+    """The catalogue as a Markdown table, for docs/effects.md."""
+    rows = ["| Effect | Equation | Key [unit], range, off | Where | Signature | Confused with | Told apart by |"]
+    rows += ["|---|---|---|---|---|---|---|"]
+    for e in ALL:
+        keys = "; ".join(_documented(key, q, e.neutral.get(key)) for key, q in e.quantities.items())
+        rivals = ", ".join(f"`{name}`" for name in e.confusable)
+        cells = (f"`{e.name}`", e.equation, keys, ", ".join(e.places), e.signature, rivals, e.separator)
+        rows.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(rows)
+
+
+def _documented(key: str, q: Quantity, neutral: float | None) -> str:
+    unit = {"1": "–", "signal": "its signal's"}.get(q.unit, q.unit)
+    off = "" if neutral is None else f", {neutral:g}"
+    return f"`{key}` [{unit}] {q.low:g} to {q.high:g}{off}"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from .mesh import Parameters
+from .mesh import Mesh, Parameters
 from .network import Network
 from .report import Reporter, output_variables, reporter
 from .sdirk import INFLOW_TIMES
@@ -37,11 +37,20 @@ class NotPeriodic(ArithmeticError):
 
 
 @dataclass(frozen=True)
+class End:
+    """Where a run ended: its last state, and the mesh and step [s] that give it meaning."""
+
+    state: State
+    mesh: Mesh
+    dt: float
+
+
+@dataclass(frozen=True)
 class Waveforms(Mapping[str, Array]):
     """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
 
     units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
-    (NaN for :func:`simulate`).
+    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from.
     """
 
     time: Array
@@ -49,6 +58,7 @@ class Waveforms(Mapping[str, Array]):
     units: Mapping[str, str]
     beats: float
     change: float = math.nan
+    end: End | None = field(default=None, compare=False, repr=False)
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -62,7 +72,10 @@ class Waveforms(Mapping[str, Array]):
     def member(self, i: int) -> Waveforms:
         """One parameter set of a batch."""
         values = {name: value[i] if value.ndim == 2 else value for name, value in self.columns.items()}
-        return Waveforms(self.time, values, self.units, self.beats, self.change)
+        end = self.end
+        if end is not None and len(end.state.Q) > 1:
+            end = replace(end, state=end.state.members(slice(i, i + 1 or None)))
+        return Waveforms(self.time, values, self.units, self.beats, self.change, end)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write ``time [s]`` and one column ``name [unit]`` per variable, in SI, whole or not at all.
@@ -120,7 +133,7 @@ def simulate(
     runner = _Runner(network, inflow, parameters, settings, settings.dt)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
     state, table = runner.run(runner.scheme.initial_state(), n, progress, "simulating")
-    return runner.waveforms(table, duration / network.inlet.T, math.nan)
+    return runner.waveforms(table, duration / network.inlet.T, math.nan, state)
 
 
 def simulate_periodic(
@@ -132,13 +145,17 @@ def simulate_periodic(
     settings: Settings | None = None,
     tolerance: float = 1e-5,
     max_beats: int = 100,
+    start: Waveforms | None = None,
     progress: Progress | None = None,
 ) -> Waveforms:
     """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
 
     Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
-    Raises ValueError, NonPhysicalState as :func:`simulate`; NotPeriodic after ``max_beats``.
+    start : an earlier result, with other parameters perhaps, whose last state takes the place of rest: it saves beats
+    where little has changed; that of one parameter set serves a batch.
+    Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
+    ``start`` has another mesh, step or batch.
     """
     _check_network(network)
     settings = settings or Settings()
@@ -153,14 +170,14 @@ def simulate_periodic(
         raise ValueError(f"max_beats = {max_beats!r} must be at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
     runner = _Runner(network, inflow, parameters, settings, period / n)
-    state, before, change = runner.scheme.initial_state(), None, math.inf
+    state, before, change = runner.begin(start), None, math.inf
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
         state, table = runner.run(state, n, progress, label)
         if before is not None:
             change = runner.change(table, before)
             if change <= tolerance:
-                return runner.waveforms(table, beat, change)
+                return runner.waveforms(table, beat, change, state)
         before = table
     raise NotPeriodic(max_beats, change, tolerance)
 
@@ -179,6 +196,19 @@ class _Runner:
         self.network, self.inflow, self.dt = network, inflow or network.inlet.Q, dt
         self.scheme = Staggered(network, parameters, settings)
         self.reporter: Reporter = reporter(self.scheme)
+
+    def begin(self, start: Waveforms | None) -> State:
+        """The state to start from: rest, or where another run ended."""
+        if start is None:
+            return self.scheme.initial_state()
+        if start.end is None:
+            raise ValueError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
+        if not start.end.mesh.same_as(self.scheme.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:
+            raise ValueError(
+                f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "
+                "keep period, settings, lengths and stenoses, or start from rest."
+            )
+        return replace(self.scheme.adopt(start.end.state), t=0.0)
 
     def run(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[State, Array]:
         """n steps; returns the last state and the outputs (n + 1, B, n_outputs)."""
@@ -225,10 +255,11 @@ class _Runner:
         scale = np.maximum(size, _STEADY * whole)
         return float(np.max(np.divide(difference, scale, out=np.zeros_like(scale), where=scale > 0.0)))
 
-    def waveforms(self, table: Array, beats: float, change: float) -> Waveforms:
+    def waveforms(self, table: Array, beats: float, change: float, state: State) -> Waveforms:
         names, units = output_variables(self.network)
         time = np.arange(len(table)) * self.dt
         values: dict[str, Any] = {"inlet.Q": self._flow(self.last_start + time[:, None])[:, 0]}
         for i, name in enumerate(names):
             values[name] = table[:, :, i].T.copy() if self.scheme.coefficients.batched else table[:, 0, i].copy()
-        return Waveforms(time, values, {"inlet.Q": "m^3/s", **dict(zip(names, units, strict=True))}, beats, change)
+        units_by_name = {"inlet.Q": "m^3/s", **dict(zip(names, units, strict=True))}
+        return Waveforms(time, values, units_by_name, beats, change, End(state, self.scheme.mesh, self.dt))

@@ -225,6 +225,7 @@ def expected_names(network: Network) -> list[str]:
     names += [f"{s.name}.{k}" for s in network.segments for k in ("L", "R0", "h", "E", "ENL", "phi0", "phiNL")]
     names += [f"{o.segment}.outlet.{k}" for o in network.outlets for k in outlets[type(o).__name__]]
     names += [f"{o.segment}.outlet.{k}" for o in network.outlets for k in ("P_venous", "P", "Q")]
+    names += [f"{j.name}.junction.k" for j in network.junctions]
     return names + [f"{site.name}.{k}" for site in network.sites for k in "PQR"]
 
 
