@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
+from solver.effects import terms_of
 from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
-from solver.network import OUTLETS, Fluid, Network, Segment
+from solver.network import OUTLETS, Fluid, Junction, Network, Segment
 from solver.quantity import quantities
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
@@ -93,15 +94,13 @@ class ParameterSet:
 def unit_of(name: str) -> str:
     """The SI unit of an FMU parameter by its name: "CA.phi0" -> "Pa.s".
 
-    Raises ValueError if no segment, outlet, fluid or network has such a parameter.
+    Raises ValueError if no segment, outlet, junction, fluid or network has such a parameter.
     """
     prefix, dot, key = name.rpartition(".")
-    if prefix in ("network", "fluid"):
-        known = _units()[prefix]
-    else:
-        known = _units()["outlet" if prefix.endswith(".outlet") else "segment"]
+    last = prefix.rpartition(".")[2]
+    what = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
+    known = _units()[what]
     if not dot or not prefix or key not in known:
-        what = prefix if prefix in ("network", "fluid") else "outlet" if prefix.endswith(".outlet") else "segment"
         raise ValueError(
             f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
         )
@@ -165,9 +164,15 @@ def set_format(path: Path) -> str:
 @cache
 def _units() -> dict[str, dict[str, str]]:
     """Units by kind of owner and key, from the quantities of the solver: a new quantity needs no change here."""
-    owners = {"network": (Network,), "fluid": (Fluid,), "segment": (Segment,), "outlet": OUTLETS}
+    owners: dict[str, tuple[type, ...]] = {
+        "network": (Network,),
+        "fluid": (Fluid,),
+        "segment": (Segment,),
+        "outlet": OUTLETS,
+        "junction": (Junction,),
+    }
     return {
-        kind: {key: q.unit for owner in classes for key, q in quantities(owner).items()}
+        kind: {key: q.unit for owner in classes for key, q in (quantities(owner) | terms_of(kind)).items()}
         for kind, classes in owners.items()
     }
 

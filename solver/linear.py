@@ -3,13 +3,16 @@
 With P = P_0 + P', A = A_rest + A', small Q and time dependence e^{iωt}, `momentumConserv_AQ` and `sheep_constitutive`
 become in each segment
 
-    dP'/dx = -Z' Q,     Z' = (ρ/A_rest)(iω + C_f/A_rest)
-    dQ/dx = -Y' P',     Y' = iω/(dP_el/dA + iω ν_s)
+    dP'/dx = -Z' Q,     Z' = (ρ/A_rest)(iω + C_f/A_rest + Σ weight_i iω/(iω + rate_i))
+    dQ/dx = -Y' P',     Y' = iω/(dP_el/dA + iω ν_s/(1 + iωτ)) + g
 
 with waves e^{±γx}, γ² = Z'Y', and characteristic impedance Z_c² = Z'/Y'. A segment is described by the pressure and the
 flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, at resonance and for large γL alike:
 
     P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
+
+The sum, τ and g belong to the effects unsteady_friction, stress_relaxation and side_branch of
+:mod:`~solver.effects`; a stenosis vanishes at rest, and a tapered segment is refused.
 
 Joined ends have one pressure and ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear wall
 viscosity and convection vanish. Source: linear one-dimensional theory, Alastruey, Parker and Sherwin, ICPS (2012), with
@@ -22,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .effects import Points
 from .mesh import Coefficients, Parameters, Topology, coefficients, topology
 from .network import Network
 
@@ -55,8 +59,7 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
     if np.any(omega == 0.0):
         raise ValueError("omega = 0 rad/s: a steady flow has no propagation constant; give frequencies above 0.")
     c = coefficients(network, parameters)
-    _, Z, compliance = _line(network, c, omega)
-    Y = 1j * omega[:, None] * compliance
+    _, Z, Y, _ = _line(network, c, omega)
     return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
 
 
@@ -77,11 +80,11 @@ def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | Non
         )
     batched = c.batched or Q.ndim == 2
     nodes = topology(network)
-    A, Z, compliance = _line(network, c, omega)
+    A, Z, Y, compliance = _line(network, c, omega)
     # flows are counted in Pa, as Z_ref Q, so that all unknowns and equations have one scale
     Z_ref = np.sqrt(c.wall.rho * c.wall.stiffness(A) / A)[:, :1, None]
     L = c.L[:, None, :]
-    Z, Y = Z * L / Z_ref, 1j * omega[:, None] * compliance * L * Z_ref
+    Z, Y = Z * L / Z_ref, Y * L * Z_ref
     g = np.sqrt(Z * Y)
     conditions = _conditions(network, c, nodes, np.atleast_2d(Q), omega, Z_ref)
     lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
@@ -155,8 +158,9 @@ def _things_first(x: Array, batched: bool) -> Array:
     return x if batched else x[0]
 
 
-def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array, Array]:
-    """A_rest (B, n_segments) [m²]; Z' [Pa·s/m⁴] and compliance A'/P' [m²/Pa], both (B, n, n_segments)."""
+def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array, Array, Array]:
+    """A_rest (B, n_segments) [m²]; Z' [Pa·s/m⁴], Y' [m²/(Pa·s)] and compliance A'/P' [m²/Pa], (B, n, n_segments)."""
+    _refuse_taper(network, c)
     iw = 1j * omega[:, None]
     with np.errstate(invalid="ignore"):
         A = c.wall.area(c.P_0)
@@ -166,8 +170,40 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
             f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
-    compliance = 1.0 / (stiffness[:, None] + iw * c.wall.viscosity(A, np.zeros_like(A))[:, None])
-    return A, (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None]), compliance
+    viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None]
+    if c.wall.tau is not None:
+        viscosity = viscosity / (1.0 + iw * c.wall.tau[:, None])
+    compliance = 1.0 / (stiffness[:, None] + viscosity)
+    Y = iw * compliance
+    if c.wall.leak is not None:
+        if np.any(omega == 0.0):
+            raise ValueError(
+                f"network {network.name}: the mean flow of a leak depends on the mean pressure; leave out omega = 0."
+            )
+        Y = Y + c.wall.leak[:, None]
+    return A, (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, omega)), Y, compliance
+
+
+def _history(c: Coefficients, omega: Array) -> Array:
+    """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_segments)."""
+    middle, iw = np.full(c.L.shape[1], 0.5), 1j * omega[:, None]
+    points = Points(middle, middle, np.sqrt(c.wall.A0 / np.pi), c.L, c.nu)
+    found = np.zeros((c.B, len(omega), c.L.shape[1]), complex)
+    for term in c.terms:
+        drag = term.effect.drag(term.values, points)
+        if drag is not None:
+            found += (drag.weight[:, :, None] * iw / (iw + drag.rate[:, :, None])).sum(axis=0)
+    return found
+
+
+def _refuse_taper(network: Network, c: Coefficients) -> None:
+    segments = np.arange(c.L.shape[1])
+    start, end = (c.wall_at(segments, np.full(len(segments), x)) for x in (0.0, 1.0))
+    for i in np.flatnonzero(np.any((start.A0 != end.A0) | (start.K != end.K), axis=0)):
+        raise ValueError(
+            f"segment {network.segments[i].name}: its wall varies along it, which the frequency domain does not cover; "
+            "set its taper to 0 or run the network in time."
+        )
 
 
 def _modes(g: Array, s: Array) -> tuple[Array, Array]:

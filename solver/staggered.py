@@ -132,6 +132,8 @@ class Operators:
 
 def _ahead(memory: Memory, weight: float, rates: Memory, scale: float = 1.0) -> Memory:
     """scale (memory + weight rates), where there is memory."""
+    if memory[0] is None and memory[1] is None:
+        return memory
     stress, history = (
         None if m is None or r is None else scale * (m + weight * r) for m, r in zip(memory, rates, strict=True)
     )

@@ -195,6 +195,7 @@ KINDS = {
     ".outlet.C": ("parameter", "tunable", "m^3/Pa", "mL/mmHg"),
     ".outlet.R2": ("parameter", "tunable", "Pa.s/m^3", "mmHg.s/mL"),
     ".outlet.R": ("parameter", "tunable", "Pa.s/m^3", "mmHg.s/mL"),
+    ".junction.k": ("parameter", "tunable", "1", None),
     ".outlet.P_venous": ("input", "continuous", "Pa", "mmHg"),
     "fluid.rho": ("parameter", "fixed", "kg/m^3", None),
     "fluid.nu": ("parameter", "fixed", "m^2/s", None),

@@ -170,7 +170,7 @@ def test_units_are_the_fmus(fmu: Path) -> None:
     variables = fmpy.read_model_description(os.fspath(fmu)).modelVariables
     units = {v.name: v.unit for v in variables if v.causality != "output" and v.type == "Real"}
     own = {name: unit for name, unit in units.items() if not name.startswith(("solver.", "inlet."))}
-    assert len(own) == 87
+    assert len(own) == 92
     assert {name: unit_of(name) for name in own} == own
 
 
@@ -285,7 +285,7 @@ def test_refused_json(tmp_path: Path, text: str, sentence: str) -> None:
         ('value="25451.0"', 'value="NaN"', r'AA\.phi0 = "NaN Pa\.s": must be a number in Pa\*s'),
         ('unit="Pa.s"', 'unit="mm"', r"AA\.phi0 = .*: the unit mm does not convert to the expected Pa\*s; "),
         ('name="AA.phi0"', 'name="AA.E"', r"the parameter 'AA\.E' occurs twice; keep one\.$"),
-        ('name="AA.phi0"', 'name="AA.tau"', r"AA\.tau: no segment has a parameter 'tau'; "),
+        ('name="AA.phi0"', 'name="AA.tao"', r"AA\.tao: no segment has a parameter 'tao'; "),
         ("ssv:Real", "ssv:Integer", r"AA\.E: must be a Real or a String; the FMU has no other parameters\.$"),
         ('{"value_and_ci95": ', '{"value_and_ci95": 3, "x": ', r"its annotation .* is damaged; "),
         ('"AA.E": [', '"AA.E": [2, ', r"its annotation .* is damaged; "),
