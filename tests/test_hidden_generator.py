@@ -13,11 +13,12 @@ from compare import relative_error
 from hidden.anatomy import Anatomy, End, Place, Vessel, anatomy
 from hidden.beat import Beat, at_phase
 from hidden.bench import bench_wall, radius
-from hidden.detect import BenchProblem, NetworkProblem, d_prime, detect, refit
+from hidden.detect import BenchProblem, NetworkProblem, d_prime, detect
 from hidden.hide import ALL, CHANNEL, FLOW, OUTSIDE, WALL, Effect, hide
 from hidden.network import Balance, Linearised, womersley_excess
 from hidden.plan import REPORTED, REPORTED_SEED, TUNING_SEED, plan, seed_of
 from hidden.records import BEATS, FITTED, Case, make, write
+from hidden.refit import refit
 from hidden.sensors import pulsatile
 from hidden.shapes import MMHG, arterial_pressure, ejection
 from scipy.integrate import solve_ivp

@@ -14,21 +14,20 @@ between an effect and its rivals, all taken on one standard beat (linear in the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from .anatomy import anatomy
-from .bench import NoPeriodicRadius, bench_wall, radius
+from .bench import bench_wall, radius
 from .hide import CHANNEL, WALL, Effect, hide
-from .network import Balance, Linearised, NoPeriodicFlow
-from .records import FITTED, SPREAD, Made, Nuisance, points_for
+from .network import Balance, Linearised
+from .records import SPREAD, Made, Nuisance, points_for
+from .refit import refit, weights, whitened
+from .rivals import rival_sines
 from .sensors import pulsatile, sensed
 
 Array = np.ndarray
-Predict = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -48,18 +47,26 @@ class Detection:
 
 def detect(made: Made) -> Detection:
     """d' and separation of what is hidden in a record."""
-    from .rivals import network_separation  # rivals.py uses the refit below
-
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
     seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
     if len(effects) != 1:
         return Detection(seen)
-    if made.case.kind == "network":
-        return network_separation(made, seen[0])
+    if isinstance(problem, NetworkProblem):
+        return _on_network(made, seen[0])
     found = {name: problem.left_with(name) for name in bench_rivals(made)}
     name = min(found, key=found.__getitem__)
     return Detection(seen, min(found[name], seen[0]), name)
+
+
+def _on_network(made: Made, seen: float) -> Detection:
+    sines = rival_sines(made)
+    name = made.case.effects[0].name
+    other = {rival: sine for rival, sine in sines.items() if rival.partition("@")[0] != name}
+    same = {rival: sine for rival, sine in sines.items() if rival.partition("@")[0] == name}
+    nearest = min(other, key=other.__getitem__)
+    place = min(same, key=same.__getitem__, default="")
+    return Detection((seen,), seen * other[nearest], nearest, seen * same.get(place, np.inf), place)
 
 
 def d_prime(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> float:
@@ -74,69 +81,6 @@ def d_prime(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> flo
     step = np.concatenate([np.full(problem.nuisances, 1e-3), 1e-2 * sizes])
     prior = np.concatenate([problem.prior, np.full(len(others), np.inf)])
     return refit(predict, x0, step, prior)
-
-
-# --- the refit -----------------------------------------------------------------------------------------------------
-
-
-class _Point(NamedTuple):
-    x: Array
-    r: Array
-    cost: float
-
-
-def refit(predict: Predict, x0: Array, step: Array, prior: Array, rounds: int = 8) -> float:
-    """√ of the smallest |r(x)|² + |(x - x0)/prior|², by Gauss-Newton with halved steps. r real, whitened."""
-
-    def at(x: Array) -> _Point:
-        r = np.concatenate([predict(x), (x - x0) / prior])
-        return _Point(x, r, float(r @ r))
-
-    here = at(x0)
-    for _ in range(rounds):
-        if here.cost < 1e-6:
-            break
-        J = np.stack([(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)], axis=1)
-        scale = np.linalg.norm(J, axis=0)
-        scale[scale == 0.0] = 1.0
-        move = -np.linalg.lstsq(J / scale, here.r, rcond=1e-10)[0] / scale
-        there = _shortened(at, here, move)
-        if there is None:
-            break
-        gain, here = here.cost - there.cost, there
-        if gain < 2e-3 * here.cost + 1e-6:
-            break
-    return float(np.sqrt(here.cost))
-
-
-def _shortened(at: Callable[[Array], _Point], here: _Point, move: Array) -> _Point | None:
-    """The first of a few shorter and shorter moves that lowers the cost."""
-    for share in (1.0, 0.5, 0.2, 0.05):
-        try:
-            there = at(here.x + share * move)
-        except (NoPeriodicFlow, NoPeriodicRadius):
-            continue
-        if there.cost < here.cost:
-            return there
-    return None
-
-
-def weights(made: Made, harmonics: int) -> Array:
-    """√(N w_k) per harmonic : (K + 1,)."""
-    samples = FITTED * made.beat.T / made.dt
-    return np.sqrt(samples * np.where(np.arange(harmonics) == 0, 1.0, 2.0))
-
-
-def whitened(delta: Array, noise: Array, response: Array, drive_noise: float, weight: Array) -> Array:
-    """Δ : (channels, K + 1) as real numbers of unit variance, for white noise and that of the driving channel.
-
-    noise : (channels,); response : (channels, K + 1), of each channel to the driving one.
-    """
-    h = response.T * drive_noise  # (K + 1, channels)
-    covariance = h[:, :, None] * h[:, None, :].conj() + np.diag(noise**2)
-    root = np.linalg.cholesky(covariance)
-    z = weight[:, None] * np.linalg.solve(root, delta.T[..., None])[..., 0]
-    return np.concatenate([z.real.ravel(), z.imag.ravel()])
 
 
 # --- bench ---------------------------------------------------------------------------------------------------------

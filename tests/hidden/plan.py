@@ -75,10 +75,10 @@ def plan(kind: str, n: int, seed: int) -> list[Case]:
     nulls, outside, pairs = (round(n * share) for share in (SHARE_NULL, SHARE_OUTSIDE, SHARE_PAIR))
     names = [name for name in draw.sizes if name not in OUTSIDE]
     beyond = [name for name in draw.sizes if name in OUTSIDE]
-    lists = [()] * nulls + [(beyond[i % len(beyond)],) for i in range(outside)]
-    lists += [tuple(rng.choice(names, 2, replace=False)) for _ in range(pairs)]
+    lists: list[tuple[str, ...]] = [()] * nulls + [(beyond[i % len(beyond)],) for i in range(outside)]
+    lists += [draw.pair(names) for _ in range(pairs)]
     lists += [(names[i % len(names)],) for i in range(n - len(lists))]
-    cases = [draw.case(tuple(str(name) for name in each)) for each in lists]
+    cases = [draw.case(each) for each in lists]
     return [cases[i] for i in rng.permutation(n)]
 
 
@@ -94,6 +94,13 @@ class _Draw:
         self.kind, self.rng = kind, rng
         self.sizes = BENCH_SIZES if kind == "bench" else NETWORK_SIZES
 
+    def pair(self, names: list[str]) -> tuple[str, str]:
+        """Two names that can act together."""
+        while True:
+            first, second = (str(name) for name in self.rng.choice(names, 2, replace=False))
+            if {first, second} != {"terminal_reflection", "terminal_compliance"}:
+                return first, second
+
     def case(self, names: tuple[str, ...]) -> Case:
         rng = self.rng
         dB = float(rng.choice(list(NOISE), p=list(NOISE.values())))
@@ -102,17 +109,27 @@ class _Draw:
             channels = "all" if rng.random() < 0.7 else "three pressures"
         effects = tuple(self._effect(name, channels, len(names) == 2) for name in names)
         law = "regression" if self.kind == "bench" and rng.random() < 0.3 else "beta"
-        return Case(self.kind, channels, dB, effects, self._base(effects), law)
+        base = self._base(effects)
+        return Case(self.kind, channels, dB, effects, base, law, self._viscous_law(base, effects))
+
+    def _viscous_law(self, base: str, effects: tuple[Effect, ...]) -> str:
+        """The paper's quadratic law now and then, but not where its effective viscosity would change sign."""
+        softens = any(e.name == "nonlinear_wall_viscosity" and e.size < 0.0 for e in effects)
+        if base == "sheep_nonlinear" or softens or self.rng.random() > 0.3:
+            return "monotone"
+        return "quadratic"
 
     def _base(self, effects: tuple[Effect, ...]) -> str:
         """Viscosity is hidden in elastic walls, in one segment also in viscous ones; what needs φ0 has it."""
         names = {e.name for e in effects}
         everywhere = any(e.name == "wall_viscosity" and (e.where == ALL or self.kind == "bench") for e in effects)
         chance = self.rng.random()
-        if everywhere or ("wall_viscosity" in names and chance < 0.5):
+        if everywhere:
             return "elastic"
-        if names & {"wall_viscosity", "nonlinear_wall_viscosity", "stress_relaxation", *OUTSIDE_WALL}:
+        if names & {"nonlinear_wall_viscosity", "stress_relaxation", *OUTSIDE_WALL}:
             return "sheep"
+        if "wall_viscosity" in names:
+            return "elastic" if chance < 0.5 else "sheep"
         if chance < (0.3 if self.kind == "bench" else 0.15):
             return "elastic"
         return "sheep_nonlinear" if chance > 0.85 else "sheep"

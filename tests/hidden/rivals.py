@@ -9,10 +9,10 @@ import numpy as np
 
 from .anatomy import anatomy
 from .beat import Beat
-from .detect import Detection, weights, whitened
 from .hide import ALL, CHANNEL, Effect, hide
 from .network import Balance, Linearised
 from .records import SITES, SPREAD, Case, Made, Nuisance, points_for
+from .refit import weights, whitened
 from .sensors import pulsatile, sensed
 from .shapes import ejection
 
@@ -122,8 +122,8 @@ def standard(base: str, elastic_law: str, viscous_law: str) -> Standard:
     return Standard(Case("network", "all", 40.0, (), base, elastic_law, viscous_law))
 
 
-def network_separation(made: Made, d_prime: float) -> Detection:
-    """d' times the sine of the smallest angle between a record's effect and its rivals, after the nuisance."""
+def rival_sines(made: Made) -> dict[str, float]:
+    """Sine of the angle between a record's one effect and each rival (name@where), after the nuisance."""
     case, (effect,) = made.case, made.case.effects
     basis = standard(case.base, case.elastic_law, case.viscous_law)
     kept = [basis.names.index(name) for name in case.names[1:]]
@@ -142,7 +142,7 @@ def network_separation(made: Made, d_prime: float) -> Detection:
         return v - Q @ (Q.T @ v)
 
     own = unabsorbed(basis.column(effect))
-    sine: dict[tuple[str, tuple[str, ...]], float] = {}
+    sine: dict[str, float] = {}
     for rival in basis.rivals:
         if (rival.name, rival.where) == (effect.name, effect.where):
             continue
@@ -151,19 +151,5 @@ def network_separation(made: Made, d_prime: float) -> Detection:
         if (size > 0.0).all():
             units = columns / size
             rest = own - units @ np.linalg.lstsq(units, own, rcond=1e-10)[0]
-            sine[rival.name, rival.where] = float(np.linalg.norm(rest) / np.linalg.norm(own))
-    other = {key: value for key, value in sine.items() if key[0] != effect.name}
-    same = {key: value for key, value in sine.items() if key[0] == effect.name}
-    nearest = min(other, key=other.__getitem__)
-    place = min(same, key=same.__getitem__, default=None)
-    return Detection(
-        (d_prime,),
-        d_prime * other[nearest],
-        _label(nearest),
-        d_prime * same[place] if place else float("inf"),
-        _label(place) if place else "",
-    )
-
-
-def _label(key: tuple[str, tuple[str, ...]]) -> str:
-    return f"{key[0]}@{','.join(key[1])}"
+            sine[f"{rival.name}@{','.join(rival.where)}"] = float(np.linalg.norm(rest) / np.linalg.norm(own))
+    return sine

@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -150,4 +151,5 @@ def wall_at(walls: Walls, piece: int, point: int) -> Walls:
         return np.broadcast_to(x, walls.A0.shape)[piece, point]
 
     names = ("A0", "K", "e", "K_h", "phi0", "r", "tau", "w", "order", "phi3", "P_level")
-    return replace(walls, **{name: pick(getattr(walls, name)) for name in names})
+    picked: dict[str, Any] = {name: pick(getattr(walls, name)) for name in names}
+    return replace(walls, **picked)

@@ -1,0 +1,75 @@
+"""Least squares under priors, and residuals in units of their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from .bench import NoPeriodicRadius
+from .network import NoPeriodicFlow
+from .records import FITTED, Made
+
+Array = np.ndarray
+Predict = Callable[[Array], Array]
+
+
+class _Point(NamedTuple):
+    x: Array
+    r: Array
+    cost: float
+
+
+def refit(predict: Predict, x0: Array, step: Array, prior: Array, rounds: int = 8) -> float:
+    """√ of the smallest |r(x)|² + |(x - x0)/prior|², by Gauss-Newton with halved steps. r real, whitened."""
+
+    def at(x: Array) -> _Point:
+        r = np.concatenate([predict(x), (x - x0) / prior])
+        return _Point(x, r, float(r @ r))
+
+    here = at(x0)
+    for _ in range(rounds):
+        if here.cost < 1e-6:
+            break
+        J = np.stack([(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)], axis=1)
+        scale = np.linalg.norm(J, axis=0)
+        scale[scale == 0.0] = 1.0
+        move = -np.linalg.lstsq(J / scale, here.r, rcond=1e-10)[0] / scale
+        there = _shortened(at, here, move)
+        if there is None:
+            break
+        gain, here = here.cost - there.cost, there
+        if gain < 2e-3 * here.cost + 1e-6:
+            break
+    return float(np.sqrt(here.cost))
+
+
+def _shortened(at: Callable[[Array], _Point], here: _Point, move: Array) -> _Point | None:
+    """The first of a few shorter and shorter moves that lowers the cost."""
+    for share in (1.0, 0.5, 0.2, 0.05):
+        try:
+            there = at(here.x + share * move)
+        except (NoPeriodicFlow, NoPeriodicRadius):
+            continue
+        if there.cost < here.cost:
+            return there
+    return None
+
+
+def weights(made: Made, harmonics: int) -> Array:
+    """√(N w_k) per harmonic : (K + 1,)."""
+    samples = FITTED * made.beat.T / made.dt
+    return np.sqrt(samples * np.where(np.arange(harmonics) == 0, 1.0, 2.0))
+
+
+def whitened(delta: Array, noise: Array, response: Array, drive_noise: float, weight: Array) -> Array:
+    """Δ : (channels, K + 1) as real numbers of unit variance, for white noise and that of the driving channel.
+
+    noise : (channels,); response : (channels, K + 1), of each channel to the driving one.
+    """
+    h = response.T * drive_noise  # (K + 1, channels)
+    covariance = h[:, :, None] * h[:, None, :].conj() + np.diag(noise**2)
+    root = np.linalg.cholesky(covariance)
+    z = weight[:, None] * np.linalg.solve(root, delta.T[..., None])[..., 0]
+    return np.concatenate([z.real.ravel(), z.imag.ravel()])
