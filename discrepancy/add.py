@@ -44,7 +44,9 @@ def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
 
 def named(fit: Fit, term: Term, confidence: float, quantile: float) -> NamedEffect:
     """The term as verdict.json has it."""
-    return NamedEffect(term.effect, term.where, estimates(fit, term, quantile), confidence, BY_NAME[term.effect].equation)
+    return NamedEffect(
+        term.effect, term.where, estimates(fit, term, quantile), confidence, BY_NAME[term.effect].equation
+    )
 
 
 def estimates(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:

@@ -77,7 +77,10 @@ class Bench:
         return nuisances(self.network, self.site)
 
     def refit(
-        self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, columns: Mapping[str, Array] | None = None
+        self,
+        hypotheses: Sequence[tuple[Term, ...]],
+        start: Fit | None = None,
+        columns: Mapping[str, Array] | None = None,
     ) -> list[Fit | None]:
         """The most probable unknowns of every hypothesis; ``start`` : of a simpler one that all contain."""
         return [fit(self, terms, start) for terms in hypotheses]
@@ -257,9 +260,7 @@ def _law(problem: Bench, v: Mapping[str, float], r: Array, slope: bool = True) -
 
 def _chain(v: Mapping[str, float], channel: str, omega: Array) -> Array:
     """Transfer function (K+1,) of a measurement chain."""
-    return transfer(
-        omega, v[f"{channel}.lag"], v[f"{channel}.gain"], v[f"{channel}.slow"], v[f"{channel}.resonance"]
-    )
+    return transfer(omega, v[f"{channel}.lag"], v[f"{channel}.gain"], v[f"{channel}.slow"], v[f"{channel}.resonance"])
 
 
 def transfer(omega: Array, lag: float, gain: float, slow: float, resonance: float) -> Array:

@@ -39,7 +39,10 @@ class Problem(Protocol):
         ...
 
     def refit(
-        self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, columns: Mapping[str, Array] | None = None
+        self,
+        hypotheses: Sequence[tuple[Term, ...]],
+        start: Fit | None = None,
+        columns: Mapping[str, Array] | None = None,
     ) -> list[Fit | None]:
         """The most probable unknowns of every hypothesis."""
         ...
@@ -215,9 +218,7 @@ def _refreshed(problem: Problem, ranked: Sequence[Named], members: Sequence[Name
     """The ranking with Jacobians of the class fit for intervals."""
     fresh = problem.refreshed([m.fit for m in members[:4]])
     known = {m.label: f for m, f in zip(members, fresh, strict=False)}
-    return tuple(
-        Named(known.get(n.label, n.fit), n.score, n.misfit, n.probability, n.separation) for n in ranked
-    )
+    return tuple(Named(known.get(n.label, n.fit), n.score, n.misfit, n.probability, n.separation) for n in ranked)
 
 
 def _pairs(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> list[Fit]:

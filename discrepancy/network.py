@@ -70,7 +70,7 @@ class Simulator:
         beat = simulate_periodic(
             network, self.drive, self.T, parameters=parameters, settings=self.settings, tolerance=_PERIODIC, start=start
         )
-        self.starts.setdefault(key, beat)
+        self.starts.setdefault(key, beat.member(0))
         self.simulations += size
         self.tell(f"{self.simulations} simulations")
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
@@ -262,9 +262,7 @@ class NetworkProblem:
         """
         searches = [self._begin(terms, start, columns or {}) for terms in hypotheses]
         missing = [s for s in searches if s.J is None]
-        for search, found in zip(
-            missing, self.derivatives([(s.member(), s.unknowns) for s in missing]), strict=True
-        ):
+        for search, found in zip(missing, self.derivatives([(s.member(), s.unknowns) for s in missing]), strict=True):
             if found is None:
                 search.failed = True
             else:

@@ -37,7 +37,5 @@ def build_fmu(network_file: Path, folder: Path) -> Path:
     done = subprocess.run(line, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         said = [text.strip() for text in done.stderr.splitlines() if text.strip()]
-        raise ValueError(
-            said[-1].removeprefix("Error: ") if said else f"{network_file}: its FMU could not be built."
-        )
+        raise ValueError(said[-1].removeprefix("Error: ") if said else f"{network_file}: its FMU could not be built.")
     return folder / f"{read_network(network_file).name}.fmu"

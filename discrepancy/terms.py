@@ -149,7 +149,7 @@ def physical_term(network: Network, effect: effects.Effect, place: str) -> Term 
     """The term of an effect of wall, fluid, junction or outlet; None where the network leaves it nothing to act on."""
     if effect.name == "terminal_compliance":
         return _windkessel(network, place)
-    (key, variables), = effect.variables(network, place).items()
+    ((key, variables),) = effect.variables(network, place).items()
     quantity, present = effect.quantities[key], network.parameters()
     start = [present.get(v, effect.neutral[key]) for v in variables]
     segments = [v.rpartition(".")[0] for v in variables]
@@ -211,7 +211,7 @@ def rewired(network: Network, term: Term) -> Network:
     if term.rewires:
         return effect.add(network, term.place, {u.name.rpartition(".")[2]: u.nominal for u in term.unknowns})
     present = network.parameters()
-    (key, variables), = effect.variables(network, term.place).items()
+    ((key, variables),) = effect.variables(network, term.place).items()
     return network.with_terms({v: effect.neutral[key] for v in variables if v not in present})
 
 
