@@ -46,8 +46,8 @@ def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:
     Raises NoPeriodicRadius if there is none within reach; strong rate nonlinearity is reached in steps.
     """
     R0 = float(np.sqrt(wall.A0[0] / np.pi))
-    s = wall.stretch(P - wall.P_level) if start is None else start / R0
-    with np.errstate(over="ignore", invalid="ignore"):  # an iterate may run away; _newton notices
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # an iterate may run away; _newton notices
+        s = wall.stretch(P - wall.P_level) if start is None else start / R0
         try:
             return R0 * _newton(wall, P, s)
         except NoPeriodicRadius:

@@ -32,7 +32,11 @@ def refit(predict: Predict, x0: Array, step: Array, prior: Array, rounds: int = 
     for _ in range(rounds):
         if here.cost < 1e-6:
             break
-        J = np.stack([(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)], axis=1)
+        try:
+            columns = [(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)]
+        except (NoPeriodicFlow, NoPeriodicRadius):
+            break  # at the edge of what has a periodic state
+        J = np.stack(columns, axis=1)
         scale = np.linalg.norm(J, axis=0)
         scale[scale == 0.0] = 1.0
         move = -np.linalg.lstsq(J / scale, here.r, rcond=1e-10)[0] / scale
