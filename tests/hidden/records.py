@@ -180,8 +180,8 @@ def hidden_model(case: Case, base: Anatomy, nuisance: Nuisance) -> Anatomy:
 
 
 def points_for(model: Anatomy) -> int:
-    """Points a piece: more where a wall without viscosity keeps the waves sharp."""
-    return 10 if all(v.phi0 > 0.0 for v in model.vessels) else 16
+    """Points a piece: more where a wall without viscosity, or whose viscous stress relaxes, keeps the waves sharp."""
+    return 10 if all(v.phi0 > 0.0 and v.tau == 0.0 for v in model.vessels) else 16
 
 
 def _truth(
