@@ -85,9 +85,13 @@ class Bench:
         """The most probable unknowns of every hypothesis; ``start`` : of a simpler one that all contain."""
         return [fit(self, terms, start) for terms in hypotheses]
 
-    def refreshed(self, fits: Sequence[Fit]) -> list[Fit]:
+    def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:
         """The same fits: their Jacobians are up to date."""
         return list(fits)
+
+    def sharpened(self, fit: Fit) -> Bench:
+        """The same problem: the law is evaluated without a solver's error."""
+        return self
 
     def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label."""

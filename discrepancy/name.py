@@ -47,8 +47,12 @@ class Problem(Protocol):
         """The most probable unknowns of every hypothesis."""
         ...
 
-    def refreshed(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The same with Jacobians fit for intervals."""
+    def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:
+        """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
+        ...
+
+    def sharpened(self, fit: Fit) -> Problem:
+        """The same record weighted and simulated as a fit needs it."""
         ...
 
     def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
@@ -79,10 +83,12 @@ class Named:
 
 @dataclass(frozen=True)
 class Naming:
-    """verdict : none, effect, ambiguous, several or unknown. base : without effect. ranked : best first. members : the
+    """verdict : none, effect, ambiguous, several or unknown. problem : as it was weighted at last. base : without effect.
+    ranked : best first. members : the
     class. columns : of every candidate at ``base``, whitened. reason : for unknown."""
 
     verdict: str
+    problem: Problem
     base: Named
     ranked: tuple[Named, ...]
     members: tuple[Named, ...]
@@ -154,41 +160,73 @@ def score(problem: Problem, fit: Fit, terms: Sequence[Term], scale: float = 1.0)
 
 
 def name(problem: Problem, terms: Sequence[Term]) -> Naming:
-    """The verdict on one record: at most two effects at once, see :func:`discrepancy.workflow.discover` for more."""
+    """The verdict on one record: effects are added one by one until the residual is noise or nothing helps.
+
+    Raises ArithmeticError if the model as given cannot be simulated with this record.
+    """
     terms = tuple(terms)
     (found,) = problem.refit([()])
     if found is None:
         raise ArithmeticError("the model as given cannot be simulated with this record")
-    (base,) = problem.refreshed([found])
-    columns = problem.columns(base, terms)
-    none = Named(base, base.cost, misfit(base, problem.dof_of_noise), 1.0, 0.0)
-    plain = shortlist(scores(base, columns, terms), at.SHORTLIST)
-    fits = [f for f in problem.refit([(t,) for t in plain], base, columns) if f is not None]
-    ranked = _ranked(problem, none, fits, terms)
+    problem, none, _ = _polished(problem, found, [], terms)
+    columns = problem.columns(none.fit, terms)
+    problem, none, ranked = _ranking(problem, none, _singles(problem, none, columns, terms), terms)
     # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
-    rewiring = [t for t in terms if t.rewires]
+    rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not none.explains and not (ranked and ranked[0].explains):
-        fits += [f for f in problem.refit([(t,) for t in rewiring]) if f is not None]
-        ranked = _ranked(problem, none, fits, terms)
+        fits = [n.fit for n in ranked] + [f for f in problem.refit(rewiring) if f is not None]
+        problem, none, ranked = _ranking(problem, none, fits, terms)
     if not ranked or ranked[0].score > none.score - at.BIC_NONE:
         if none.explains:
-            return Naming("none", none, ranked, (), columns, terms)
-        return Naming("unknown", none, ranked, (), columns, terms, _left(base, problem))
+            return Naming("none", problem, none, ranked, (), columns, terms)
+        return Naming("unknown", problem, none, ranked, (), columns, terms, _left(none.fit, problem))
+    while not ranked[0].explains and len(ranked[0].fit.terms) < at.MOST_EFFECTS:
+        more = _ranked(problem, none, _more(problem, ranked, terms), terms)
+        if not more or more[0].score > ranked[0].score - at.SECOND:
+            break
+        problem, none, ranked = _polished(problem, none.fit, more, terms)
     best = ranked[0]
-    if best.explains:
-        members = _members(ranked)
-        verdict = "effect" if len(members) == 1 else "ambiguous"
-        return Naming(verdict, none, _refreshed(problem, ranked, members), members, columns, terms)
-    pairs = _pairs(problem, ranked, terms)
-    both = _ranked(problem, none, pairs, terms)
-    if both and both[0].score < best.score - at.SECOND:
-        if both[0].explains:
-            members = _members(both)
-            return Naming("several", none, _refreshed(problem, both, members), members, columns, terms)
-        reason = f"{both[0].label} explain most of it, but more remains: {_left(both[0].fit, problem)}"
-        return Naming("unknown", none, both + ranked, (), columns, terms, reason)
-    reason = f"{best.label} comes nearest, but more remains: {_left(best.fit, problem)}"
-    return Naming("unknown", none, ranked, (), columns, terms, reason)
+    if not best.explains:
+        reason = f"{best.label} comes nearest, but more remains: {_left(best.fit, problem)}"
+        return Naming("unknown", problem, none, ranked, (), columns, terms, reason)
+    members = _members(ranked)
+    verdict = "several" if len(best.fit.terms) > 1 else "effect" if len(members) == 1 else "ambiguous"
+    return Naming(verdict, problem, none, ranked, members, columns, terms)
+
+
+def _singles(problem: Problem, none: Named, columns: Mapping[str, Array], terms: tuple[Term, ...]) -> list[Fit]:
+    """The promising effects refitted, each by itself."""
+    plain = shortlist(scores(none.fit, columns, terms), at.SHORTLIST)
+    return [f for f in problem.refit([(t,) for t in plain], none.fit, columns) if f is not None]
+
+
+def _ranking(
+    problem: Problem, none: Named, fits: Sequence[Fit], terms: tuple[Term, ...]
+) -> tuple[Problem, Named, tuple[Named, ...]]:
+    """The hypotheses ranked, and where one of them beats none, polished."""
+    ranked = _ranked(problem, none, fits, terms)
+    if ranked and ranked[0].score < none.score - at.BIC_NONE:
+        return _polished(problem, none.fit, ranked, terms)
+    return problem, none, ranked
+
+
+def _polished(
+    problem: Problem, base: Fit, ranked: Sequence[Named], terms: tuple[Term, ...]
+) -> tuple[Problem, Named, tuple[Named, ...]]:
+    """The problem as the best hypothesis needs it, and those near the best refitted with fresh derivatives."""
+    best = ranked[0].fit if ranked else base
+    sharp = problem.sharpened(best)
+    near = [n.fit for n in ranked if n.score < ranked[0].score + at.NEAR][: at.SHORTLIST // 2]
+    if sharp is problem:
+        none = Named(base, base.cost, misfit(base, problem.dof_of_noise), 1.0, 0.0)
+        return problem, none, tuple(ranked)
+    anew, *again = sharp.refine([base, *near])
+    fits = [f for f in again if f is not None]
+    base = base if anew is None else anew
+    none = Named(base, base.cost, misfit(base, sharp.dof_of_noise), 1.0, 0.0)
+    known = {tuple(t.label for t in f.terms) for f in fits}
+    far = [n.fit for n in ranked if tuple(t.label for t in n.fit.terms) not in known]
+    return sharp, none, _ranked(sharp, none, [*fits, *far], terms)
 
 
 def _ranked(problem: Problem, none: Named, fits: Sequence[Fit], terms: Sequence[Term]) -> tuple[Named, ...]:
@@ -214,32 +252,24 @@ def _members(ranked: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(n for n in ranked if n.score - ranked[0].score < 2.0 * math.log(at.CLASS_ODDS))
 
 
-def _refreshed(problem: Problem, ranked: Sequence[Named], members: Sequence[Named]) -> tuple[Named, ...]:
-    """The ranking with Jacobians of the class fit for intervals."""
-    fresh = problem.refreshed([m.fit for m in members[:4]])
-    known = {m.label: f for m, f in zip(members, fresh, strict=False)}
-    return tuple(Named(known.get(n.label, n.fit), n.score, n.misfit, n.probability, n.separation) for n in ranked)
-
-
-def _pairs(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> list[Fit]:
-    """A second effect beside each of the best first ones."""
+def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> list[Fit]:
+    """One more effect beside each of the best hypotheses; of one combination the better fit."""
     found: dict[frozenset[str], Fit] = {}
     firsts: list[Named] = []
     for n in ranked:
-        if len(firsts) < 3 and n.fit.terms[0].effect not in {f.fit.terms[0].effect for f in firsts}:
+        if len(firsts) < at.BRANCHES and n.fit.terms[-1].effect not in {f.fit.terms[-1].effect for f in firsts}:
             firsts.append(n)
     for first in firsts:
-        others = [t for t in terms if t.label != first.label and not t.rewires]
-        (at_first,) = problem.refreshed([first.fit])
-        columns = problem.columns(at_first, others)
-        seconds = shortlist(scores(at_first, columns, others), at.SHORTLIST // 2)
-        fits = problem.refit([(*first.fit.terms, t) for t in seconds], at_first, columns)
-        for f in fits:
-            if f is None:
-                continue
-            key = frozenset(t.label for t in f.terms)
-            if key not in found or f.cost < found[key].cost:
-                found[key] = f
+        there = {t.label for t in first.fit.terms}
+        others = [t for t in terms if t.label not in there and not t.rewires]
+        (anew,) = problem.refine([first.fit])
+        base = first.fit if anew is None else anew
+        columns = problem.columns(base, others)
+        seconds = shortlist(scores(base, columns, others), at.SHORTLIST // 2)
+        for f in problem.refit([(*first.fit.terms, t) for t in seconds], base, columns):
+            if f is not None:
+                key = frozenset(t.label for t in f.terms)
+                found[key] = min(f, found.get(key, f), key=lambda fit: fit.cost)
     return list(found.values())
 
 

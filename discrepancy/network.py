@@ -46,6 +46,8 @@ _ROUNDS = 14  # simulations of a hypothesis at most
 _BATCH = 64  # members at once
 _PERIODIC = 1e-5
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
+_SHARPER = 2  # times that the step is halved at most
+_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
 
@@ -62,6 +64,15 @@ class Simulator:
     tell: Tell = field(default=lambda _: None)
     simulations: int = 0
     starts: dict[str, Waveforms] = field(default_factory=dict)
+
+    def halved(self) -> Simulator:
+        """The same with half the step."""
+        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0), starts={})
+
+    def finer(self) -> Simulator:
+        """The same with half the step and half the elements, to see what both do."""
+        half = self.halved()
+        return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
     def coefficients(self, network: Network, parameters: Mapping[str, Array], key: str) -> Array:
         """X : (B, K+1, m) of the periodic beats; ``key`` names networks that can start from one another's state."""
@@ -260,7 +271,10 @@ class NetworkProblem:
         start : of a simpler hypothesis that all contain; with ``columns`` of the terms there (:meth:`columns`) no
         derivative is simulated anew.
         """
-        searches = [self._begin(terms, start, columns or {}) for terms in hypotheses]
+        return self._search([self._begin(terms, start, columns or {}) for terms in hypotheses])
+
+    def _search(self, searches: list[_Search]) -> list[Fit | None]:
+        """Steps of all searches, one batch after the other, until none has any worth its simulation."""
         missing = [s for s in searches if s.J is None]
         for search, found in zip(missing, self.derivatives([(s.member(), s.unknowns) for s in missing]), strict=True):
             if found is None:
@@ -294,13 +308,45 @@ class NetworkProblem:
             search.settle(start.z)
         return search
 
-    def refreshed(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The same fits with their Jacobians simulated anew, for intervals, and one more step with them."""
-        points = [(Member(f.terms, f.unknowns, f.x), f.unknowns) for f in fits]
-        found = []
-        for f, result in zip(fits, self.derivatives(points), strict=True):
-            found.append(f if result is None else replace(f, z=result[0], J=result[1]))
-        return found
+    def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:
+        """Every fit searched on from where it is, with derivatives simulated anew."""
+        searches = []
+        for f in fits:
+            unknowns, prior = self.hypothesis(f.terms)
+            searches.append(_Search(f.terms, unknowns, prior, f.x))
+        return self._search(searches)
+
+    def sharpened(self, fit: Fit) -> NetworkProblem:
+        """The same problem weighted for what a fit found: the solver's error and the response to the inflow's noise there.
+
+        Where the error would matter beside the noise, the steps become shorter. Raises ArithmeticError if it breaks down.
+        """
+        member, problem = Member(fit.terms, fit.unknowns, fit.x), self
+        for _ in range(_SHARPER):
+            finer = replace(problem, simulator=problem.simulator.finer())
+            X, X_finer = problem.observe([member])[0], finer.observe([member])[0]
+            if X is None or X_finer is None:
+                raise ArithmeticError(f"{fit.terms[-1].label if fit.terms else 'the model'}: shorter steps break down")
+            error = solver_error(X, X_finer, pulses(self.beats, self.names))
+            own = np.einsum("kii->ki", self.target.covariance).real - self.error**2
+            weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]
+            if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
+                break
+            problem = replace(problem, simulator=problem.simulator.halved())
+        network = self._rewired(fit.terms)
+        nominal = network.parameters()
+        at = {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items() if n in nominal}
+        H = _response(network, self.names, self.simulator.T, self.K, at)
+        new = target(self.beats, self.names, self._sensed_response(member, H), error)
+        return replace(problem, target=new, error=error)
+
+    def _sensed_response(self, member: Member, H: Array) -> Array:
+        """The response to the inflow (n, m) as the sensors show it."""
+        if not any(term.is_sensor for term in member.terms):
+            return H
+        deeper = replace(self, K=len(H) - 1)
+        flat = replace(member, x=np.where(["offset" in u.name for u in member.unknowns], 0.0, member.x))
+        return deeper._sensed(flat, H)
 
     def _fit(self, s: _Search) -> Fit | None:
         if s.failed or s.J is None:
@@ -388,11 +434,21 @@ def network_problem(
     drive = inflow(beats, settings.dt)
     simulator = Simulator(network, drive, beats.T, chosen, K, settings, tell)
     X = simulator.coefficients(network, {}, "")[0]
-    half = replace(simulator, settings=replace(settings, dt=settings.dt / 2.0, element_length=settings.element_length / 2),
-                   starts={})  # fmt: skip
-    error = solver_error(X, half.coefficients(network, {}, "")[0], pulses(beats, chosen))
-    H = response(network, chosen, beats.T, K + NEIGHBOURS, {})
+    error = solver_error(X, simulator.finer().coefficients(network, {}, "")[0], pulses(beats, chosen))
+    H = _response(network, chosen, beats.T, K, {})
     return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error)
+
+
+def _response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
+    """The linearised response (K + 1 + neighbours, m) to the inflow; without the terms that the linear solver lacks."""
+    try:
+        return response(network, names, T, K + NEIGHBOURS, parameters)
+    except ValueError:
+        segments = tuple(
+            replace(s, terms={k: v for k, v in s.terms.items() if k not in ("taper", "leak")}) for s in network.segments
+        )
+        plain = replace(network, segments=segments)
+        return response(plain, names, T, K + NEIGHBOURS, {n: v for n, v in parameters.items() if n in plain.parameters()})
 
 
 def adjacent(network: Network, a: str, b: str) -> bool:

@@ -1,4 +1,4 @@
-"""Every number that decides: fixed on tuning records before the reported run of the bank (benchmarks/hidden_effects)."""
+"""Every number that decides: fixed on tuning records before the reported run of benchmarks/hidden_effects.py."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ LOUDEST = 8  # entries of the z map that the verdict lists
 BIC_NONE = 6.0  # by which a candidate must beat "none", its share of the prior included
 CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
 MISFIT = 4.0  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
+NEAR = 60.0  # of a score above the best: hypotheses that are refitted with shorter steps and fresh derivatives
+MOST_EFFECTS = 3  # at once
+BRANCHES = 3  # hypotheses that a further effect is added to
 SECOND = 10.0  # by which a second effect must lower the BIC
 SOMETHING_ELSE = 0.02  # odds beforehand of an effect outside the catalogue, against the best candidate
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
