@@ -1,0 +1,9 @@
+"""The bank of hidden effects: what ``benchmarks/hidden_effects.py`` is made of.
+
+row.py      one record, judged: truth, verdict and numbers as one line of JSON
+bank.py     a file of such lines, resumable
+words.py    named right, single, wrong, in class: what the bank counts, of one line
+counts.py   proportions with bounds, and the tables of counts
+report.py   the report in Markdown
+stlsq.py    the comparator: sparse regression by PySINDy
+"""

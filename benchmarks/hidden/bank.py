@@ -1,0 +1,119 @@
+"""A file of judged records, one JSON line each, appended as they finish: a run that is killed goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from tests.hidden.plan import REPORTED, plan
+
+from .row import Line, row
+
+ROOT = Path(__file__).resolve().parents[2]
+JUDGED_BY = ("discrepancy", "fitting", "solver", "tests/hidden")
+
+
+class NotThisBank(ValueError):
+    """The file holds records of another plan or of other sources; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Records of the plan of ``kind`` and ``seed`` in a file, judged by sources of one hash."""
+
+    path: Path
+    kind: str
+    seed: int
+    sources: str
+
+    def lines(self, mixed: bool = False) -> list[Line]:
+        """The whole lines of the file; a half-written last one is cut off. mixed : other sources are taken, too.
+
+        Raises NotThisBank if they are of another plan, or of other sources.
+        """
+        found = read(self.path)
+        foreign = [x for x in found if (x["kind"], x["seed"]) != (self.kind, self.seed)]
+        if foreign:
+            x = foreign[0]
+            raise NotThisBank(
+                f"{self.path} holds {x['kind']} records of seed {x['seed']}, not {self.kind} records of seed "
+                f"{self.seed}; give another file by --out."
+            )
+        other = sum(x["sources"] != self.sources for x in found)
+        if other and not mixed:
+            raise NotThisBank(
+                f"{self.path}: {other} of {len(found)} records were judged by other sources ({', '.join(JUDGED_BY)}) "
+                "than these; give another file by --out, remove it, or say --mixed to keep them."
+            )
+        return found
+
+    def run(self, limit: int | None, jobs: int, mixed: bool = False, console: Console | None = None) -> None:
+        """Judge the first ``limit`` records of the plan that are not yet in the file."""
+        done = {x["index"] for x in self.lines(mixed)}
+        cases = plan(self.kind, REPORTED[self.kind], self.seed)[:limit]
+        todo = [i for i in range(len(cases)) if i not in done]
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self.path.open("a", encoding="utf-8") as file, _bar(console) as bar:
+            task = bar.add_task(f"{self.kind} records", total=len(cases), completed=len(cases) - len(todo))
+            for line in _each([(self.kind, self.seed, i, cases[i]) for i in todo], jobs):
+                file.write(json.dumps(line | {"sources": self.sources}) + "\n")
+                file.flush()
+                bar.advance(task)
+
+
+def _each(arguments: list[tuple[Any, ...]], jobs: int) -> Iterator[Line]:
+    """Lines in the order in which they finish."""
+    if jobs == 1:
+        yield from (row(*a) for a in arguments)
+        return
+    context = multiprocessing.get_context("forkserver")
+    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        waiting: set[Future[Line]] = {pool.submit(row, *a) for a in arguments}
+        try:
+            while waiting:
+                finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in finished)
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _bar(console: Console | None) -> Progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=console or Console(stderr=True))
+
+
+def read(path: Path) -> list[Line]:
+    """The lines of a file, in the order of the plan; none if there is no file. What a killed run left half-written is
+    cut off."""
+    if not path.exists():
+        return []
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if len(whole) < len(text):
+        path.write_bytes(whole)
+    return sorted((json.loads(line) for line in whole.splitlines()), key=lambda x: x["index"])
+
+
+def sources_hash(root: Path = ROOT) -> str:
+    """Hash of everything that makes or judges a record."""
+    digest = hashlib.sha256()
+    for folder in JUDGED_BY:
+        for file in sorted((root / folder).rglob("*.py")):
+            digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]

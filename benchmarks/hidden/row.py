@@ -1,0 +1,158 @@
+"""One record of the bank: made, judged, and set beside its truth as plain data."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from discrepancy.add import estimates
+from discrepancy.bench import bench
+from discrepancy.fits import Fit
+from discrepancy.name import Named, Naming, quantile
+from discrepancy.network import Member, NetworkProblem, network_problem
+from discrepancy.study import Study, Unusable, judge
+from fitting.records import Record
+from tests.hidden.anatomy import anatomy
+from tests.hidden.bench import NoPeriodicRadius
+from tests.hidden.detect import detect
+from tests.hidden.hide import hide, parameters
+from tests.hidden.network import NoPeriodicFlow
+from tests.hidden.plan import seed_of
+from tests.hidden.records import Case, Made, make
+
+from .stlsq import compared
+
+Line = dict[str, Any]
+
+SHOWN = 6  # hypotheses of the ranking that a line keeps
+
+
+def row(kind: str, seed: int, index: int, case: Case) -> Line:
+    """The line of one record. What goes wrong is said in "error", by the generator or by the workflow."""
+    line: Line = {"index": index, "kind": kind, "seed": seed, "channels": case.channels, "dB": case.dB,
+                  "base": case.base, "elastic_law": case.elastic_law, "viscous_law": case.viscous_law,
+                  "effects": [asdict(e) for e in case.effects]}  # fmt: skip
+    try:
+        made = make(case, seed_of(kind, seed, index))
+        seen = detect(made)
+    except (NoPeriodicFlow, NoPeriodicRadius) as error:
+        return line | {"error": f"generator: {error}", "verdict": "not made"}
+    for effect, told, d_prime, zero in zip(
+        line["effects"], made.truth["effects"], seen.d_prime, _zeros(made), strict=True
+    ):
+        effect |= {"parameters": told["parameters"], "zeros": zero, "d_prime": d_prime}
+    line |= {"separation": finite(seen.separation), "rival": seen.rival,
+             "place_separation": finite(seen.place_separation), "place_rival": seen.place_rival,
+             "nuisance": made.truth["nuisance"]}  # fmt: skip
+    record = Record(f"record {index}", "", made.time, made.channels, {})
+    start = time.process_time()
+    try:
+        study, naming = judge(record, made.base)
+    except Unusable as error:
+        return line | {"verdict": "unusable", "error": str(error), "seconds": time.process_time() - start}
+    except Exception as error:  # the bank goes on: a crash on one record is a result, and is counted
+        text = f"{type(error).__name__}: {error}"
+        return line | {"verdict": "crashed", "error": text, "seconds": time.process_time() - start}
+    line |= {"seconds": time.process_time() - start} | verdict_of(study, naming)
+    if kind == "bench":
+        line["stlsq"] = compared(record, made.base, case)
+    return line
+
+
+def verdict_of(study: Study, naming: Naming) -> Line:
+    """What was named, with the numbers behind it."""
+    half = quantile(study.problem)
+    fresh = {n.label: n for n in (*naming.ranked, *naming.members)}
+    return {
+        "verdict": naming.verdict,
+        "reason": naming.reason,
+        "confidence": naming.confidence if naming.ranked else None,
+        "base_score": naming.base.score,
+        "base_misfit": naming.base.misfit,
+        "class": [_terms(n) for n in naming.members],
+        "top": [_hypothesis(fresh[n.label], half) for n in naming.ranked[:SHOWN]],
+        "gap": gap(study, naming),
+    }
+
+
+def _terms(n: Named) -> list[Line]:
+    return [{"name": t.effect, "where": list(t.where)} for t in n.fit.terms]
+
+
+def _hypothesis(n: Named, half: float) -> Line:
+    found = {name: e for term in n.fit.terms for name, e in estimates(n.fit, term, half).items()}
+    return {
+        "terms": _terms(n),
+        "score": n.score,
+        "cost": n.fit.cost,
+        "misfit": n.misfit,
+        "probability": n.probability,
+        "separation": n.separation,
+        "converged": n.fit.converged,
+        "parameters": {name: {"value": e.value, "ci95": list(e.ci95)} for name, e in found.items()},
+        "nuisance": {u.name: float(x) for u, x in zip(n.fit.unknowns, n.fit.x, strict=True) if _is_nuisance(u.name, n)},
+    }
+
+
+def _is_nuisance(name: str, n: Named) -> bool:
+    return name not in {u.name for term in n.fit.terms for u in term.unknowns}
+
+
+def gap(study: Study, naming: Naming) -> Line:
+    """Whitened RMS of the model as given, of the one with nuisances refitted, and of the best: fitted and held-out."""
+    base, best = naming.base.fit, naming.best.fit
+    fits = {"given": replace(base, x=np.zeros_like(base.x)), "refitted": base, "best": best}
+    fitted = {"refitted": _rms(base.chi2, len(base.z)), "best": _rms(best.chi2, len(best.z))}
+    try:
+        held = held_out(study, fits)
+    except (ValueError, ArithmeticError) as error:
+        return {"fit": fitted, "held_out": {}, "error": str(error)}
+    return {"fit": fitted, "held_out": held}
+
+
+def held_out(study: Study, fits: dict[str, Fit]) -> dict[str, float]:
+    """Whitened RMS of the held-out beats under the parameters found from the others."""
+    if study.site is not None:
+        problem = bench(study.held_out, study.network, study.site)
+        return {key: _rms(*problem.predict(fit)) for key, fit in fits.items()}
+    assert isinstance(study.problem, NetworkProblem)
+    kept = network_problem(study.held_out, study.network, study.problem.names)
+    X = kept.observe([Member(fit.terms, fit.unknowns, fit.x) for fit in fits.values()])
+    found = {key: None if x is None else kept.residual(x) for key, x in zip(fits, X, strict=True)}
+    return {key: float(np.sqrt(np.mean(z**2))) for key, z in found.items() if z is not None}
+
+
+def _rms(chi2: float, n: float) -> float:
+    return math.sqrt(chi2 / n)
+
+
+def _zeros(made: Made) -> list[dict[str, float]]:
+    """The parameters of each effect where it is absent, by name; 0 where the catalogue has no neutral value."""
+    healthy = made.nuisance.applied(anatomy(made.base))
+    zeros = []
+    for effect in made.case.effects:
+        known = (
+            parameters(hide(healthy, replace(effect, size=0.0)), replace(effect, size=0.0))
+            if _neutral(effect.name)
+            else {}
+        )
+        zeros.append({name: known.get(name, 0.0) for name in parameters_of(made, effect.name)})
+    return zeros
+
+
+def _neutral(name: str) -> bool:
+    return name not in ("catheter_resonance", "terminal_compliance")
+
+
+def parameters_of(made: Made, name: str) -> dict[str, float]:
+    """The true parameters of the effect of that name."""
+    return next(e["parameters"] for e in made.truth["effects"] if e["name"] == name)
+
+
+def finite(x: float) -> float | None:
+    """JSON has no infinity."""
+    return x if math.isfinite(x) else None

@@ -1,0 +1,164 @@
+"""What the bank counts, said of one line.
+
+- **d'** of a hidden effect and its **separation** from the nearest rival are the generator's, from truth and noise.
+- **named right**: the truth tops the class. **single name**: verdict ``effect``. **wrong**: ``effect`` with another
+  name. **in the class**: one of its members has the true name. What ``unknown`` says comes nearest is not a name.
+- On the bench "where" is left out: only the site's wall and its two sensors are there, and the effect says which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from solver.network import Network
+from tests.hidden.hide import OUTSIDE
+
+Line = dict[str, Any]
+Where = tuple[str, ...]
+
+
+def judged(lines: Iterable[Line]) -> list[Line]:
+    """Those with a verdict, or a crash in place of one; not those that the generator could not make."""
+    return [x for x in lines if x["verdict"] != "not made"]
+
+
+def group(line: Line) -> str:
+    """ "null", "single", "pair" of the catalogue, or "outside" it."""
+    names = truths(line)
+    if any(name in OUTSIDE for name in names):
+        return "outside"
+    return ("null", "single", "pair")[len(names)]
+
+
+def of(lines: Iterable[Line], wanted: str, least: float = 0.0) -> list[Line]:
+    """Lines of a group with d' of at least ``least``."""
+    return [x for x in lines if group(x) == wanted and d_prime(x) >= least]
+
+
+def truths(line: Line) -> tuple[str, ...]:
+    """Names of what is hidden."""
+    return tuple(e["name"] for e in line["effects"])
+
+
+def d_prime(line: Line) -> float:
+    """Of a single effect; of two the smaller one; 0 of a null."""
+    return min((e["d_prime"] for e in line["effects"]), default=0.0)
+
+
+def separation(line: Line) -> float:
+    """From the nearest rival; infinite without one."""
+    return float("inf") if line["separation"] is None else line["separation"]
+
+
+def detected(line: Line) -> bool:
+    """Whether anything was found at all."""
+    return line["verdict"] in ("effect", "ambiguous", "several", "unknown")
+
+
+def claims(line: Line) -> bool:
+    """Whether names were given: one, a class, or several."""
+    return line["verdict"] in ("effect", "ambiguous", "several")
+
+
+def top(line: Line) -> tuple[str, ...]:
+    """Names of what tops the class; of ``unknown`` what comes nearest; none otherwise."""
+    if line["verdict"] in ("effect", "ambiguous", "several", "unknown") and line.get("top"):
+        return tuple(t["name"] for t in line["top"][0]["terms"])
+    return ()
+
+
+def single(line: Line) -> bool:
+    """Verdict effect: one name is given."""
+    return line["verdict"] == "effect"
+
+
+def named_right(line: Line) -> bool:
+    """The one true name tops the class."""
+    return line["verdict"] in ("effect", "ambiguous") and top(line) == truths(line)
+
+
+def single_right(line: Line) -> bool:
+    """One name is given, and it is the true one."""
+    return single(line) and named_right(line)
+
+
+def wrong(line: Line) -> bool:
+    """One name is given, and it is none of what is hidden."""
+    return single(line) and top(line)[0] not in truths(line)
+
+
+def in_class(line: Line) -> bool:
+    """A member of the class has the one true name and nothing else."""
+    return any(tuple(t["name"] for t in member) == truths(line) for member in line.get("class", ()))
+
+
+def both_named(line: Line) -> bool:
+    """Two effects, and these two names top the class."""
+    return line["verdict"] == "several" and sorted(top(line)) == sorted(truths(line))
+
+
+def one_and_more(line: Line) -> bool:
+    """Two effects, and at least one of the two is named, with another one or with "more remains"."""
+    return line["verdict"] in ("several", "unknown") and bool(set(top(line)) & set(truths(line)))
+
+
+def told(line: Line) -> str:
+    """The column of the confusion matrix: the name on top, or the verdict where there is none."""
+    if line["verdict"] in ("effect", "ambiguous"):
+        return top(line)[0]
+    return str(line["verdict"])
+
+
+def place(line: Line) -> Where:
+    """Where what tops the class is."""
+    return tuple(line["top"][0]["terms"][0]["where"])
+
+
+def right_place(line: Line) -> bool:
+    """Named right, where it is."""
+    return named_right(line) and (line["kind"] == "bench" or place(line) == tuple(line["effects"][0]["where"]))
+
+
+def adjacent_place(line: Line, network: Network) -> bool:
+    """Named right, where it is or at a segment that meets that one (a junction, an outlet and a channel are where their
+    segment is)."""
+    if not named_right(line):
+        return False
+    return right_place(line) or _meet(network, place(line)[0], line["effects"][0]["where"][0])
+
+
+def _meet(network: Network, a: str, b: str) -> bool:
+    sites = {site.name: site.segment for site in network.sites}
+    here, there = (sites.get(x.partition(".")[0], x.partition(".")[0]) for x in (a, b))
+    if "all" in (here, there):
+        return False
+    return here == there or any({here, there} <= {*j.inflow, *j.outflow} for j in network.junctions)
+
+
+def confident_right(line: Line) -> bool:
+    """Whether what the stated confidence is of is true: name and place, of ``several`` both names."""
+    if line["verdict"] == "several":
+        return both_named(line)
+    if group(line) == "pair":
+        return top(line)[0] in truths(line)
+    return right_place(line)
+
+
+def errors(line: Line) -> list[tuple[str, float, float, bool]]:
+    """Of a single effect that is named right in the right place, per parameter of the catalogue: its name, its true
+    size (value less the value where the effect is absent), its error, and whether the interval covers it."""
+    effect = line["effects"][0]
+    found = {_key(name): e for name, e in line["top"][0]["parameters"].items()}
+    result = []
+    for name, value in effect["parameters"].items():
+        if name.partition(".")[0] not in (effect["where"][0], effect["where"][0].partition(".")[0]):
+            continue  # of a term everywhere only the ratio that is reported
+        if (e := found.get(_key(name))) is not None:
+            low, high = e["ci95"]
+            result.append((_key(name), value - effect["zeros"][name], e["value"] - value, low <= value <= high))
+    return result
+
+
+def _key(name: str) -> str:
+    return name.rpartition(".")[2]

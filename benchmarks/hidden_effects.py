@@ -1,0 +1,86 @@
+"""The honest bank of hidden effects: how well find and name do on records of an independent generator.
+
+    python benchmarks/hidden_effects.py run    --kind bench --tuning --jobs 2
+    python benchmarks/hidden_effects.py report --tuning [--write]
+
+The records come from ``tests/hidden``, which shares no numerical code with the solver; what they hide is known to the
+report only. The plan, the sizes and the seeds are fixed in ``tests/hidden/plan.py``, the thresholds in
+``discrepancy/thresholds.py``; the reported seed is not run while they are tuned. One JSON line a record, appended as it
+finishes: a killed run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before NumPy is imported: one thread a process, so that CPU time is time
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmarks.hidden.bank import ROOT, Bank, NotThisBank, read, sources_hash
+from benchmarks.hidden.failures import failures as listed
+from benchmarks.hidden.report import report as tables
+from solver import load
+from tests.hidden.plan import REPORTED_SEED, TUNING_SEED
+
+app = typer.Typer(add_completion=False, help="Records with hidden effects: judge them, and report.")
+
+
+class Kind(StrEnum):
+    bench = "bench"
+    network = "network"
+
+
+KindOption = Annotated[Kind, typer.Option(help="Which records.")]
+Tuning = Annotated[bool, typer.Option("--tuning/--reported", help="Which seed: of tuning, or of the reported run.")]
+Out = Annotated[Path | None, typer.Option(help="The file of lines; build/hidden_<kind>_<seed>.jsonl if not given.")]
+
+
+def _path(kind: str, seed: int, out: Path | None) -> Path:
+    return out or ROOT / "build" / f"hidden_{kind}_{seed}.jsonl"
+
+
+@app.command()
+def run(
+    kind: KindOption,
+    tuning: Tuning = True,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first records of the plan.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Out = None,
+    mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
+) -> None:
+    """Judge the records of the plan that are not yet in the file."""
+    seed = TUNING_SEED if tuning else REPORTED_SEED
+    try:
+        Bank(_path(kind, seed, out), kind.value, seed, sources_hash()).run(limit, jobs, mixed)
+    except NotThisBank as error:
+        raise SystemExit(str(error)) from None
+
+
+@app.command()
+def report(
+    tuning: Tuning = True,
+    kind: Annotated[Kind | None, typer.Option(help="Only these records.")] = None,
+    out: Annotated[list[Path] | None, typer.Option(help="Files of lines; may be given twice.")] = None,
+    write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects.md.")] = False,
+    failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
+) -> None:
+    """Print the tables of what has been judged so far."""
+    seed = TUNING_SEED if tuning else REPORTED_SEED
+    paths = out or [_path(k.value, seed, None) for k in Kind]
+    lines = [x for path in paths for x in read(path) if kind is None or x["kind"] == kind.value]
+    if not lines:
+        raise SystemExit(f"{', '.join(map(str, paths))}: no records; run the bank first.")
+    print(tables(lines, load("sheep")))
+    if failures:
+        print(listed(lines, load("sheep")))
+
+
+if __name__ == "__main__":
+    app()
