@@ -36,9 +36,9 @@ from .thresholds import PRIOR_WIDTH
 Array = np.ndarray
 
 _ITERATIONS = 40
-_CONVERGED = 2e-3  # of a standard deviation
+_EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
-_LARGEST = 1.0  # of a step in x, typical sizes
+_LARGEST = 3.0  # of a step in x, typical sizes
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
 
 
@@ -101,7 +101,7 @@ class Bench:
             x = np.concatenate([at.x, np.zeros(len(term.unknowns))])
             state = _settled(self, unknowns, x)
             if state is not None:
-                found[term.label] = _by_harmonic(state)[1][:, len(at.x) :]
+                found[term.label] = state.J[:, len(at.x) :]
         return found
 
     def predict(self, at: Fit) -> tuple[float, float]:
@@ -137,33 +137,34 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     n = len(problem.nuisances())
     prior = np.concatenate([np.ones(n), np.full(len(unknowns) - n, PRIOR_WIDTH**-2.0)])
     low, high = bounds(unknowns)
-    x, r, best, damping = np.clip(x, low, high), problem.R, np.inf, 0.0
+    x, r, damping = np.clip(x, low, high), problem.R, 0.0
     state = _linearise(problem, unknowns, x, r)
-    last = (x, r, state)
-    converged = False
+    if state is None:
+        raise ArithmeticError(f"{problem.site}: the wall law has no pressure on the measured loop.")
+    best, converged = np.inf, False
     for _ in range(_ITERATIONS):
+        # z as it will be at the most probable radius: the residual is quadratic in what is left to move
         cost = float(state.z @ state.z + prior @ x**2)
-        if not cost < best + 1e-6 * abs(best) + 1e-3 and np.isfinite(best):
-            damping = max(4.0 * damping, 1e-3)
-            if damping > 1e6:
+        if cost < best + _EQUAL:
+            converged = best - cost < _EQUAL
+            best, kept, damping = min(cost, best), (x, r, state), 0.2 * damping if damping > 1e-4 else 0.0
+            if converged:
                 break
         else:
-            gained, best, last, damping = best - cost, cost, (x, r, state), damping / 4.0 if damping > 1e-4 else 0.0
-            if gained < 1e-3:
-                converged = True
-                break
-        x, r, state = last
-        step = bounded_step(state.J, state.z, prior, x, low, high, damping)
-        step *= min(1.0, 3.0 * _LARGEST / max(np.abs(step[n:]).max(initial=0.0), np.abs(step[:n]).max() / 3.0, 1e-300))
-        x, r = x + step, state.radius(step)
-        trial = _linearise(problem, unknowns, x, r)
-        if trial is None:
-            damping, state = max(10.0 * damping, 1e-2), replace(state, z=np.full_like(state.z, 1e150))
-            continue
-        state = trial
-    x, r, state = last
-    # V^(-1/2) by Cholesky mixes samples: harmonics of the residual come from the symmetric root in Fourier space
-    return Fit(tuple(terms), unknowns, x, *_by_harmonic(state), prior, *_orders(len(state.z)), converged)
+            damping = max(5.0 * damping, 1e-3)
+        step = trial = None
+        while trial is None and damping < 1e8:
+            x, r, state = kept
+            step = bounded_step(state.J, state.z, prior, x, low, high, damping)
+            step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
+            trial = _linearise(problem, unknowns, x + step, state.radius(step))
+            damping = damping if trial is not None else max(10.0 * damping, 1e-2)
+        if trial is None or step is None:
+            break
+        x, r, state = x + step, state.radius(step), trial
+    x, r, state = kept
+    order, signal = _orders(len(state.z))
+    return Fit(tuple(terms), unknowns, x, state.z, state.J, prior, order, signal, converged, state.log_volume)
 
 
 def _settled(problem: Bench, unknowns: Sequence[Unknown], x: Array) -> _State | None:
@@ -179,16 +180,22 @@ def _settled(problem: Bench, unknowns: Sequence[Unknown], x: Array) -> _State | 
 
 @dataclass(frozen=True)
 class _State:
-    """z = L⁻¹ u, J = L⁻¹ du/dx; to_r : (N, N) from z to the most probable r; r_bar : the measured one."""
+    """The whitened linear problem, harmonic by harmonic up to K: z = L⁻¹ F u, J = dz/dx with F the real Fourier basis.
+
+    Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. all_z, all_J : with them, and
+    to_r : (N, N) from all of z to the most probable r; r_bar : the measured one. log_volume : log det of V up to K.
+    """
 
     z: Array
     J: Array
+    all_z: Array
+    all_J: Array
     to_r: Array
     r_bar: Array
-    L: Array
+    log_volume: float
 
     def radius(self, step: Array) -> Array:
-        return np.asarray(self.r_bar + self.to_r @ (self.z + self.J @ step))
+        return np.asarray(self.r_bar + self.to_r @ (self.all_z + self.all_J @ step))
 
 
 def _linearise(problem: Bench, unknowns: Sequence[Unknown], x: Array, r: Array) -> _State | None:
@@ -201,17 +208,19 @@ def _linearise(problem: Bench, unknowns: Sequence[Unknown], x: Array, r: Array) 
         B = A @ C_RR - C_RP.T
         V = C_PP + B @ A.T - A @ C_RP
     if not (np.isfinite(V).all() and np.isfinite(u).all() and np.isfinite(columns).all()):
-        if x.any():
-            return None
-        raise ArithmeticError(f"{problem.site}: the wall law has no pressure on the measured loop.")
+        return None
+    F = _fourier(len(u))
     try:
-        L = cholesky(V, lower=True, check_finite=False)
+        L = cholesky(F @ V @ F.T, lower=True, check_finite=False)
     except LinAlgError:
         return None
-    white = solve_triangular(L, np.column_stack([u, -columns, B]), lower=True, check_finite=False)
-    p = len(x)
-    # r = r̄ - (C_RP - C_RR Aᵀ) V⁻¹ u = r̄ + Bᵀ V⁻¹ u = r̄ + (L⁻¹ B)ᵀ z
-    return _State(white[:, 0], white[:, 1 : p + 1], white[:, p + 1 :].T, problem.R, L)
+    # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
+    white = solve_triangular(L, F @ np.column_stack([u, -columns, B]), lower=True, check_finite=False)
+    p, n = len(x), 2 * problem.K + 1
+    volume = 2.0 * float(np.log(np.diag(L)[:n]).sum())
+    # r = r̄ - (C_RP - C_RR Aᵀ) V⁻¹ u = r̄ + Bᵀ V⁻¹ u
+    z, J = white[:, 0], white[:, 1 : p + 1]
+    return _State(z[:n], J[:n], z, J, white[:, p + 1 :].T, problem.R, volume)
 
 
 def _column(problem: Bench, unknowns: Sequence[Unknown], x: Array, r: Array, G: Array, i: int) -> Array:
@@ -244,7 +253,7 @@ def _law(problem: Bench, v: Mapping[str, float], r: Array, slope: bool = True) -
     thickness = v[f"{s}.h"] / (1.0 - v["network.eta"] ** 2)
     elastic, viscous = ELASTIC_LAWS[network.elastic_law], VISCOUS_LAWS[network.viscous_law]
     rate = spectral.derivative(R, problem.T) / R0
-    stretch, K, e = R / R0, np.float64(E * thickness / R0), np.float64(v[f"{s}.ENL"] / E)
+    stretch, K, e = R / R0, np.array(E * thickness / R0), np.array(v[f"{s}.ENL"] / E)
     bend = v[f"{s}.phiNL"] / phi0 if phi0 > 0.0 else 0.0
     memory = 1.0 / (1.0 + 1j * omega * v[f"{s}.tau"])
     stress = _apply(memory, phi0 * rate * viscous.factor(bend * rate))
@@ -301,20 +310,6 @@ def _covariances(problem: Bench) -> tuple[Array, Array, Array]:
 def _covariance(S: Array, N: int) -> Array:
     c = np.fft.irfft(S, N) * N
     return toeplitz(c, c[-np.arange(N) % N])
-
-
-def _by_harmonic(state: _State) -> tuple[Array, Array]:
-    """z and J turned into harmonics: real Fourier components, whitened by the covariance among them.
-
-    The Cholesky factor of V in the order of the harmonics: entry k depends on harmonics up to k only.
-    """
-    N = len(state.z)
-    F = _fourier(N)
-    V = F @ (state.L @ state.L.T) @ F.T
-    L = cholesky(V, lower=True, check_finite=False)
-    both = F @ (state.L @ np.column_stack([state.z, state.J]))
-    white = solve_triangular(L, both, lower=True, check_finite=False)
-    return white[:, 0], white[:, 1:]
 
 
 @lru_cache(maxsize=4)

@@ -18,7 +18,8 @@ class Fit:
 
     unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
     is true; J : (n, p) its derivatives. prior : (p,) precision of x. order : (n,) the harmonic of each entry of z.
-    signal : (n,) the channel of each entry. converged : whether the search settled.
+    signal : (n,) the channel of each entry. converged : whether the search settled. log_volume : log det of the covariance
+    that whitened z, where it depends on the hypothesis.
     """
 
     terms: tuple[Term, ...]
@@ -30,6 +31,7 @@ class Fit:
     order: Array
     signal: Array
     converged: bool = True
+    log_volume: float = 0.0
 
     @property
     def chi2(self) -> float:
@@ -38,8 +40,8 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """Data and priors: what the search minimises."""
-        return self.chi2 + float(self.prior @ self.x**2)
+        """-2 log of likelihood and priors, up to a constant: data, priors and the volume of the noise."""
+        return self.chi2 + float(self.prior @ self.x**2) + self.log_volume
 
     @property
     def covariance(self) -> Array:

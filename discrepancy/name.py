@@ -149,14 +149,14 @@ def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
     return list(chosen.values())
 
 
-def score(problem: Problem, fit: Fit, terms: Sequence[Term], scale: float = 1.0) -> float:
+def score(problem: Problem, fit: Fit, terms: Sequence[Term]) -> float:
     """BIC and the price of having had many candidates: 2 ln(effects x places of this effect) for every term."""
     effects = {t.effect for t in terms}
     price = 0.0
     for term in fit.terms:
         places = sum(t.effect == term.effect for t in terms)
         price += 2.0 * math.log(len(effects) * max(places, 1)) + len(term.unknowns) * math.log(problem.n_effective)
-    return fit.cost / scale + price
+    return fit.cost + price
 
 
 def name(problem: Problem, terms: Sequence[Term]) -> Naming:
@@ -230,17 +230,14 @@ def _polished(
 
 
 def _ranked(problem: Problem, none: Named, fits: Sequence[Fit], terms: Sequence[Term]) -> tuple[Named, ...]:
-    """Hypotheses by score, with probabilities. What the noise estimate or the solver leave is no evidence: costs are
-    divided by the best reduced χ² where that is above 1."""
+    """Hypotheses by score, with probabilities."""
     if not fits:
         return ()
-    dof = max(1, len(none.fit.z) - len(none.fit.x))
-    scale = max(1.0, min(f.chi2 for f in fits) / dof)
-    scored = [(score(problem, f, terms, scale), f) for f in fits]
+    scored = [(score(problem, f, terms), f) for f in fits]
     best = min(s for s, _ in scored)
     lowest = min(f.cost for _, f in scored)
     weights = [math.exp(-0.5 * (s - best)) for s, _ in scored]
-    total = sum(weights) + math.exp(min(0.0, -0.5 * (none.score / scale - best))) + at.SOMETHING_ELSE
+    total = sum(weights) + math.exp(min(0.0, -0.5 * (none.score - best))) + at.SOMETHING_ELSE
     named = [
         Named(f, s, misfit(f, problem.dof_of_noise), w / total, math.sqrt(max(f.cost - lowest, 0.0)))
         for (s, f), w in zip(scored, weights, strict=True)

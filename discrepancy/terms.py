@@ -265,8 +265,10 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
     On the bench of one site its E, φ0 and R0."""
     segments = [s for s in network.segments if site in (None, s.name)]
     prefix = "all" if site is None else site
-    found = [_scale(f"{prefix}.E", [f"{s.name}.E" for s in segments], NUISANCE_SD["E"])]
-    viscous = [f"{s.name}.phi0" for s in segments if s.phi0 > 0.0]
+    # the nonlinear moduli keep their ratio to E and phi0: that is how the paper compares walls
+    stiff = [f"{s.name}.{key}" for s in segments for key in ("E", "ENL") if getattr(s, key) != 0.0]
+    found = [_scale(f"{prefix}.E", stiff, NUISANCE_SD["E"])]
+    viscous = [f"{s.name}.{key}" for s in segments for key in ("phi0", "phiNL") if getattr(s, key) != 0.0]
     if viscous:
         found.append(_scale(f"{prefix}.phi0", viscous, NUISANCE_SD["phi0"]))
     if site is not None:
