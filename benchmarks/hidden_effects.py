@@ -26,6 +26,7 @@ import typer
 from benchmarks.hidden.bank import ROOT, Bank, NotThisBank, read, sources_hash
 from benchmarks.hidden.failures import failures as listed
 from benchmarks.hidden.report import report as tables
+from benchmarks.hidden.report import write as put
 from solver import load
 from tests.hidden.plan import REPORTED_SEED, TUNING_SEED
 
@@ -77,7 +78,10 @@ def report(
     lines = [x for path in paths for x in read(path) if kind is None or x["kind"] == kind.value]
     if not lines:
         raise SystemExit(f"{', '.join(map(str, paths))}: no records; run the bank first.")
-    print(tables(lines, load("sheep")))
+    text = tables(lines, load("sheep"))
+    print(text)
+    if write:
+        put(text, ROOT / "docs" / "hidden-effects.md")
     if failures:
         print(listed(lines, load("sheep")))
 

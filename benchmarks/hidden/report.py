@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
+from solver.files import write_whole
 from solver.network import Network
 
 from . import tables as t
@@ -13,24 +15,57 @@ from .targets import targets
 
 Line = dict[str, Any]
 
+BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
+
 
 def report(lines: Sequence[Line], network: Network) -> str:
     """All tables that the lines have records for. network : whose junctions say what is adjacent."""
-    lines = w.judged(lines)
-    kinds = [kind for kind in ("bench", "network") if any(x["kind"] == kind for x in lines)]
-    parts = [targets(lines, network)]
-    for kind in kinds:
-        own = [x for x in lines if x["kind"] == kind]
-        title = f"{kind.capitalize()} records: {len(own)}"
-        parts.append(f"## {title}\n\n{t.verdicts(own)}")
-        parts.append(f"### Power\n\n{t.power(own)}")
-        parts.append(f"### Which effect is taken for which\n\n{t.confusion(own)}")
-        if kind == "bench":
-            parts.append(f"### By effect\n\n{t.by_effect(own)}")
-        else:
-            parts.append(f"### By effect\n\n{t.by_effect(own)}\n\n### Places\n\n{t.places(own, network)}")
-        parts.append(f"### What cannot be told apart\n\n{t.ambiguous(own)}")
-        parts.append(f"### Confidence\n\n{t.reliability(own)}")
-        parts.append(f"### Parameters of the added term\n\n{t.parameters(own)}")
-        parts.append(f"### Outside the catalogue\n\n{t.outside(own)}")
+    made = w.judged(lines)
+    parts = [origin(lines), "## Targets", targets(made, network)]
+    for kind in ("bench", "network"):
+        own = [x for x in made if x["kind"] == kind]
+        if own:
+            parts += [f"## {kind.capitalize()}: {len(own)} records", t.verdicts(own)]
+            parts += [part for title, table in _sections(kind, own, network) for part in (f"### {title}", table)]
     return "\n\n".join(parts) + "\n"
+
+
+def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tuple[str, str]]:
+    yield "Power", t.power(own)
+    yield "Which effect is taken for which", t.confusion(own)
+    yield "By effect", t.by_effect(own)
+    if kind == "network":
+        yield "Places", t.places(own, network)
+    yield "What is not told apart", t.ambiguous(own)
+    yield "Confidence", t.reliability(own)
+    yield "Parameters of the added term", t.parameters(own)
+    yield "Two effects", t.pairs(own)
+    yield "Outside the catalogue", t.outside(own)
+    if kind == "bench":
+        yield "Sparse regression on the same records", t.comparator(own)
+
+
+def origin(lines: Sequence[Line]) -> str:
+    """Which records these are."""
+    said = []
+    for kind, seed in sorted({(x["kind"], x["seed"]) for x in lines}):
+        own = [x for x in lines if (x["kind"], x["seed"]) == (kind, seed)]
+        lost = sum(x["verdict"] == "not made" for x in own)
+        without = f" ({lost} without a periodic state, left out)" if lost else ""
+        said.append(f"{len(own)} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
+    return "; ".join(said) + "."
+
+
+def _hashes(lines: Sequence[Line]) -> list[str]:
+    return sorted({x["sources"] for x in lines})
+
+
+def write(text: str, page: Path) -> None:
+    """Put the tables where the page has its marks. Raises ValueError if it has none."""
+    before, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(
+            f"{page} has no marks {BEGIN.strip()} and {END}; restore them, so that the tables have a place."
+        )
+    write_whole(page, f"{before}{BEGIN}\n{text}\n{END}{after}")

@@ -10,6 +10,7 @@ import numpy as np
 
 from solver.network import Network
 
+from . import stlsq
 from . import words as w
 from .counts import Share, markdown, share
 
@@ -127,7 +128,11 @@ def reliability(lines: Sequence[Line]) -> str:
         low, high = min(x["confidence"] for x in own), max(x["confidence"] for x in own)
         mean = np.mean([x["confidence"] for x in own])
         rows.append((f"{low:.3f}–{high:.3f}", len(own), f"{mean:.3f}", share(own, w.confident_right)))
-    error = f"Calibration error (mean |stated − right|, weighted): {calibration_error(stated):.3f}." if stated else ""
+    error = (
+        f"Calibration error (mean distance of stated from right, weighted): {calibration_error(stated):.3f}."
+        if stated
+        else ""
+    )
     note = "Every record with a name, whatever is hidden; right: name and place of what tops the class."
     return f"{note} {error}\n\n" + markdown(("confidence", "records", "mean stated", "right"), rows)
 
@@ -159,7 +164,7 @@ def parameters(lines: Sequence[Line]) -> str:
             covered = Share(sum(e[3] for e in mine), len(mine))
             rows.append((f"{name} `{key}`", len(mine), f"{100 * np.median(relative):+.1f} %", spread, covered))
     note = "Errors relative to the effect's size (value less the value without it)."
-    return f"{note}\n\n" + markdown(("parameter", "records", "median error", "median |error|", "covered"), rows)
+    return f"{note}\n\n" + markdown(("parameter", "records", "median error", "median absolute error", "covered"), rows)
 
 
 def outside(lines: Sequence[Line]) -> str:
@@ -174,3 +179,32 @@ def outside(lines: Sequence[Line]) -> str:
                 size = f"{low:g}–{high:g}" if np.isfinite(high) else f"≥ {low:g}"
                 rows.append((name, size, len(own), _counted(verdict), _counted(taken)))
     return markdown(("hidden", "d′", "records", "verdicts", "names on top"), rows, left=2)
+
+
+def pairs(lines: Sequence[Line]) -> str:
+    """Two effects, by the smaller d' of the two: both named, one and more, and what was said."""
+    rows = []
+    for low, high in ((0.0, 6.0), (6.0, 30.0), (30.0, np.inf)):
+        own = [x for x in w.of(lines, "pair", low) if w.d_prime(x) < high]
+        if own:
+            told = _counted(Counter(x["verdict"] for x in own))
+            size = f"{low:g}–{high:g}" if np.isfinite(high) else f"≥ {low:g}"
+            rows.append((size, len(own), share(own, w.both_named), share(own, w.one_and_more), told))
+    return markdown(("smaller d′", "records", "both named", "one, and more remains", "verdicts"), rows)
+
+
+def comparator(lines: Sequence[Line], least: float = 12.0) -> str:
+    """Sparse regression beside find and name on the same records: nulls, and wall effects with d' ≥ ``least``."""
+    asked = [x for x in lines if x.get("stlsq") is not None]
+    if not asked:
+        return "PySINDy was not installed (the extra `test` brings it): no comparison."
+    rows = []
+    for dB in (40.0, 30.0):
+        seen = [x for x in w.of(asked, "single", least) if x["dB"] == dB]
+        nulls = [x for x in w.of(asked, "null") if x["dB"] == dB]
+        rows.append((f"find and name, {dB:g} dB", share(seen, w.named_right), share(nulls, w.detected)))
+        for method in stlsq.METHODS:
+            right = Share(sum(tuple(x["stlsq"][method]) == w.truths(x) for x in seen), len(seen))
+            alarms = Share(sum(bool(x["stlsq"][method]) for x in nulls), len(nulls))
+            rows.append((f"STLSQ, threshold {method}, {dB:g} dB", right, alarms))
+    return markdown(("method", f"named right, d′ ≥ {least:g}", "false alarms"), rows)
