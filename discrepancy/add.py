@@ -9,8 +9,8 @@ import numpy as np
 from solver.effects import BY_NAME
 from solver.network import Channel, Network
 
-from .bench import resonance_of
 from .fits import Fit
+from .observation import resonance_of
 from .outcome import Estimate, NamedEffect
 from .terms import Term, rewired, values
 

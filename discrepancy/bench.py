@@ -29,13 +29,17 @@ from fitting.regression import mean_loop
 from solver.network import Network
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
+from .add import extended
 from .fits import Fit, bounded_step, bounds
-from .terms import Term, Unknown, nuisances, values
+from .observation import transfer
+from .terms import Term, Unknown, followers, nuisances, values
 from .thresholds import PRIOR_WIDTH
 
 Array = np.ndarray
 
 _ITERATIONS = 40
+_MOST_HARMONICS = 40
+_ABOVE_NOISE = 4.0  # standard deviations
 _EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _LARGEST = 3.0  # of a step in x, typical sizes
@@ -104,6 +108,15 @@ class Bench:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
 
+    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Terms that can act only beside those of a fit."""
+        return followers(extended(self.network, fit), self.site, terms)
+
+    def held_out(self, beats: Beats) -> Bench:
+        """Other beats of the same record, with the noise that the fitted ones showed."""
+        other = bench(beats, self.network, self.site)
+        return replace(other, noise=self.noise * (self.n_beats / beats.n_beats), K=self.K)
+
     def predict(self, at: Fit) -> tuple[float, float]:
         """χ² of this record under the parameters of a fit to another, and the number of its data."""
         state = _settled(self, at.unknowns, at.x)
@@ -116,13 +129,15 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
     own = beats.covariance((f"{site}.P", f"{site}.R"))
     pulse = [np.ptp(loop.P), np.ptp(loop.R)]
     noise = loop.noise.copy()
-    K = 1
+    highest = []
     for i, x in enumerate((loop.P, loop.R)):
         noise[:, i, i] += (_FLOOR * pulse[i]) ** 2 / loop.N
         X = np.abs(spectral.coefficients(x)) ** 2
-        above = np.flatnonzero(X > 9.0 * own[: len(X), i, i].real)
-        K = max(K, int(above[-1]) if len(above) else 1)
-    return Bench(network, site, loop.T, loop.P, loop.R, noise, min(K, 40), beats.n_beats)
+        above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
+        highest.append(int(above[-1]) if len(above) else 1)
+    # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
+    K = min(_MOST_HARMONICS, max(1, min(highest)))
+    return Bench(network, site, loop.T, loop.P, loop.R, noise, K, beats.n_beats)
 
 
 def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
@@ -132,19 +147,17 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     Raises ArithmeticError if no wall of this kind carries the loop.
     """
     unknowns = (*problem.nuisances(), *(u for term in terms for u in term.unknowns))
-    before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
-    x = np.array([before.get(u.name, 0.0) for u in unknowns])
     n = len(problem.nuisances())
     prior = np.concatenate([np.ones(n), np.full(len(unknowns) - n, PRIOR_WIDTH**-2.0)])
     low, high = bounds(unknowns)
-    x, r, damping = np.clip(x, low, high), problem.R, 0.0
+    x, r, damping = _begin(problem, unknowns, terms, start, prior), problem.R, 0.0
     state = _linearise(problem, unknowns, x, r)
     if state is None:
         raise ArithmeticError(f"{problem.site}: the wall law has no pressure on the measured loop.")
     best, converged = np.inf, False
     for _ in range(_ITERATIONS):
         # z as it will be at the most probable radius: the residual is quadratic in what is left to move
-        cost = float(state.z @ state.z + prior @ x**2)
+        cost = float(state.z @ state.z + prior @ x**2) + state.log_volume
         if cost < best + _EQUAL:
             converged = best - cost < _EQUAL
             best, kept, damping = min(cost, best), (x, r, state), 0.2 * damping if damping > 1e-4 else 0.0
@@ -167,6 +180,37 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     return Fit(tuple(terms), unknowns, x, state.z, state.J, prior, order, signal, converged, state.log_volume)
 
 
+def _begin(
+    problem: Bench, unknowns: Sequence[Unknown], terms: Sequence[Term], start: Fit | None, prior: Array
+) -> Array:
+    """Where the search begins: at the simpler fit, the new terms at the best of their starting points."""
+    before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
+    low, high = bounds(unknowns)
+    x = np.clip([before.get(u.name, 0.0) for u in unknowns], low, high)
+    for term in terms:
+        if term.starts and term.unknowns[0].name not in before:
+            at = [i for i, u in enumerate(unknowns) if u in term.unknowns]
+            trials = [x]
+            for values_ in term.starts:
+                trial = x.copy()
+                trial[at] = values_
+                trials.append(trial)
+            x = min(trials, key=lambda trial: _promise(problem, unknowns, trial, prior))
+    return x
+
+
+def _promise(problem: Bench, unknowns: Sequence[Unknown], x: Array, prior: Array) -> float:
+    """The cost that one linear step from x promises."""
+    state = _linearise(problem, unknowns, x, problem.R)
+    if state is None:
+        return np.inf
+    low, high = bounds(unknowns)
+    step = bounded_step(state.J, state.z, prior, x, low, high)
+    step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
+    left = state.z + state.J @ step
+    return float(left @ left + prior @ (x + step) ** 2 + state.log_volume)
+
+
 def _settled(problem: Bench, unknowns: Sequence[Unknown], x: Array) -> _State | None:
     """The linear problem at given parameters, at the radius that is most probable under them."""
     r = problem.R
@@ -183,7 +227,8 @@ class _State:
     """The whitened linear problem, harmonic by harmonic up to K: z = L⁻¹ F u, J = dz/dx with F the real Fourier basis.
 
     Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. all_z, all_J : with them, and
-    to_r : (N, N) from all of z to the most probable r; r_bar : the measured one. log_volume : log det of V up to K.
+    to_r : (N, N) from all of z to the most probable r; r_bar : the measured one. log_volume : log det of V up to K, which
+    keeps a hypothesis from explaining the residual by a larger noise.
     """
 
     z: Array
@@ -217,10 +262,9 @@ def _linearise(problem: Bench, unknowns: Sequence[Unknown], x: Array, r: Array) 
     # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
     white = solve_triangular(L, F @ np.column_stack([u, -columns, B]), lower=True, check_finite=False)
     p, n = len(x), 2 * problem.K + 1
-    volume = 2.0 * float(np.log(np.diag(L)[:n]).sum())
     # r = r̄ - (C_RP - C_RR Aᵀ) V⁻¹ u = r̄ + Bᵀ V⁻¹ u
     z, J = white[:, 0], white[:, 1 : p + 1]
-    return _State(z[:n], J[:n], z, J, white[:, p + 1 :].T, problem.R, volume)
+    return _State(z[:n], J[:n], z, J, white[:, p + 1 :].T, problem.R, 2.0 * float(np.log(np.diag(L)[:n]).sum()))
 
 
 def _column(problem: Bench, unknowns: Sequence[Unknown], x: Array, r: Array, G: Array, i: int) -> Array:
@@ -274,17 +318,6 @@ def _law(problem: Bench, v: Mapping[str, float], r: Array, slope: bool = True) -
 def _chain(v: Mapping[str, float], channel: str, omega: Array) -> Array:
     """Transfer function (K+1,) of a measurement chain."""
     return transfer(omega, v[f"{channel}.lag"], v[f"{channel}.gain"], v[f"{channel}.slow"], v[f"{channel}.resonance"])
-
-
-def transfer(omega: Array, lag: float, gain: float, slow: float, resonance: float) -> Array:
-    """g e^{-iω lag} / (1 + iω a - ω² b): a = 2ζ/ω_n (slow) [s], b = 1/ω_n² (resonance) [s²]; 1 where all is perfect."""
-    return np.asarray(gain * np.exp(-1j * omega * lag) / (1.0 + 1j * omega * slow - omega**2 * resonance))
-
-
-def resonance_of(slow: float, resonance: float) -> tuple[float, float]:
-    """f_n [Hz] and ζ of a second-order sensor; of one that is only slow, ζ = 50 stands for the overdamped limit."""
-    b = max(resonance, (slow / 100.0) ** 2, 1e-12)
-    return 1.0 / (2.0 * np.pi * np.sqrt(b)), slow / (2.0 * np.sqrt(b))
 
 
 def _apply(h: Array, x: Array) -> Array:

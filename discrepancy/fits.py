@@ -40,7 +40,7 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """-2 log of likelihood and priors, up to a constant: data, priors and the volume of the noise."""
+        """-2 log of likelihood and priors, up to a constant: what the search minimises."""
         return self.chi2 + float(self.prior @ self.x**2) + self.log_volume
 
     @property

@@ -59,6 +59,10 @@ class Problem(Protocol):
         """Whitened derivatives by terms that may be added."""
         ...
 
+    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Terms that can act only beside those of a fit."""
+        ...
+
 
 @dataclass(frozen=True)
 class Named:
@@ -134,8 +138,8 @@ def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> li
 
 def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
     """The best place of every effect that promises a part of what the best promises, then the best of all."""
-    if not ranked:
-        return []
+    if len(ranked) <= size:
+        return [score.term for score in ranked]
     least = max(at.BIC_NONE, at.PROMISING * ranked[0].gain)
     chosen: dict[str, Term] = {}
     effects: set[str] = set()
@@ -259,6 +263,7 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
     for first in firsts:
         there = {t.label for t in first.fit.terms}
         others = [t for t in terms if t.label not in there and not t.rewires]
+        others += problem.followers(first.fit, terms)
         (anew,) = problem.refine([first.fit])
         base = first.fit if anew is None else anew
         columns = problem.columns(base, others)

@@ -20,6 +20,7 @@ from fitting.network_data import (
     Target,
     harmonics_above_noise,
     inflow,
+    mean_beat,
     pulses,
     response,
     solver_error,
@@ -32,9 +33,10 @@ from solver.network import Network
 from solver.report import output_variables
 from solver.simulate import Waveforms
 
-from .bench import transfer
+from .add import extended
 from .fits import Fit, bounded_step, bounds
-from .terms import Term, Unknown, nuisances, rewired, values
+from .observation import transfer
+from .terms import Term, Unknown, followers, nuisances, rewired, values
 from .thresholds import COARSE_DT, PRIOR_WIDTH, SCREEN_DT
 
 Array = np.ndarray
@@ -127,6 +129,23 @@ class NetworkProblem:
 
     def nuisances(self, network: Network | None = None) -> tuple[Unknown, ...]:
         return nuisances(network or self.network)
+
+    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Terms that can act only beside those of a fit."""
+        return followers(extended(self.network, fit), None, terms)
+
+    def held_out(self, beats: Beats) -> NetworkProblem:
+        """Other beats of the same record, with the noise that the fitted ones showed."""
+        whitener = self.target.whitener / np.sqrt(self.beats.n_beats / beats.n_beats)
+        covariance = self.target.covariance * (self.beats.n_beats / beats.n_beats)
+        X = mean_beat(beats, self.names, self.K)
+        drive = inflow(beats, self.simulator.settings.dt)
+        return replace(
+            self,
+            beats=beats,
+            simulator=replace(self.simulator, drive=drive, starts={}),
+            target=Target(self.names, X, covariance, whitener),
+        )
 
     # --- hypotheses ---------------------------------------------------------------------------------------------------
 
@@ -298,7 +317,10 @@ class NetworkProblem:
         before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
         low, high = bounds(unknowns)
         x = np.clip([before.get(u.name, 0.0) for u in unknowns], low, high)
+        x = self._started(terms, unknowns, prior, x, start)
         search = _Search(terms, unknowns, prior, x)
+        if not np.array_equal(x, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high)):
+            return search
         new = [t for t in terms if start is None or t.label not in {s.label for s in start.terms}]
         if start is not None and all(t.label in columns for t in new) and not any(t.rewires for t in new):
             own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
@@ -347,6 +369,25 @@ class NetworkProblem:
         deeper = replace(self, K=len(H) - 1)
         flat = replace(member, x=np.where(["offset" in u.name for u in member.unknowns], 0.0, member.x))
         return deeper._sensed(flat, H)
+
+    def _started(
+        self, terms: Sequence[Term], unknowns: Sequence[Unknown], prior: Array, x: Array, start: Fit | None
+    ) -> Array:
+        """x with new sensors at the best of their starting points: that costs one simulation for all of them."""
+        before = set() if start is None else {t.label for t in start.terms}
+        for term in terms:
+            if not term.starts or term.label in before:
+                continue
+            at = [i for i, u in enumerate(unknowns) if u in term.unknowns]
+            trials = [x]
+            for values_ in term.starts:
+                trial = x.copy()
+                trial[at] = values_
+                trials.append(trial)
+            X = self.observe([Member(tuple(terms), tuple(unknowns), trial) for trial in trials])
+            costs = [np.inf if each is None else float(np.sum(self.residual(each) ** 2)) for each in X]
+            x = trials[int(np.argmin(costs))]
+        return x
 
     def _fit(self, s: _Search) -> Fit | None:
         if s.failed or s.J is None:
@@ -448,7 +489,9 @@ def _response(network: Network, names: Sequence[str], T: float, K: int, paramete
             replace(s, terms={k: v for k, v in s.terms.items() if k not in ("taper", "leak")}) for s in network.segments
         )
         plain = replace(network, segments=segments)
-        return response(plain, names, T, K + NEIGHBOURS, {n: v for n, v in parameters.items() if n in plain.parameters()})
+        return response(
+            plain, names, T, K + NEIGHBOURS, {n: v for n, v in parameters.items() if n in plain.parameters()}
+        )
 
 
 def adjacent(network: Network, a: str, b: str) -> bool:

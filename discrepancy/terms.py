@@ -76,12 +76,14 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Term:
-    """An effect at a place. ``site`` of a channel effect is its channel; ``network`` holds the term at zero size."""
+    """An effect at a place; that of a channel effect is its channel. starts : points from which its search may begin,
+    beside zero, where it has more than one valley."""
 
     effect: str
     place: str
     where: tuple[str, ...]
     unknowns: tuple[Unknown, ...]
+    starts: tuple[tuple[float, ...], ...] = ()
 
     @property
     def label(self) -> str:
@@ -231,7 +233,19 @@ def sensor_terms(channel: str, bench: bool = False) -> tuple[Term, ...]:
                       "s^2", TYPICAL["resonance"])  # fmt: skip
     found = (("channel_lag", (lag,)), ("channel_gain", (gain,)), ("channel_offset", (offset,)),
              ("catheter_resonance", (slow, ringing)))  # fmt: skip
-    return tuple(Term(name, channel, (channel,), unknowns) for name, unknowns in found)
+    return tuple(
+        Term(name, channel, (channel,), unknowns, _RESONANCES if name == "catheter_resonance" else ())
+        for name, unknowns in found
+    )
+
+
+def _resonance(f_n: float, zeta: float) -> tuple[float, float]:
+    """x of a second-order sensor."""
+    omega = 2.0 * math.pi * f_n
+    return 2.0 * zeta / omega / TYPICAL["slow"], omega**-2.0 / TYPICAL["resonance"]
+
+
+_RESONANCES = tuple(_resonance(f_n, zeta) for f_n in (8.0, 12.0, 18.0, 27.0, 40.0) for zeta in (0.15, 1.0))
 
 
 def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:
@@ -247,6 +261,15 @@ def candidates(network: Network, channels: Sequence[str], site: str | None = Non
     for channel in channels:
         found += sensor_terms(channel, site is not None)
     return tuple(term for term in found if term is not None)
+
+
+def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:
+    """What can act only now that ``network`` has viscous walls: terms whose place had nothing to act on before."""
+    known = {term.label for term in present}
+    found = candidates(network, (), site)
+    return tuple(
+        t for t in found if t.label not in known and t.effect in ("nonlinear_wall_viscosity", "stress_relaxation")
+    )
 
 
 def _alone(network: Network, effect: effects.Effect, place: str) -> bool:

@@ -1,0 +1,21 @@
+"""The measurement chain in the form that a search can follow: gain, lag and the two coefficients of a second order.
+
+The catalogue's f_n and ζ run away where a sensor is perfect; a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance) are 0 there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def transfer(omega: Array, lag: float, gain: float, slow: float, resonance: float) -> Array:
+    """g e^{-iω lag} / (1 + iω a - ω² b): a = 2ζ/ω_n (slow) [s], b = 1/ω_n² (resonance) [s²]; 1 where all is perfect."""
+    return np.asarray(gain * np.exp(-1j * omega * lag) / (1.0 + 1j * omega * slow - omega**2 * resonance))
+
+
+def resonance_of(slow: float, resonance: float) -> tuple[float, float]:
+    """f_n [Hz] and ζ of a second-order sensor; of one that is only slow, ζ = 50 stands for the overdamped limit."""
+    b = max(resonance, (slow / 100.0) ** 2, 1e-12)
+    return 1.0 / (2.0 * np.pi * np.sqrt(b)), slow / (2.0 * np.sqrt(b))
