@@ -17,6 +17,7 @@ import os
 for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ[_name] = "1"
 
+import signal
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -58,10 +59,13 @@ def run(
 ) -> None:
     """Judge the records of the plan that are not yet in the file."""
     seed = TUNING_SEED if tuning else REPORTED_SEED
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its processes end with it
     try:
         Bank(_path(kind, seed, out), kind.value, seed, sources_hash()).run(limit, jobs, mixed)
     except NotThisBank as error:
         raise SystemExit(str(error)) from None
+    except KeyboardInterrupt:
+        raise SystemExit("stopped; the same command goes on from here.") from None
 
 
 @app.command()

@@ -138,12 +138,13 @@ def _line(
     terms = [{"name": n, "where": [told_where]} for n in told]
     best = {"terms": terms, "score": 1.0, "cost": 1.0, "misfit": 0.0, "probability": confidence,
             "parameters": {f"{where}.size": {"value": 2.1, "ci95": [1.9, 2.3]}}}  # fmt: skip
-    return {"index": index, "kind": "bench", "seed": 11, "sources": "abc", "channels": "CA", "dB": 40.0,
-            "base": "sheep", "elastic_law": "beta", "viscous_law": "monotone", "effects": effects, "separation": None,
-            "rival": "", "place_separation": None, "verdict": verdict if told else "none", "confidence": confidence, "seconds": 0.5,
-            "base_score": 0.0, "base_misfit": 0.0, "top": [best] if told else [],
-            "class": [terms] if verdict in ("effect", "several") and told else [],
-            "gap": {"fit": {}, "held_out": {"given": 9.0, "refitted": 5.0, "best": 1.0}}} | more  # fmt: skip
+    plain = {"index": index, "kind": "bench", "seed": 11, "sources": "abc", "channels": "CA", "dB": 40.0,
+             "base": "sheep", "elastic_law": "beta", "viscous_law": "monotone", "separation": None, "rival": "",
+             "place_separation": None, "confidence": confidence, "seconds": 0.5, "base_score": 0.0, "base_misfit": 0.0,
+             "gap": {"fit": {}, "held_out": {"given": 9.0, "refitted": 5.0, "best": 1.0}}}  # fmt: skip
+    said = {"verdict": verdict if told else "none", "top": [best] if told else [],
+            "class": [terms] if verdict in ("effect", "several") and told else []}  # fmt: skip
+    return plain | said | {"effects": effects} | more
 
 
 LINES = [

@@ -6,7 +6,6 @@ import hashlib
 import json
 import multiprocessing
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,16 +74,12 @@ def _each(arguments: list[tuple[Any, ...]], jobs: int) -> Iterator[Line]:
     if jobs == 1:
         yield from (row(*a) for a in arguments)
         return
-    context = multiprocessing.get_context("forkserver")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        waiting: set[Future[Line]] = {pool.submit(row, *a) for a in arguments}
-        try:
-            while waiting:
-                finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in finished)
-        finally:
-            for future in waiting:
-                future.cancel()
+    with multiprocessing.get_context("forkserver").Pool(jobs) as pool:  # ends its processes, however this ends
+        yield from pool.imap_unordered(_row, arguments)
+
+
+def _row(arguments: tuple[Any, ...]) -> Line:
+    return row(*arguments)
 
 
 def _bar(console: Console | None) -> Progress:
