@@ -211,6 +211,17 @@ def _promise(problem: Bench, unknowns: Sequence[Unknown], x: Array, prior: Array
     return float(left @ left + prior @ (x + step) ** 2 + state.log_volume)
 
 
+def most_probable(problem: Bench, at: Fit) -> Array:
+    """The true pressure (N,) [Pa] at the site that P and R together make most probable under a hypothesis."""
+    state = _settled(problem, at.unknowns, at.x)
+    if state is None:
+        return problem.P
+    v = _values(problem, at.unknowns, at.x)
+    perfect = {n: value for n, value in v.items() if not n.startswith(f"{problem.site}.P.")}
+    r = state.radius(np.zeros_like(at.x))
+    return _law(problem, {**_neutral(problem.site), **perfect}, r, slope=False)[0]
+
+
 def _settled(problem: Bench, unknowns: Sequence[Unknown], x: Array) -> _State | None:
     """The linear problem at given parameters, at the radius that is most probable under them."""
     r = problem.R

@@ -82,7 +82,7 @@ class Named:
     @property
     def explains(self) -> bool:
         """Whether its residual is noise."""
-        return self.misfit < at.MISFIT
+        return self.misfit < (at.MISFIT_SEVERAL if len(self.fit.terms) > 1 else at.MISFIT)
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,8 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
     found: dict[frozenset[str], Fit] = {}
     firsts: list[Named] = []
     for n in ranked:
-        if len(firsts) < at.BRANCHES and n.fit.terms[-1].effect not in {f.fit.terms[-1].effect for f in firsts}:
+        near = n.fit.cost < at.BRANCH_COST * ranked[0].fit.cost
+        if near and len(firsts) < at.BRANCHES and n.fit.terms[-1].effect not in {f.fit.terms[-1].effect for f in firsts}:
             firsts.append(n)
     for first in firsts:
         there = {t.label for t in first.fit.terms}

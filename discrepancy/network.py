@@ -103,7 +103,7 @@ class Member:
 class NetworkProblem:
     """A network record and the network that it is compared with.
 
-    error : (K+1, m) standard deviation of the solver's own error. n_beats : behind the mean beats.
+    error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
     """
 
     network: Network
@@ -113,6 +113,7 @@ class NetworkProblem:
     simulator: Simulator
     target: Target
     error: Array
+    response: Array
 
     @property
     def n_effective(self) -> int:
@@ -176,7 +177,10 @@ class NetworkProblem:
                 part = group[at : at + _BATCH]
                 for i, result in zip(part, self._batch(key, [members[i] for i in part]), strict=True):
                     X[i] = result
-        return [None if x is None else self._sensed(member, x) for member, x in zip(members, X, strict=True)]
+        return [
+            None if x is None else sense(member, self.names, x, self.simulator.T)
+            for member, x in zip(members, X, strict=True)
+        ]
 
     def _batch(self, key: str, members: Sequence[Member]) -> list[Array | None]:
         network = self.network
@@ -204,19 +208,6 @@ class NetworkProblem:
                 return [None]
         half = len(members) // 2
         return self._batch(key, members[:half]) + self._batch(key, members[half:])
-
-    def _sensed(self, member: Member, X: Array) -> Array:
-        """Observation: what the measurement chain makes of the coefficients."""
-        if not any(term.is_sensor for term in member.terms):
-            return X
-        moved = values(member.unknowns, member.x, {f"{name}.gain": 1.0 for name in self.names})
-        omega, X = 2.0 * np.pi / self.simulator.T * np.arange(self.K + 1), X.copy()
-        for i, name in enumerate(self.names):
-            own = {key: float(moved.get(f"{name}.{key}", 0.0)) for key in ("lag", "slow", "resonance")}
-            gain = float(moved.get(f"{name}.gain", 1.0))
-            X[:, i] *= transfer(omega, own["lag"], gain, own["slow"], own["resonance"])
-            X[0, i] += float(moved.get(f"{name}.offset", 0.0))
-        return X
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -359,16 +350,10 @@ class NetworkProblem:
         nominal = network.parameters()
         at = {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items() if n in nominal}
         H = _response(network, self.names, self.simulator.T, self.K, at)
-        new = target(self.beats, self.names, self._sensed_response(member, H), error)
-        return replace(problem, target=new, error=error)
-
-    def _sensed_response(self, member: Member, H: Array) -> Array:
-        """The response to the inflow (n, m) as the sensors show it."""
-        if not any(term.is_sensor for term in member.terms):
-            return H
-        deeper = replace(self, K=len(H) - 1)
         flat = replace(member, x=np.where(["offset" in u.name for u in member.unknowns], 0.0, member.x))
-        return deeper._sensed(flat, H)
+        H = sense(flat, self.names, H, self.simulator.T)
+        new = target(self.beats, self.names, H, error)
+        return replace(problem, target=new, error=error, response=H[: self.K + 1])
 
     def _started(
         self, terms: Sequence[Term], unknowns: Sequence[Unknown], prior: Array, x: Array, start: Fit | None
@@ -461,6 +446,20 @@ def _group(terms: Sequence[Term]) -> str:
     return " ".join(sorted(set(own)))
 
 
+def sense(member: Member, names: Sequence[str], X: Array, T: float) -> Array:
+    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m)."""
+    if not any(term.is_sensor for term in member.terms):
+        return X
+    moved = values(member.unknowns, member.x, {f"{name}.gain": 1.0 for name in names})
+    omega, X = 2.0 * np.pi / T * np.arange(len(X)), X.copy()
+    for i, name in enumerate(names):
+        own = {key: float(moved.get(f"{name}.{key}", 0.0)) for key in ("lag", "slow", "resonance")}
+        gain = float(moved.get(f"{name}.gain", 1.0))
+        X[:, i] *= transfer(omega, own["lag"], gain, own["slow"], own["resonance"])
+        X[0, i] += float(moved.get(f"{name}.offset", 0.0))
+    return X
+
+
 def network_problem(
     beats: Beats, network: Network, names: Sequence[str] | None = None, tell: Tell = lambda _: None
 ) -> NetworkProblem:
@@ -477,7 +476,7 @@ def network_problem(
     X = simulator.coefficients(network, {}, "")[0]
     error = solver_error(X, simulator.finer().coefficients(network, {}, "")[0], pulses(beats, chosen))
     H = _response(network, chosen, beats.T, K, {})
-    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error)
+    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
 
 
 def _response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:

@@ -13,12 +13,14 @@ LOUDEST = 8  # entries of the z map that the verdict lists
 # --- name ---
 BIC_NONE = 6.0  # by which a candidate must beat "none", its share of the prior included
 CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
-MISFIT = 4.0  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
+MISFIT = 3.5  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
+MISFIT_SEVERAL = 2.5  # the same for several effects together, which bend to much that is none of them
 NEAR = 60.0  # of a score above the best: hypotheses that are refitted with shorter steps and fresh derivatives
-MOST_EFFECTS = 3  # at once
+MOST_EFFECTS = 2  # at once
 BRANCHES = 3  # hypotheses that a further effect is added to
+BRANCH_COST = 3.0  # of the best cost, above which none is added
 SECOND = 10.0  # by which a second effect must lower the BIC
-SOMETHING_ELSE = 0.02  # odds beforehand of an effect outside the catalogue, against the best candidate
+SOMETHING_ELSE = 0.1  # odds beforehand of an effect outside the catalogue, against the best candidate
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
 SHORTLIST = 14  # candidates that are refitted
 PROMISING = 0.2  # of the best promised gain, which is linear, that a candidate must promise to be refitted

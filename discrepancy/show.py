@@ -1,0 +1,151 @@
+"""Show: free runs of FMUs through fmpy, and the gap that they leave to the record, channel by channel.
+
+The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it was, not
+only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fitting.beats import Beats
+from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
+from fitting.network_data import mean_beat
+from fitting.units import INFLOW
+from solver import Settings, simulate_periodic
+from solver.network import Inlet, Network, Pressure, Site
+
+from .bench import Bench, most_probable
+from .fits import Fit
+from .network import Member, NetworkProblem
+from .study import Study
+
+Array = np.ndarray
+
+BENCH_LENGTH = 1e-3  # [m]; over a millimetre the pressure falls by less than a pascal, and the radius follows the wall
+_BENCH_BEATS = 4  # a wall forgets its start in φ0/E or τ, a small part of a beat
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats."""
+
+    total: tuple[float, float]
+    channels: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A free run: X : (K+1, m) coefficients of the channels as their sensors show them, beats : (N,) each."""
+
+    X: Array
+    beats: Mapping[str, Array]
+    gap: Gap
+
+
+def bench_of(network: Network, site: str) -> Network:
+    """One millimetre of the site's artery, with the pressure ``<site>.outlet.P_venous`` at its end."""
+    return replace(
+        network,
+        name=f"bench_{site}",
+        segments=(replace(network.segment(site), L=BENCH_LENGTH),),
+        inlet=Inlet(site, Q_max=0.0, T=network.inlet.T),
+        junctions=(),
+        outlets=(Pressure(site),),
+        sites=(Site(site, site),),
+        channels=(),
+        reference=f"One artery on the bench, from network {network.name}.",
+    )
+
+
+def drive(study: Study, fit: Fit) -> Array:
+    """The wave (N,) that drives the FMU, as the record says it most probably was under a hypothesis."""
+    if isinstance(study.problem, Bench):
+        return most_probable(study.problem, fit)
+    return most_probable_inflow(study.problem, study.fitted)
+
+
+def most_probable_inflow(problem: NetworkProblem, beats: Beats, X: Array | None = None) -> Array:
+    """Q : (N,) given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual x = n - H q + e.
+
+    X : (K+1, m) of the hypothesis under the measured inflow; None leaves the inflow as it was measured.
+    """
+    Q = beats.mean(INFLOW)
+    if X is None:
+        return Q
+    residual = problem.target.X - X
+    S = beats.covariance((INFLOW,))[: problem.K + 1, 0, 0].real
+    weighted = np.einsum("kij,kj->ki", np.linalg.inv(problem.target.covariance), residual)
+    q = -S * np.einsum("ki,ki->k", problem.response.conj(), weighted)
+    full = np.zeros(beats.N // 2 + 1, complex)
+    full[: len(q)] = q
+    return Q - np.fft.irfft(full, beats.N, norm="forward")
+
+
+def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str, float]) -> Run:
+    """Run an FMU under a wave and compare it. ``fit`` says what the sensors do; starts : by FMU variable.
+
+    Raises RunFailed with the FMU's sentence.
+    """
+    described, T = read_fmu(fmu), study.fitted.T
+    names = study.problem.signals
+    values: dict[str, float | str] = {
+        n: v for n, v in starts.items() if n in (*described.parameters, *described.inputs)
+    }
+    if study.site is not None:
+        driver = f"{study.site}.outlet.P_venous"
+        answer = periodic_answer(described, driver, wave, T, {**values, "network.P_0": float(wave[0])}, _BENCH_BEATS)
+        waves = {names[0]: fourier(wave, steps_per_beat(described, T)), names[1]: answer.values[names[1]]}
+    else:
+        waves = dict(periodic_answer(described, INFLOW, wave, T, values).values)
+    return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))
+
+
+def compared(study: Study, fit: Fit, X: Array) -> Run:
+    """The run of coefficients X : (n, m) as the FMU gives them."""
+    problem, names = study.problem, study.problem.signals
+    K = min(problem.K, len(X) - 1)
+    X = sensed(study, fit, X[: K + 1])
+    beats = {}
+    for i, name in enumerate(names):
+        spectrum = np.zeros(study.fitted.N // 2 + 1, complex)
+        spectrum[: K + 1] = X[:, i]
+        beats[name] = np.fft.irfft(spectrum, study.fitted.N, norm="forward")
+    S = np.einsum("kii->ki", study.fitted.covariance(names)).real[: K + 1]
+    parts = []
+    for part in (study.fitted, study.held_out):
+        noise = S * (study.fitted.n_beats / part.n_beats)
+        parts.append(np.abs(X - mean_beat(part, names, K)) ** 2 / np.maximum(noise, 1e-300))
+    weight = np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
+    each = [np.sqrt((weight * p).sum(axis=0) / weight.sum()) for p in parts]
+    total = tuple(float(np.sqrt(np.mean(e**2))) for e in each)
+    by_channel = {n: (float(each[0][i]), float(each[1][i])) for i, n in enumerate(names)}
+    return Run(X, beats, Gap((total[0], total[1]), by_channel))
+
+
+def sensed(study: Study, fit: Fit, X: Array) -> Array:
+    """What the measurement chain of a hypothesis makes of the coefficients."""
+    from .network import sense
+
+    return sense(Member(fit.terms, fit.unknowns, fit.x), study.problem.signals, X, study.fitted.T)
+
+
+def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
+    """Largest difference of the FMU's free run from the direct solver, of a channel's pulse. ``run`` without sensors."""
+    T, names = study.fitted.T, study.problem.signals
+    N, k = len(wave), np.arange(len(wave) // 2 + 1)
+    amplitude = np.fft.rfft(wave, norm="forward") * np.where((k > 0) & (2 * k != N), 2.0, 1.0)
+
+    def inflow(t: Array) -> Array:
+        return np.asarray((np.exp(2j * np.pi * np.mod(np.asarray(t) / T, 1.0)[..., None] * k) @ amplitude).real)
+
+    beat = simulate_periodic(network, inflow, T, settings=settings, tolerance=1e-5)
+    worst = 0.0
+    for i, name in enumerate(names):
+        X = np.fft.rfft(beat[name][:-1], norm="forward")[: len(run.X)]
+        worst = max(worst, float(np.abs(X - run.X[:, i])[1:].max() / np.ptp(beat[name])))
+    return worst
