@@ -29,7 +29,7 @@ def failures(lines: Sequence[Line], network: Network) -> str:
             if w.separation(x) >= SEPARABLE and w.named_right(x) and not w.single(x)],
         "right name, wrong place": [
             x for x in w.of(lines, "single", 30.0) if w.named_right(x) and not w.adjacent_place(x, network)],
-        "outside, named": [x for x in w.of(lines, "outside", 6.0) if w.single(x)],
+        "outside, named": [x for x in w.of(lines, "outside", 6.0) if w.committed(x)],
         "pairs not both": [x for x in w.of(lines, "pair", 30.0) if not w.both_named(x)],
         "errors": [x for x in lines if x.get("error")],
     }  # fmt: skip
@@ -47,7 +47,7 @@ def _said(x: Line) -> str:
         return f"{x['kind']} {x['index']}: {hidden or 'null'}: {x['verdict']}: {x['error']}"
     tops = "; ".join(
         " + ".join(f"{t['name']}@{','.join(t['where'])}" for t in h["terms"])
-        + f" {h['score']:.1f} (χ² {h['cost']:.0f}, misfit {h['misfit']:.1f}, p {h['probability']:.2g})"
+        + f" {h['score']:.1f} (cost {h['cost']:.0f}, misfit {h['misfit']:.1f}, p {h['probability']:.2g})"
         for h in x["top"][:3]
     )
     setting = f"{x['channels']}, {x['dB']:g} dB, {x['base']}, {x['elastic_law']}/{x['viscous_law']}"

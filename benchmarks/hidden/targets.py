@@ -54,7 +54,9 @@ def targets(lines: Sequence[Line], network: Network) -> str:
     at_least("network, pressures at 3 sites, d′ ≥ 30: truth in the class", 0.95, share(three, w.in_class))
     for kind, own in (("bench", bench), ("network", net)):
         at_most(
-            f"{kind}, outside the catalogue, d′ ≥ 30: wrongly named", 0.05, share(w.of(own, "outside", 30.0), w.single)
+            f"{kind}, outside the catalogue, d′ ≥ 30: wrongly named",
+            0.05,
+            share(w.of(own, "outside", 30.0), w.committed),
         )
     for kind, own in (("bench", bench), ("network", net)):
         pairs = w.of(own, "pair", 30.0)

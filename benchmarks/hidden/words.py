@@ -73,6 +73,11 @@ def single(line: Line) -> bool:
     return line["verdict"] == "effect"
 
 
+def committed(line: Line) -> bool:
+    """Verdict effect or several: names are given without an alternative."""
+    return line["verdict"] in ("effect", "several")
+
+
 def named_right(line: Line) -> bool:
     """The one true name tops the class."""
     return line["verdict"] in ("effect", "ambiguous") and top(line) == truths(line)
