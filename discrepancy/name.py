@@ -67,13 +67,14 @@ class Problem(Protocol):
 @dataclass(frozen=True)
 class Named:
     """A hypothesis with its score: BIC with its share of the prior. probability : among all, "none" and "something
-    else" included. separation : d' to the best."""
+    else" included. separation : d' to the best. above_best : by how much its score is worse than the best one's."""
 
     fit: Fit
     score: float
     misfit: float
     probability: float
     separation: float
+    above_best: float = 0.0
 
     @property
     def label(self) -> str:
@@ -243,7 +244,7 @@ def _ranked(problem: Problem, none: Named, fits: Sequence[Fit], terms: Sequence[
     weights = [math.exp(-0.5 * (s - best)) for s, _ in scored]
     total = sum(weights) + math.exp(min(0.0, -0.5 * (none.score - best))) + at.SOMETHING_ELSE
     named = [
-        Named(f, s, misfit(f, problem.dof_of_noise), w / total, math.sqrt(max(f.cost - lowest, 0.0)))
+        Named(f, s, misfit(f, problem.dof_of_noise), w / total, math.sqrt(max(f.cost - lowest, 0.0)), s - best)
         for (s, f), w in zip(scored, weights, strict=True)
     ]
     return tuple(sorted(named, key=lambda n: n.score))

@@ -1,0 +1,31 @@
+"""Which measurement would tell the members of a class apart, in a sentence."""
+
+from __future__ import annotations
+
+from solver.effects import BY_NAME
+
+from .name import Naming
+from .study import Study
+
+
+def separating_measurement(naming: Naming, study: Study) -> str | None:
+    """What the catalogue says separates the best of the class from the others; None for a class of one."""
+    if len(naming.members) < 2:
+        return None
+    effects = list(dict.fromkeys(t.effect for n in naming.members for t in n.fit.terms))
+    places = list(dict.fromkeys(t.place for n in naming.members for t in n.fit.terms))
+    sensors = [e for e in effects if BY_NAME[e].owner == "channel"]
+    if sensors and len(effects) > len(sensors):
+        channels = [t.place for n in naming.members for t in n.fit.terms if t.is_sensor]
+        named = " and ".join(dict.fromkeys(channels))
+        return (
+            f"Calibrate {named}: feed its sensor a known wave, or record the same beats with a second sensor there; a fault of "
+            "the measurement shows without the artery."
+        )
+    if len(effects) == 1:
+        return (
+            f"The effect is clear, its place is not ({', '.join(places)}): record pressure, flow and radius between these "
+            "places."
+        )
+    said = dict.fromkeys(BY_NAME[e].separator for e in effects)
+    return f"Measure what tells them apart: {'; '.join(said)}."

@@ -1,0 +1,100 @@
+"""Whether record and model belong together at all: what would make every later step lie, said in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fitting.period import find_period
+from fitting.records import Record
+
+from .study import Study, Unusable
+
+Array = np.ndarray
+
+_PERIODS = 0.02  # relative difference between the heart periods of two channels
+_LATE = 0.08  # of the period, by which a channel may be away from where it fits best
+_ALIKE = 0.9  # correlation there, so that the shape is the artery's and the time is wrong
+_MORE_ALIKE = 0.15  # than without the shift
+_SIZE = 25.0  # ratio of a channel's pulse to the model's
+_STRANGE = 0.5  # correlation at best below which the waves are not of this network
+_DEAD = 0.05  # of the usual pulse of a beat
+_MOSTLY = 0.25  # of the beats
+
+
+def check_record(record: Record) -> None:
+    """Raise Unusable unless all channels share one heart rate."""
+    periods = {}
+    for name, values in record.channels.items():
+        try:
+            periods[name] = find_period({name: values}, record.dt, record.path).T
+        except ValueError:  # too noisy by itself; together with the others it may do
+            continue
+    if not periods:
+        return
+    middle = float(np.median(list(periods.values())))
+    for name, T in periods.items():
+        ratio = T / middle
+        whole = min(abs(ratio - round(ratio)) if ratio >= 1.0 else abs(1.0 / ratio - round(1.0 / ratio)), 1.0)
+        if whole > _PERIODS:
+            raise Unusable(
+                f"{record.path}: channel {name} repeats every {T:.4g} s, the others every {middle:.4g} s: they were not "
+                "recorded together, or one clock is wrong; record all channels at once."
+            )
+
+
+def check_beats(study: Study) -> None:
+    """Raise Unusable if a sensor was dead for a good part of the record."""
+    for name in study.problem.signals:
+        beats = np.concatenate([study.fitted.values[name], study.held_out.values[name]])
+        pulse = np.nanstd(beats, axis=1)
+        dead = pulse < _DEAD * np.nanmedian(pulse)
+        if dead.mean() > _MOSTLY / 2.0:
+            raise Unusable(
+                f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its sensor was dead "
+                "there; leave these samples empty or leave the channel out."
+            )
+
+
+def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
+    """Raise Unusable if the measured beats are not those of this network: size, time or shape.
+
+    simulated : (N,) beats of the model as given, by channel.
+    """
+    lags, alike = {}, []
+    for name in study.problem.signals:
+        measured, model = study.fitted.mean(name), simulated[name]
+        ratio = float(np.std(measured) / max(np.std(model), 1e-300))
+        if not 1.0 / _SIZE < ratio < _SIZE:
+            raise Unusable(
+                f"{study.fitted.source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, or a record "
+                "of another network; check the column's unit and the network file."
+            )
+        shift, best, without = _best_shift(measured, model)
+        alike.append(best)
+        if abs(shift) > _LATE and best > _ALIKE and best - without > _MORE_ALIKE:
+            lags[name] = shift * study.fitted.T
+    if study.kind == "network" and max(alike) < _STRANGE:
+        raise Unusable(
+            f"{study.fitted.source}: none of its waves resembles those of network {study.network.name} (correlation at most "
+            f"{max(alike):.2f}); check that the record is of this network and that inlet.Q is the flow into it."
+        )
+    if lags:
+        name, lag = max(lags.items(), key=lambda item: abs(item[1]))
+        side = "late" if lag > 0.0 else "early"
+        raise Unusable(
+            f"{study.fitted.source}: {name} comes {abs(lag) * 1e3:.0f} ms too {side} against what drives the model"
+            f"{f', and so do {len(lags) - 1} more channels' if len(lags) > 1 else ''}: the channels are not synchronised; "
+            "shift them onto one clock."
+        )
+
+
+def _best_shift(measured: Array, model: Array) -> tuple[float, float, float]:
+    """By how many periods the measured beat is late where it correlates best, the correlation there and without shift."""
+    a, b = np.fft.rfft(measured - measured.mean()), np.fft.rfft(model - model.mean())
+    size = np.linalg.norm(measured - measured.mean()) * np.linalg.norm(model - model.mean())
+    correlation = np.fft.irfft(a * np.conj(b), len(measured)) / max(size, 1e-300)
+    at = int(np.argmax(correlation))
+    shift = (at if at <= len(measured) // 2 else at - len(measured)) / len(measured)
+    return shift, float(correlation[at]), float(correlation[0])
