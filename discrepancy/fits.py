@@ -93,7 +93,8 @@ def misfit(fit: Fit, dof_of_noise: float) -> float:
 
     Missing physics sits at low harmonics, so that the sum over all of them would drown it: for every channel, and for
     all together, Σ z² - 1 over harmonics up to k for each k (an adaptive Neyman test, Fan 1996), each over its standard
-    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that.
+    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that. The largest of so
+    many normal deviates is some √(2 ln groups) by itself, which is taken off.
     """
     worst = 0.0
     groups = [np.ones(len(fit.z), bool)] + [fit.signal == s for s in np.unique(fit.signal)]
@@ -110,4 +111,4 @@ def misfit(fit: Fit, dof_of_noise: float) -> float:
         spread = np.sqrt(2.0 / 9.0 * (1.0 / mean + 1.0 / dof_of_noise))
         deviation = (np.cbrt(ratio) - (1.0 - 2.0 / (9.0 * mean))) / spread
         worst = max(worst, float(deviation.max()))
-    return worst
+    return worst - float(np.sqrt(2.0 * np.log(len(groups))))

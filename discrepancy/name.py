@@ -260,7 +260,11 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
     firsts: list[Named] = []
     for n in ranked:
         near = n.fit.cost < at.BRANCH_COST * ranked[0].fit.cost
-        if near and len(firsts) < at.BRANCHES and n.fit.terms[-1].effect not in {f.fit.terms[-1].effect for f in firsts}:
+        if (
+            near
+            and len(firsts) < at.BRANCHES
+            and n.fit.terms[-1].effect not in {f.fit.terms[-1].effect for f in firsts}
+        ):
             firsts.append(n)
     for first in firsts:
         there = {t.label for t in first.fit.terms}

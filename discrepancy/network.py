@@ -48,6 +48,7 @@ _ROUNDS = 14  # simulations of a hypothesis at most
 _BATCH = 64  # members at once
 _PERIODIC = 1e-5
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
+_SHORTER = 2  # times that the step is halved where the model as given breaks down
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
@@ -55,7 +56,11 @@ _HOPELESS = 150.0  # by which a search may promise to stay above the best one an
 
 @dataclass
 class Simulator:
-    """Simulates hypotheses of one network under one inflow, and remembers the periodic states it started from."""
+    """Simulates hypotheses of one network under one inflow, and remembers the periodic states it started from.
+
+    start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a flow that
+    sets in at once would strain the walls as no heart does.
+    """
 
     network: Network
     drive: Callable[[Array], Array]
@@ -63,6 +68,7 @@ class Simulator:
     names: tuple[str, ...]
     K: int
     settings: Settings
+    start: float
     tell: Tell = field(default=lambda _: None)
     simulations: int = 0
     starts: dict[str, Waveforms] = field(default_factory=dict)
@@ -79,15 +85,21 @@ class Simulator:
     def coefficients(self, network: Network, parameters: Mapping[str, Array], key: str) -> Array:
         """X : (B, K+1, m) of the periodic beats; ``key`` names networks that can start from one another's state."""
         size = next(iter(parameters.values())).size if parameters else 1
-        start = self.starts.get(key)
         beat = simulate_periodic(
-            network, self.drive, self.T, parameters=parameters, settings=self.settings, tolerance=_PERIODIC, start=start
+            network,
+            lambda t: self.drive(t + self.start),
+            self.T,
+            parameters=parameters,
+            settings=self.settings,
+            tolerance=_PERIODIC,
+            start=self.starts.get(key),
         )
         self.starts.setdefault(key, beat.member(0))
         self.simulations += size
         self.tell(f"{self.simulations} simulations")
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
-        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1]
+        turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
+        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1] * turn[:, None]
 
 
 @dataclass(frozen=True)
@@ -472,11 +484,22 @@ def network_problem(
     settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
     drive = inflow(beats, settings.dt)
-    simulator = Simulator(network, drive, beats.T, chosen, K, settings, tell)
-    X = simulator.coefficients(network, {}, "")[0]
+    time = beats.T * np.arange(200) / 200.0
+    start = float(time[np.argmin(np.abs(drive(time)))])
+    simulator, X = _first(Simulator(network, drive, beats.T, chosen, K, settings, start, tell))
     error = solver_error(X, simulator.finer().coefficients(network, {}, "")[0], pulses(beats, chosen))
     H = _response(network, chosen, beats.T, K, {})
     return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
+
+
+def _first(simulator: Simulator) -> tuple[Simulator, Array]:
+    """The model as given under this inflow, with shorter steps if it needs them. Raises NonPhysicalState if none will do."""
+    for _ in range(_SHORTER):
+        try:
+            return simulator, simulator.coefficients(simulator.network, {}, "")[0]
+        except NonPhysicalState:
+            simulator = simulator.halved()
+    return simulator, simulator.coefficients(simulator.network, {}, "")[0]
 
 
 def _response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:

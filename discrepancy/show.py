@@ -101,8 +101,17 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
         answer = periodic_answer(described, driver, wave, T, {**values, "network.P_0": float(wave[0])}, _BENCH_BEATS)
         waves = {names[0]: fourier(wave, steps_per_beat(described, T)), names[1]: answer.values[names[1]]}
     else:
-        waves = dict(periodic_answer(described, INFLOW, wave, T, values).values)
+        # a run begins at rest: best where the flow is least
+        first = int(np.argmin(np.abs(wave)))
+        answer = periodic_answer(described, INFLOW, np.roll(wave, -first), T, values)
+        waves = {name: _delayed(beat, first / len(wave)) for name, beat in answer.values.items()}
     return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))
+
+
+def _delayed(beat: Array, part: float) -> Array:
+    """A beat (n,) moved later by a part of the period."""
+    spectrum = np.fft.rfft(beat) * np.exp(-2j * np.pi * np.arange(len(beat) // 2 + 1) * part)
+    return np.fft.irfft(spectrum, len(beat))
 
 
 def compared(study: Study, fit: Fit, X: Array) -> Run:

@@ -13,8 +13,8 @@ LOUDEST = 8  # entries of the z map that the verdict lists
 # --- name ---
 BIC_NONE = 6.0  # by which a candidate must beat "none", its share of the prior included
 CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
-MISFIT = 3.5  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
-MISFIT_SEVERAL = 2.5  # the same for several effects together, which bend to much that is none of them
+MISFIT = 2.3  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
+MISFIT_SEVERAL = 1.3  # the same for several effects together, which bend to much that is none of them
 NEAR = 60.0  # of a score above the best: hypotheses that are refitted with shorter steps and fresh derivatives
 MOST_EFFECTS = 2  # at once
 BRANCHES = 3  # hypotheses that a further effect is added to
