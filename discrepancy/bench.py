@@ -237,9 +237,9 @@ def _settled(problem: Bench, unknowns: Sequence[Unknown], x: Array) -> _State | 
 class _State:
     """The whitened linear problem, harmonic by harmonic up to K: z = L⁻¹ F u, J = dz/dx with F the real Fourier basis.
 
-    Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. all_z, all_J : with them, and
-    to_r : (N, N) from all of z to the most probable r; r_bar : the measured one. log_volume : log det of V up to K, which
-    keeps a hypothesis from explaining the residual by a larger noise.
+    Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. all_z, all_J : with
+    them; to_r : (N, N) from all of z to the most probable r; r_bar : the measured one. log_volume : log det of V up
+    to K, which keeps a hypothesis from explaining the residual by a larger noise.
     """
 
     z: Array

@@ -46,7 +46,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     order = np.argsort(-np.where(significant, z, -1.0), axis=None)
     located = []
     for flat in order[: thresholds.LOUDEST]:
-        k, i = np.unravel_index(int(flat), z.shape)
+        k, i = (int(n) for n in np.unravel_index(int(flat), z.shape))
         if significant[k, i]:
             site, _, signal = names[i].rpartition(".")
             phase = float(np.degrees(np.angle(residual[k, i])))

@@ -18,8 +18,8 @@ class Fit:
 
     unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
     is true; J : (n, p) its derivatives. prior : (p,) precision of x. order : (n,) the harmonic of each entry of z.
-    signal : (n,) the channel of each entry. converged : whether the search settled. log_volume : log det of the covariance
-    that whitened z, where it depends on the hypothesis.
+    signal : (n,) the channel of each entry. converged : whether the search settled. log_volume : log det of the
+    covariance that whitened z, where it depends on the hypothesis.
     """
 
     terms: tuple[Term, ...]
@@ -93,8 +93,8 @@ def misfit(fit: Fit, dof_of_noise: float) -> float:
 
     Missing physics sits at low harmonics, so that the sum over all of them would drown it: for every channel, and for
     all together, Σ z² - 1 over harmonics up to k for each k (an adaptive Neyman test, Fan 1996), each over its standard
-    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that. The largest of so
-    many normal deviates is some √(2 ln groups) by itself, which is taken off.
+    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that. The
+    largest of so many normal deviates is some √(2 ln groups) by itself, which is taken off.
     """
     worst = 0.0
     groups = [np.ones(len(fit.z), bool)] + [fit.signal == s for s in np.unique(fit.signal)]

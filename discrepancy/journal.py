@@ -1,7 +1,7 @@
 """What a study has done so far, on disk: an interrupted one goes on where it was, and gives the same answer.
 
-Every stage is one JSON file in ``<folder>/.state``, written whole. A stage counts only if it was made from the same inputs:
-record, network, thresholds and software, whose hash is the journal's key.
+Every stage is one JSON file in ``<folder>/.state``, written whole. A stage counts only if it was made from the same
+inputs: record, network, thresholds and software, whose hash is the journal's key.
 """
 
 from __future__ import annotations
@@ -114,9 +114,17 @@ def _named(n: Named) -> dict[str, Any]:
 
 
 def _unnamed(data: Mapping[str, Any]) -> Named:
-    plain = {key: np.array(value) if isinstance(value, list) else value for key, value in data["fit"].items()}
-    plain |= {"terms": _terms(data["fit"]["terms"]), "unknowns": _unknowns(data["fit"]["unknowns"])}
-    return Named(**{**data, "fit": Fit(**plain)})
+    plain = data["fit"]
+    arrays = {key: np.array(plain[key]) for key in ("x", "z", "J", "prior", "order", "signal")}
+    arrays["J"] = arrays["J"].reshape(len(arrays["z"]), len(arrays["x"]))
+    fit = Fit(
+        _terms(plain["terms"]),
+        _unknowns(plain["unknowns"]),
+        **arrays,
+        converged=plain["converged"],
+        log_volume=plain["log_volume"],
+    )
+    return Named(**{**data, "fit": fit})
 
 
 def _terms(data: Sequence[Mapping[str, Any]]) -> tuple[Term, ...]:

@@ -88,8 +88,8 @@ class Named:
 
 @dataclass(frozen=True)
 class Naming:
-    """verdict : none, effect, ambiguous, several or unknown. problem : as it was weighted at last. base : without effect.
-    ranked : best first. members : the
+    """verdict : none, effect, ambiguous, several or unknown. problem : as it was weighted at last. base : without
+    effect. ranked : best first. members : the
     class. columns : of every candidate at ``base``, whitened. reason : for unknown."""
 
     verdict: str

@@ -58,8 +58,8 @@ _HOPELESS = 150.0  # by which a search may promise to stay above the best one an
 class Simulator:
     """Simulates hypotheses of one network under one inflow, and remembers the periodic states it started from.
 
-    start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a flow that
-    sets in at once would strain the walls as no heart does.
+    start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a
+    flow that sets in at once would strain the walls as no heart does.
     """
 
     network: Network
@@ -255,7 +255,7 @@ class NetworkProblem:
         return result
 
     def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
-        """Whitened columns (n, q) of every term that may be added to a fit, by label; terms that break down left out."""
+        """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
         settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
         return replace(self, simulator=replace(self.simulator, settings=settings, starts={}))._columns(at, terms)
 
@@ -342,9 +342,10 @@ class NetworkProblem:
         return self._search(searches)
 
     def sharpened(self, fit: Fit) -> NetworkProblem:
-        """The same problem weighted for what a fit found: the solver's error and the response to the inflow's noise there.
+        """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
 
-        Where the error would matter beside the noise, the steps become shorter. Raises ArithmeticError if it breaks down.
+        Where the error would matter beside the noise, the steps become shorter.
+        Raises ArithmeticError if it breaks down.
         """
         member, problem = Member(fit.terms, fit.unknowns, fit.x), self
         for _ in range(_SHARPER):
@@ -493,7 +494,10 @@ def network_problem(
 
 
 def _first(simulator: Simulator) -> tuple[Simulator, Array]:
-    """The model as given under this inflow, with shorter steps if it needs them. Raises NonPhysicalState if none will do."""
+    """The model as given under this inflow, with shorter steps if it needs them.
+
+    Raises NonPhysicalState if none will do.
+    """
     for _ in range(_SHORTER):
         try:
             return simulator, simulator.coefficients(simulator.network, {}, "")[0]

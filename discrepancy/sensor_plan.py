@@ -1,7 +1,7 @@
 """Before any experiment: what a set of sensors could tell apart, and which sensor to add.
 
-A virtual record of the network as it is, at a given noise, stands for the experiment: all its outputs are simulated once,
-with every effect, and each set of sensors is judged by its part of them.
+A virtual record of the network as it is, at a given noise, stands for the experiment: all its outputs are simulated
+once, with every effect, and each set of sensors is judged by its part of them.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def plan_sensors(
     known = tuple(n for n in output_variables(network)[0] if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
     for name in channels:
         if name not in known:
-            raise ValueError(f"channel {name}: network {network.name} has no such output; use some of {', '.join(known)}.")
+            raise ValueError(
+                f"channel {name}: network {network.name} has no such output; use some of {', '.join(known)}."
+            )
     if not channels:
         raise ValueError(f"channels: none given; name some outputs of network {network.name}, such as {known[0]}.")
     problem = network_problem(_virtual(network, known, dB, beats), network, known, tell)

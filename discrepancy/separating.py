@@ -19,13 +19,13 @@ def separating_measurement(naming: Naming, study: Study) -> str | None:
         channels = [t.place for n in naming.members for t in n.fit.terms if t.is_sensor]
         named = " and ".join(dict.fromkeys(channels))
         return (
-            f"Calibrate {named}: feed its sensor a known wave, or record the same beats with a second sensor there; a fault of "
-            "the measurement shows without the artery."
+            f"Calibrate {named}: feed its sensor a known wave, or record the same beats with a second sensor there; "
+            f"a fault of the measurement shows without the artery."
         )
     if len(effects) == 1:
         return (
-            f"The effect is clear, its place is not ({', '.join(places)}): record pressure, flow and radius between these "
-            "places."
+            f"The effect is clear, its place is not ({', '.join(places)}): record pressure, flow and radius between "
+            f"these places."
         )
     said = dict.fromkeys(BY_NAME[e].separator for e in effects)
     return f"Measure what tells them apart: {'; '.join(said)}."

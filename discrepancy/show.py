@@ -1,7 +1,7 @@
 """Show: free runs of FMUs through fmpy, and the gap that they leave to the record, channel by channel.
 
-The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it was, not
-only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise.
+The FMU is driven by the most probable wave: the inflow, or the pressure of a bench, as the whole record says it
+was, not only the one noisy sensor. What is left is divided by the sensors' own noise: 1 is noise.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def sensed(study: Study, fit: Fit, X: Array) -> Array:
 
 
 def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
-    """Largest difference of the FMU's free run from the direct solver, of a channel's pulse. ``run`` without sensors."""
+    """Largest difference of the FMU's free run (without sensors) from the direct solver, of a channel's pulse."""
     T, names = study.fitted.T, study.problem.signals
     N, k = len(wave), np.arange(len(wave) // 2 + 1)
     amplitude = np.fft.rfft(wave, norm="forward") * np.where((k > 0) & (2 * k != N), 2.0, 1.0)

@@ -46,8 +46,8 @@ def prepare(record: Record, network: Network, period: float | None = None, tell:
         raise Unusable(str(error)) from None
     if beats.n_beats < thresholds.FEWEST_BEATS:
         raise Unusable(
-            f"{record.path}: {beats.n_beats} beats are too few; record at least {thresholds.FEWEST_BEATS}, so that some can "
-            "be kept apart to judge by."
+            f"{record.path}: {beats.n_beats} beats are too few; record at least {thresholds.FEWEST_BEATS}, so that "
+            f"some can be kept apart to judge by."
         )
     held = max(2, math.floor(thresholds.HELD_OUT * beats.n_beats))
     fitted, kept = beats.select(range(beats.n_beats - held)), beats.select(range(beats.n_beats - held, beats.n_beats))
@@ -82,8 +82,8 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
         sites = ", ".join(site.name for site in network.sites)
         what = f"its channel {foreign[0]} is no output of" if foreign else f"it has no channel but {INFLOW} of"
         raise Unusable(
-            f"{record.path}: {what} network {network.name} (sites {sites}); use the network that was recorded, add the site "
-            "to it, or leave the channel out."
+            f"{record.path}: {what} network {network.name} (sites {sites}); use the network that was recorded, add "
+            f"the site to it, or leave the channel out."
         )
     return names
 
@@ -94,14 +94,14 @@ def bench_site(record: Record, network: Network) -> str:
     both = [s for s in sites if {f"{s}.P", f"{s}.R"} <= set(record.channels)]
     if len(sites) != 1 or not both:
         raise Unusable(
-            f"{record.path}: it has no {INFLOW}, and not P and R of one site alone ({', '.join(record.channels)}); record the "
-            "inflow for a comparison with a network, or P and R of one site for one with its wall."
+            f"{record.path}: it has no {INFLOW}, and not P and R of one site alone ({', '.join(record.channels)}); "
+            f"record the inflow for a comparison with a network, or P and R of one site for one with its wall."
         )
     segments = {site.name: site.segment for site in network.sites}
     segment = segments.get(sites[0], sites[0])
     if segment not in [s.name for s in network.segments] or segment != sites[0]:
         raise Unusable(
-            f"{record.path}: network {network.name} has no segment {sites[0]}; name the channels after the segment that was "
-            f"measured ({', '.join(s.name for s in network.segments)})."
+            f"{record.path}: network {network.name} has no segment {sites[0]}; name the channels after the segment "
+            f"that was measured ({', '.join(s.name for s in network.segments)})."
         )
     return sites[0]

@@ -24,7 +24,8 @@ from .outcome import Estimate
 
 Array = np.ndarray
 
-# what an animal may differ in from the network file without being a discovery (ours; discrepancy.md: the paper's spread)
+# what an animal may differ in from the network file without being a discovery (ours; discrepancy.md: the paper's
+# spread)
 NUISANCE_SD: Mapping[str, float] = {"E": 0.2, "phi0": 0.2, "R_t": 0.2, "R2": 0.3, "R": 0.3, "R0": 0.01}
 
 # sizes of x = 1. Those of the wall are relative: phi0 to E [s], phiNL to phi0 [s], ENL to E [-]
@@ -106,9 +107,9 @@ def values(unknowns: Sequence[Unknown], x: Array, nominal: Mapping[str, float]) 
     for i, unknown in enumerate(unknowns):
         into = scale if unknown.kind == _SCALE else shift
         for variable, step in unknown.moves:
-            into[variable] = into.get(variable, 0.0) + step * x[..., i]  # type: ignore[assignment]
+            into[variable] = into.get(variable, 0.0) + step * x[..., i]
     names = dict.fromkeys([*scale, *shift])
-    return {n: nominal.get(n, 0.0) * np.exp(scale.get(n, 0.0)) + shift.get(n, 0.0) for n in names}  # type: ignore[arg-type]
+    return {n: nominal.get(n, 0.0) * np.exp(scale.get(n, 0.0)) + shift.get(n, 0.0) for n in names}
 
 
 def _wall_step(network: Network, segment: str, key: str) -> float:
@@ -158,7 +159,8 @@ def physical_term(network: Network, effect: effects.Effect, place: str) -> Term 
     scales = key in ("E_scale", "friction_scale") or (key == "phi0" and all(value > 0.0 for value in start))
     if key in ("phiNL", "tau"):  # what bends or delays a viscous stress needs one
         kept = [i for i, s in enumerate(segments) if network.segment(s).phi0 > 0.0]
-        variables, start, segments = (tuple(x[i] for i in kept) for x in (variables, start, segments))
+        variables, segments = tuple(variables[i] for i in kept), [segments[i] for i in kept]
+        start = [start[i] for i in kept]
         if not kept:
             return None
     if key == "phi0" and not scales and any(value > 0.0 for value in start) and place == "all":

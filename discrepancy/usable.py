@@ -39,8 +39,8 @@ def check_record(record: Record) -> None:
         whole = min(abs(ratio - round(ratio)) if ratio >= 1.0 else abs(1.0 / ratio - round(1.0 / ratio)), 1.0)
         if whole > _PERIODS:
             raise Unusable(
-                f"{record.path}: channel {name} repeats every {T:.4g} s, the others every {middle:.4g} s: they were not "
-                "recorded together, or one clock is wrong; record all channels at once."
+                f"{record.path}: channel {name} repeats every {T:.4g} s, the others every {middle:.4g} s: they were "
+                f"not recorded together, or one clock is wrong; record all channels at once."
             )
 
 
@@ -52,8 +52,8 @@ def check_beats(study: Study) -> None:
         dead = pulse < _DEAD * np.nanmedian(pulse)
         if dead.mean() > _MOSTLY / 2.0:
             raise Unusable(
-                f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its sensor was dead "
-                "there; leave these samples empty or leave the channel out."
+                f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its "
+                f"sensor was dead there; leave these samples empty or leave the channel out."
             )
 
 
@@ -68,8 +68,8 @@ def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
         ratio = float(np.std(measured) / max(np.std(model), 1e-300))
         if not 1.0 / _SIZE < ratio < _SIZE:
             raise Unusable(
-                f"{study.fitted.source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, or a record "
-                "of another network; check the column's unit and the network file."
+                f"{study.fitted.source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, "
+                f"or a record of another network; check the column's unit and the network file."
             )
         shift, best, without = _best_shift(measured, model)
         alike.append(best)
@@ -77,23 +77,24 @@ def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
             lags[name] = shift * study.fitted.T
     if study.kind == "network" and max(alike) < _STRANGE:
         raise Unusable(
-            f"{study.fitted.source}: none of its waves resembles those of network {study.network.name} (correlation at most "
-            f"{max(alike):.2f}); check that the record is of this network and that inlet.Q is the flow into it."
+            f"{study.fitted.source}: none of its waves resembles those of network {study.network.name} (correlation "
+            f"at most {max(alike):.2f}); check that the record is of this network and that inlet.Q is the flow into it."
         )
     if lags:
         name, lag = max(lags.items(), key=lambda item: abs(item[1]))
         side = "late" if lag > 0.0 else "early"
         raise Unusable(
             f"{study.fitted.source}: {name} comes {abs(lag) * 1e3:.0f} ms too {side} against what drives the model"
-            f"{f', and so do {len(lags) - 1} more channels' if len(lags) > 1 else ''}: the channels are not synchronised; "
+            f"{f', and so do {len(lags) - 1} more channels' if len(lags) > 1 else ''}: the channels are not "
+            f"synchronised; "
             "shift them onto one clock."
         )
 
 
 def _best_shift(measured: Array, model: Array) -> tuple[float, float, float]:
-    """By how many periods the measured beat is late where it correlates best, the correlation there and without shift."""
+    """By how many periods the measured beat is late where it fits best, the correlation there, and without shift."""
     a, b = np.fft.rfft(measured - measured.mean()), np.fft.rfft(model - model.mean())
-    size = np.linalg.norm(measured - measured.mean()) * np.linalg.norm(model - model.mean())
+    size = float(np.linalg.norm(measured - measured.mean()) * np.linalg.norm(model - model.mean()))
     correlation = np.fft.irfft(a * np.conj(b), len(measured)) / max(size, 1e-300)
     at = int(np.argmax(correlation))
     shift = (at if at <= len(measured) // 2 else at - len(measured)) / len(measured)

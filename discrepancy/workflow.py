@@ -67,10 +67,10 @@ def discover(
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
     added model.toml and model.fmu.
 
-    record : a CSV file. model : a network file, the name of a bundled network, or an FMU. period : of the beat [s], found by
-    default. progress : told the fraction done and the stage. An interrupted study goes on where it was.
-    Raises ValueError for a model that cannot be read and for a folder that cannot be written. A record that cannot be used is
-    a verdict.
+    record : a CSV file. model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
+    found by default. progress : told the fraction done and the stage. An interrupted study goes on where it was.
+    Raises ValueError for a model that cannot be read and for a folder that cannot be written. A record that cannot
+    be used is a verdict.
     """
     started, folder = time.perf_counter(), Path(out)
     network = read_model(model)
@@ -149,7 +149,11 @@ class _Work:
         wave = self._drive(study, best)
         base = naming.base.fit
         before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
-        after, network, archive, difference, rounds = None, None, None, None, ()
+        network: Network | None = None
+        archive: bytes | None = None
+        after: Run | None = None
+        difference: float | None = None
+        rounds: tuple[Round, ...] = ()
         if added:
             network, archive, after, difference, rounds = self._add(study, naming, wave, before)
         outcome = self._outcome(study, naming, given, before, after, network, difference, rounds)
@@ -322,11 +326,15 @@ def located_in(study: Study, before: Run) -> Found:
 
 def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
     """The verdict in one sentence."""
-    gap = f"the gap to held-out beats falls from {before.total[1]:.3g} to {after.total[1]:.3g} times the noise" if after else ""
+    gap = (
+        f"the gap to held-out beats falls from {before.total[1]:.3g} to {after.total[1]:.3g} times the noise"
+        if after
+        else ""
+    )
     labels = " and ".join(f"{e.name.replace('_', ' ')} at {', '.join(e.where)}" for e in effects)
     match naming.verdict:
         case "none":
-            return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise, and no effect is missing."
+            return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
         case "effect":
             return f"The model lacks {labels}: with it {gap}."
         case "several":

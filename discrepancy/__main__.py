@@ -1,0 +1,176 @@
+"""Command line of the discrepancy workflow: ``python -m discrepancy RECORD.csv`` and ``python -m discrepancy isolability``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from typer.core import TyperGroup
+
+from solver import NonPhysicalState, NotPeriodic
+from solver.files import parse_quantity, write_whole
+
+if TYPE_CHECKING:
+    from .outcome import Outcome
+    from .sensor_plan import SensorPlan
+
+_STUDY = "discover"
+_BAD_INPUT, _UNUSABLE, _INTERRUPTED = 2, 3, 130  # exit codes
+_PACE = 600.0  # s over which the time left is judged: stages differ in pace
+
+
+class _StudyByDefault(TyperGroup):
+    """A group whose first word may be left out: a record alone is a study."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] != "--help":
+            args = [_STUDY, *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_StudyByDefault,
+    add_completion=False,
+    help="Where simulation and measurement disagree: find it, name the missing effect, add it, show that the gap shrinks.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no tables.")]
+
+
+@app.command(_STUDY)
+def discover_command(
+    record: Annotated[Path, typer.Argument(help="CSV: `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site.")],
+    model: Annotated[str, typer.Option(help="A network file (TOML), the name of a bundled network, or an FMU.")],
+    out: Annotated[Path, typer.Option(help="Folder for the report, the verdict and the extended model.")],
+    period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find, name and add what a model lacks. The word `discover` may be left out.
+
+    Exit code 0 with a verdict, 3 if the record is unusable, 2 if something given is wrong, 130 if interrupted: the same
+    command goes on where it was.
+    """
+    from .workflow import discover  # takes a second
+
+    with _sentences(), _bar(quiet) as progress:
+        seconds = None if period is None else parse_quantity(period, "s", "--period")
+        progress(0.0, "reading")
+        outcome = discover(record, model, out, period=seconds, progress=progress)
+    if not quiet:
+        _show(outcome)
+        _say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))
+    if outcome.verdict == "unusable":
+        raise typer.Exit(_UNUSABLE)
+
+
+@app.command("isolability")
+def isolability_command(
+    network: Annotated[str, typer.Argument(help="A network file (TOML), the name of a bundled network, or an FMU.")],
+    channels: Annotated[str, typer.Option(help="The sensors beside inlet.Q, e.g. AA.P,CA.P,FA.P.")],
+    dB: Annotated[float, typer.Option("--dB", help="Noise: 40 dB is 1 % of the pulsatile standard deviation.")] = 40.0,
+    beats: Annotated[int, typer.Option(help="Beats of the experiment.")] = 15,
+    out: Annotated[Path | None, typer.Option(help="Write the plan as .json.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Before any experiment: what these sensors could tell apart, what they cannot see, which sensor to add."""
+    from .sensor_plan import plan_json, plan_sensors
+    from .source import read_model
+
+    with _sentences(), _bar(quiet) as progress:
+        if out is not None and not out.parent.is_dir():
+            raise ValueError(f"{out}: cannot be written (no folder {out.parent}); make the folder or give another.")
+        names = [name.strip() for name in channels.split(",") if name.strip()]
+        plan = plan_sensors(read_model(network), names, dB, beats, progress)
+        if out is not None:
+            write_whole(out, json.dumps(plan_json(plan), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    if not quiet:
+        _show_plan(plan)
+        _say_written(out)
+
+
+# --- what is shown ------------------------------------------------------------------------------------------------
+
+
+def _show(outcome: Outcome) -> None:
+    from .command_tables import class_text, effects_table, gap_text
+
+    _say(outcome.sentence)
+    if outcome.effects:
+        _print(effects_table(outcome))
+    for text in (gap_text(outcome), class_text(outcome), outcome.separating_measurement):
+        if text:
+            _say(text)
+    if outcome.verdict == "unusable":
+        _say(outcome.reason or "")
+    for text in outcome.warnings:
+        _say(f"Note: {text}")
+
+
+def _show_plan(plan: SensorPlan) -> None:
+    from .command_tables import gain_text, invisible_text, plan_table
+
+    _print(plan_table(plan))
+    _say(invisible_text(plan))
+    _say(gain_text(plan))
+
+
+# --- what the commands share --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _sentences() -> Iterator[None]:
+    """One sentence and an exit code for what a user can put right, and for one who has had enough."""
+    try:
+        yield
+    except (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic) as error:
+        _error(f"Error: {error}")
+        raise typer.Exit(_BAD_INPUT) from None
+    except KeyboardInterrupt:
+        _error("Interrupted: what is done is kept; run again to go on.")
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+@contextmanager
+def _bar(quiet: bool) -> Iterator[Callable[[float, str], None]]:
+    """A progress bar on the error stream; the callback takes a fraction of the work and what is being done."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=quiet, transient=True, speed_estimate_period=_PACE) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda fraction, what: bar.update(task, completed=fraction, description=what)
+
+
+def _error(text: str) -> None:
+    Console(stderr=True, soft_wrap=True).print(text, style="red", markup=False, highlight=False)
+
+
+def _print(table: RenderableType) -> None:
+    Console().print(table)
+
+
+def _say(text: str) -> None:
+    Console(soft_wrap=True).print(text, markup=False, highlight=False)
+
+
+def _say_written(*paths: Path | None) -> None:
+    for path in paths:
+        if path is not None and path.exists():
+            _say(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    app(prog_name="python -m discrepancy")

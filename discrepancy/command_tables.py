@@ -1,0 +1,105 @@
+"""What the commands print: tables and sentences of an outcome and of a sensor plan."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.table import Table
+
+from . import thresholds
+from .outcome import Outcome
+from .places import plain
+from .sensor_plan import Gain, SensorPlan
+from .tables import effect_row, number, places_text
+from .tables import gap_text as gap_pair
+
+_MOST_GAINS = 3
+
+
+def effects_table(outcome: Outcome) -> Table:
+    """The effects that were added, with their parameters in the units that people read."""
+    table = Table(title="best of the class" if outcome.verdict == "ambiguous" else "what was missing")
+    for column in ("effect", "where", "parameter", "value", "95 % interval", "confidence"):
+        table.add_column(column)
+    for row in map(effect_row, outcome.effects):
+        for i, p in enumerate(row["parameters"]):
+            first = (row["name"], row["where"]) if i == 0 else ("", "")
+            table.add_row(*first, p["name"], p["value"], p["interval"], row["confidence"] if i == 0 else "")
+    return table
+
+
+def gap_text(outcome: Outcome) -> str:
+    """The gap to the record, before and after."""
+    if outcome.gap_before is None:
+        return ""
+    before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
+    fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones"
+
+
+def class_text(outcome: Outcome) -> str:
+    """The members of the class, where there are several."""
+    if outcome.verdict != "ambiguous":
+        return ""
+    members = "; ".join(f"{plain(name)} at {places_text(where)}" for name, where in outcome.members)
+    return f"cannot be told apart: {members}"
+
+
+# --- the sensor plan ----------------------------------------------------------------------------------------------
+
+
+def plan_table(plan: SensorPlan) -> Table:
+    """Every effect that the channels see: how well, and what it could be taken for."""
+    table = Table(title=f"what inlet.Q, {', '.join(plan.channels)} can tell apart")
+    table.add_column("effect of typical size")
+    table.add_column("d′", justify="right")
+    table.add_column("nearest rival")
+    table.add_column("separation", justify="right")
+    table.add_column("cannot be told from")
+    for i, effect in enumerate(plan.table.labels):
+        if effect in plan.table.invisible:
+            continue
+        rival, separation = nearest(plan, i)
+        together = ", ".join(plain(e) for e in confused(plan, i)) or "–"
+        table.add_row(
+            plain(effect), number(float(plan.table.visibility[i])), plain(rival), number(separation), together
+        )
+    return table
+
+
+def nearest(plan: SensorPlan, i: int) -> tuple[str, float]:
+    """The visible effect that comes nearest to the i-th, and its separation; a dash where it is alone."""
+    others = [j for j, e in enumerate(plan.table.labels) if j != i and e not in plan.table.invisible]
+    if not others:
+        return "–", float("inf")
+    j = min(others, key=lambda j: float(plan.table.separation[i, j]))
+    return plan.table.labels[j], float(plan.table.separation[i, j])
+
+
+def confused(plan: SensorPlan, i: int) -> tuple[str, ...]:
+    """Visible effects that cannot be told from the i-th."""
+    near = np.flatnonzero(plan.table.separation[i] < thresholds.INSEPARABLE)
+    return tuple(plan.table.labels[j] for j in near if j != i and plan.table.labels[j] not in plan.table.invisible)
+
+
+def invisible_text(plan: SensorPlan) -> str:
+    """What these sensors do not see."""
+    if not plan.table.invisible:
+        return "Nothing of typical size is invisible."
+    return f"Invisible (d′ below {thresholds.INVISIBLE:g}): {', '.join(map(plain, plan.table.invisible))}."
+
+
+def gain_text(plan: SensorPlan) -> str:
+    """Which sensor to add."""
+    useful = [g for g in plan.gains if g.visible or g.separable > 0][:_MOST_GAINS]
+    if not useful:
+        return "No further sensor of this network would show an effect or separate a pair that these do not."
+    first, *others = (f"{g.channel} ({_brings(g)})" for g in useful)
+    return f"Add {first}{f'; or else {", or ".join(others)}' if others else ''}."
+
+
+def _brings(gain: Gain) -> str:
+    """What a sensor brings, in words."""
+    said = [f"shows {', '.join(map(plain, gain.visible))}"] if gain.visible else []
+    if gain.separable > 0:
+        said.append(f"separates {gain.separable} more pair{'s' if gain.separable > 1 else ''}")
+    return "; ".join(said)
