@@ -1,4 +1,4 @@
-"""Command line of the discrepancy workflow: ``python -m discrepancy RECORD.csv`` and ``python -m discrepancy isolability``."""
+"""Command line of the workflow: ``python -m discrepancy RECORD.csv`` and ``python -m discrepancy isolability``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from typer.core import TyperGroup
 
+import discrepancy
 from solver import NonPhysicalState, NotPeriodic
 from solver.files import parse_quantity, write_whole
 
@@ -37,7 +38,7 @@ class _StudyByDefault(TyperGroup):
 app = typer.Typer(
     cls=_StudyByDefault,
     add_completion=False,
-    help="Where simulation and measurement disagree: find it, name the missing effect, add it, show that the gap shrinks.",
+    help=discrepancy.__doc__,
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -47,7 +48,9 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and 
 
 @app.command(_STUDY)
 def discover_command(
-    record: Annotated[Path, typer.Argument(help="CSV: `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site.")],
+    record: Annotated[
+        Path, typer.Argument(help="CSV: `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site.")
+    ],
     model: Annotated[str, typer.Option(help="A network file (TOML), the name of a bundled network, or an FMU.")],
     out: Annotated[Path, typer.Option(help="Folder for the report, the verdict and the extended model.")],
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 from rich.table import Table
 
 from . import thresholds
 from .outcome import Outcome
 from .places import plain
-from .sensor_plan import Gain, SensorPlan
+from .sensor_plan import Gain, SensorPlan, confused, nearest
 from .tables import effect_row, number, places_text
 from .tables import gap_text as gap_pair
 
@@ -55,30 +54,13 @@ def plan_table(plan: SensorPlan) -> Table:
     table.add_column("nearest rival")
     table.add_column("separation", justify="right")
     table.add_column("cannot be told from")
-    for i, effect in enumerate(plan.table.labels):
+    for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
         if effect in plan.table.invisible:
             continue
-        rival, separation = nearest(plan, i)
-        together = ", ".join(plain(e) for e in confused(plan, i)) or "–"
-        table.add_row(
-            plain(effect), number(float(plan.table.visibility[i])), plain(rival), number(separation), together
-        )
+        rival, separation = nearest(plan, effect) or ("–", float("inf"))
+        together = ", ".join(map(plain, confused(plan, effect))) or "–"
+        table.add_row(plain(effect), number(float(visibility)), plain(rival), number(separation), together)
     return table
-
-
-def nearest(plan: SensorPlan, i: int) -> tuple[str, float]:
-    """The visible effect that comes nearest to the i-th, and its separation; a dash where it is alone."""
-    others = [j for j, e in enumerate(plan.table.labels) if j != i and e not in plan.table.invisible]
-    if not others:
-        return "–", float("inf")
-    j = min(others, key=lambda j: float(plan.table.separation[i, j]))
-    return plan.table.labels[j], float(plan.table.separation[i, j])
-
-
-def confused(plan: SensorPlan, i: int) -> tuple[str, ...]:
-    """Visible effects that cannot be told from the i-th."""
-    near = np.flatnonzero(plan.table.separation[i] < thresholds.INSEPARABLE)
-    return tuple(plan.table.labels[j] for j in near if j != i and plan.table.labels[j] not in plan.table.invisible)
 
 
 def invisible_text(plan: SensorPlan) -> str:
@@ -94,7 +76,7 @@ def gain_text(plan: SensorPlan) -> str:
     if not useful:
         return "No further sensor of this network would show an effect or separate a pair that these do not."
     first, *others = (f"{g.channel} ({_brings(g)})" for g in useful)
-    return f"Add {first}{f'; or else {", or ".join(others)}' if others else ''}."
+    return f"Add {first}" + (f"; or else {', or '.join(others)}." if others else ".")
 
 
 def _brings(gain: Gain) -> str:

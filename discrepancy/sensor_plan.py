@@ -6,12 +6,15 @@ once, with every effect, and each set of sensors is judged by its part of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from fitting.beats import Beats
+from fitting.threads import single_threaded
 from fitting.units import INFLOW
 from fitting.virtual import measured
 from solver import simulate_periodic
@@ -21,14 +24,17 @@ from solver.report import output_variables
 from . import thresholds
 from .fits import Fit
 from .isolability import isolability
-from .network import NetworkProblem, Tell, network_problem
+from .network import Member, NetworkProblem, network_problem
 from .outcome import Isolability
 from .terms import Term, candidates
 
 Array = np.ndarray
 
+Progress = Callable[[float, str], None]
+
 _SAMPLES = 100  # of a beat
 _SEED = 5
+_DB = (0.0, 120.0)  # allowed
 
 
 @dataclass(frozen=True)
@@ -49,14 +55,38 @@ class SensorPlan:
     gains: tuple[Gain, ...]
 
 
+@single_threaded
 def plan_sensors(
-    network: Network, channels: Sequence[str], dB: float = 40.0, beats: int = 15, tell: Tell = lambda _: None
+    network: Network,
+    channels: Sequence[str],
+    dB: float = 40.0,
+    beats: int = 15,
+    progress: Progress = lambda fraction, label: None,
 ) -> SensorPlan:
     """Isolability of some outputs of a network beside its inflow, at a noise of ``dB`` and over ``beats`` beats.
 
-    Raises ValueError for a channel that the network has not.
+    progress : told the fraction done and the stage. Raises ValueError for a channel that the network has not, or a
+    noise or number of beats that no experiment has, and ArithmeticError if the network cannot be simulated.
     """
     known = tuple(n for n in output_variables(network)[0] if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
+    _check(network, channels, known, dB, beats)
+    progress(0.0, "simulating the network")
+    problem = network_problem(_virtual(network, known, dB, beats), network, known)
+    terms = candidates(network, known)
+    (base,) = problem.refit([()])
+    if base is None:
+        raise ArithmeticError(f"network {network.name}: it cannot be simulated; check it with python -m solver.")
+    columns = _columns(problem, base, terms, progress)
+    progress(0.9, "comparing sensors")
+    tables = {name: _table(problem, base, columns, terms, (*channels, name)) for name in known if name not in channels}
+    own = _table(problem, base, columns, terms, tuple(channels))
+    gains = [_gain(own, name, table) for name, table in tables.items()]
+    order = sorted(gains, key=lambda g: (-g.separable - 3 * len(g.visible), g.channel))
+    return SensorPlan(tuple(dict.fromkeys(channels)), own, tuple(order))
+
+
+def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: float, beats: int) -> None:
+    """Raise ValueError for what no experiment on this network is."""
     for name in channels:
         if name not in known:
             raise ValueError(
@@ -64,16 +94,34 @@ def plan_sensors(
             )
     if not channels:
         raise ValueError(f"channels: none given; name some outputs of network {network.name}, such as {known[0]}.")
-    problem = network_problem(_virtual(network, known, dB, beats), network, known, tell)
-    terms = candidates(network, known)
-    (base,) = problem.refit([()])
-    assert base is not None
-    columns = problem.columns(base, [t for t in terms if not t.rewires])
-    tables = {name: _table(problem, base, columns, terms, (*channels, name)) for name in known if name not in channels}
-    own = _table(problem, base, columns, terms, tuple(channels))
-    gains = [_gain(own, name, table) for name, table in tables.items()]
-    order = sorted(gains, key=lambda g: (-g.separable - 3 * len(g.visible), g.channel))
-    return SensorPlan(tuple(channels), own, tuple(order))
+    if not (math.isfinite(dB) and _DB[0] <= dB <= _DB[1]):
+        raise ValueError(f"dB = {dB:g}: must be {_DB[0]:g} to {_DB[1]:g}; 40 is a noise of 1 % of the pulse.")
+    if beats < thresholds.FEWEST_BEATS:
+        raise ValueError(f"beats = {beats}: must be at least {thresholds.FEWEST_BEATS}, as in a record; plan for more.")
+
+
+def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress: Progress) -> dict[str, Array]:
+    """Whitened columns of all effects: derivatives, and for an outlet of another kind what it changes as it is."""
+    columns: dict[str, Array] = {}
+    groups = [[t for t in terms if t.effect == e] for e in dict.fromkeys(t.effect for t in terms)]
+    for i, group in enumerate(groups):
+        progress(0.1 + 0.8 * i / len(groups), f"simulating {group[0].effect.replace('_', ' ')}")
+        if group[0].rewires:
+            columns |= _rewired_columns(problem, base, group)
+        else:
+            columns |= problem.columns(base, group)
+    return columns
+
+
+def _rewired_columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term]) -> dict[str, Array]:
+    """(n, 1) change of the whitened residual when an outlet becomes the Windkessel that a search would start from."""
+    at = dict(zip((u.name for u in base.unknowns), base.x, strict=True))
+    members = []
+    for term in terms:
+        unknowns = problem.hypothesis((term,))[0]
+        members.append(Member((term,), unknowns, np.array([at.get(u.name, 0.0) for u in unknowns])))
+    found = zip(terms, problem.observe(members), strict=True)
+    return {term.label: (problem.residual(X) - base.z)[:, None] for term, X in found if X is not None}
 
 
 def _virtual(network: Network, names: Sequence[str], dB: float, n_beats: int) -> Beats:
@@ -130,3 +178,33 @@ def _separable(table: Isolability, effects: Sequence[str]) -> int:
     at = [table.labels.index(e) for e in effects if e in table.labels and e not in table.invisible]
     block = table.separation[np.ix_(at, at)]
     return int((block >= thresholds.INSEPARABLE).sum() // 2)
+
+
+def nearest(plan: SensorPlan, effect: str) -> tuple[str, float] | None:
+    """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
+    rivals = [e for e in plan.table.labels if e not in (effect, *plan.table.invisible)]
+    separations = [_separation(plan, effect, e) for e in rivals]
+    return min(zip(rivals, separations, strict=True), key=lambda pair: pair[1], default=None)
+
+
+def confused(plan: SensorPlan, effect: str) -> tuple[str, ...]:
+    """Visible effects that cannot be told from one."""
+    rivals = [e for e in plan.table.labels if e not in (effect, *plan.table.invisible)]
+    return tuple(e for e in rivals if _separation(plan, effect, e) < thresholds.INSEPARABLE)
+
+
+def _separation(plan: SensorPlan, a: str, b: str) -> float:
+    return float(plan.table.separation[plan.table.labels.index(a), plan.table.labels.index(b)])
+
+
+def plan_json(plan: SensorPlan) -> dict[str, Any]:
+    """The plan as plain data: visible effects with their rivals, the invisible ones, and what more sensors bring."""
+    effects = []
+    for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
+        if effect in plan.table.invisible:
+            continue
+        rival, separation = nearest(plan, effect) or (None, None)
+        effects.append({"name": effect, "visibility": float(visibility), "nearest": rival, "separation": separation,
+                        "cannot_be_told_from": list(confused(plan, effect))})  # fmt: skip
+    gains = [{"channel": g.channel, "shows": list(g.visible), "separates": g.separable} for g in plan.gains]
+    return {"channels": list(plan.channels), "effects": effects, "invisible": list(plan.table.invisible), "add": gains}
