@@ -215,7 +215,9 @@ def rewired(network: Network, term: Term) -> Network:
     if term.rewires:
         return effect.add(network, term.place, {u.name.rpartition(".")[2]: u.nominal for u in term.unknowns})
     present = network.parameters()
-    ((key, variables),) = effect.variables(network, term.place).items()
+    # the term's own variables: on this network, without the terms beside it, the effect might have nothing to act on
+    (key,) = effect.quantities
+    variables = [v for u in term.unknowns for v, _ in u.moves]
     return network.with_terms({v: effect.neutral[key] for v in variables if v not in present})
 
 
