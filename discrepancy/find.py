@@ -18,6 +18,7 @@ from fitting.beats import Beats
 from solver.network import Network
 
 from . import thresholds
+from .bench import bench, fit
 from .outcome import Balance, Located
 
 Array = np.ndarray
@@ -87,6 +88,40 @@ def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
         if all(s in flows for s in (*junction.inflow, *junction.outflow)):
             into, out = [flows[s] for s in junction.inflow], [flows[s] for s in junction.outflow]
             found.append(_mass(beats, f"junction {junction.name}", into, out))
+    return tuple(found)
+
+
+def momentum_balances(
+    names: Sequence[str], residual: Array, covariance: Array, network: Network
+) -> tuple[Balance, ...]:
+    """Pressure drops between neighbouring measured sites against the simulated ones: RMS over harmonics, in noise units.
+
+    residual : (K+1, m) measured less simulated coefficients. covariance : (K+1, m, m).
+    """
+    at = {site.segment: names.index(f"{site.name}.P") for site in network.sites if f"{site.name}.P" in names}
+    found = []
+    for junction in network.junctions:
+        for a in (s for s in junction.inflow if s in at):
+            for b in (s for s in junction.outflow if s in at):
+                i, j = at[a], at[b]
+                drop = residual[:, i] - residual[:, j]
+                C = covariance[:, [[i, i], [j, j]], [[i, j], [i, j]]]
+                variance = (C[:, 0, 0] + C[:, 1, 1] - C[:, 0, 1] - C[:, 1, 0]).real
+                z = np.sqrt(np.mean(np.abs(drop) ** 2 / np.maximum(variance, 1e-300)))
+                found.append(Balance("momentum", f"{a} to {b}", float(z)))
+    return tuple(found)
+
+
+def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
+    """The wall law at every site with P and R: RMS of its residual over its noise, with E, phi0 and R0 refitted there."""
+    found = []
+    for site in network.sites:
+        if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values) and site.name == site.segment:
+            try:
+                local = fit(bench(beats, network, site.name), ())
+            except (ValueError, ArithmeticError):  # a loop that no wall of this kind carries
+                continue
+            found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)
 
 

@@ -69,7 +69,8 @@ class Located:
 
 @dataclass(frozen=True)
 class Balance:
-    """Residual of one equation over one part of the network, from measured channels alone, in noise units."""
+    """Residual of one equation over one part of the network, in noise units: mass from measured flows alone, momentum as
+    pressure drops against the simulated ones, the wall law from P and R of one site."""
 
     equation: str  # "mass", "momentum", "wall law"
     where: str

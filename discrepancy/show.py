@@ -27,7 +27,7 @@ from .study import Study
 Array = np.ndarray
 
 BENCH_LENGTH = 1e-3  # [m]; over a millimetre the pressure falls by less than a pascal, and the radius follows the wall
-_BENCH_BEATS = 4  # a wall forgets its start in φ0/E or τ, a small part of a beat
+_BENCH_BEATS = 3  # a wall forgets its start in φ0/E or τ, a small part of a beat
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from fitting.network_data import mean_beat
 from fitting.provenance import software
 from fitting.records import Record, read_record
 from fitting.threads import single_threaded
+from fitting.units import INFLOW
 from solver import Settings
 from solver.files import dumps, write_network
 from solver.network import Network, to_dict
@@ -28,13 +29,13 @@ from solver.network import Network, to_dict
 from . import thresholds
 from .add import estimates, extended, named
 from .bench import Bench
-from .find import Found, find, mass_balances
+from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .fits import Fit
 from .isolability import isolability, smallest
 from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
 from .name import Named, Naming, name, quantile
 from .network import Member, NetworkProblem
-from .outcome import Absorbed, Candidate, Channel, Estimate, NamedEffect, Outcome, Round
+from .outcome import Absorbed, Balance, Candidate, Channel, Estimate, NamedEffect, Outcome, Round
 from .separating import separating_measurement
 from .show import Gap, Run, bench_of, drive, free_run, most_probable_inflow, parity
 from .source import build_fmu, read_model
@@ -136,11 +137,12 @@ class _Work:
 
     def _run(self) -> Discovery:
         study = self.study
-        self.progress(0.1, "running the model as given")
         fmu = self._fmu(self.network, "given")
-        nothing = _nothing(study)
-        given = self._free(fmu, "given", nothing, study.fitted.mean(_driver(study)), {})
-        check_waves(study, given.beats)
+        given = None
+        if study.site is None:  # a network's record may be of another one: seen before the long search
+            self.progress(0.1, "running the model as given")
+            given = self._free(fmu, "given", _nothing(study), study.fitted.mean(INFLOW), {})
+            check_waves(study, given.beats)
         naming = self._name()
         study = replace(study, problem=naming.problem)  # type: ignore[arg-type]
         added = naming.verdict in ("effect", "ambiguous", "several")
@@ -149,6 +151,8 @@ class _Work:
         wave = self._drive(study, best)
         base = naming.base.fit
         before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
+        if given is None:
+            check_waves(study, before.beats)
         network: Network | None = None
         archive: bytes | None = None
         after: Run | None = None
@@ -248,7 +252,7 @@ class _Work:
         self,
         study: Study,
         naming: Naming,
-        given: Run,
+        given: Run | None,
         before: Run,
         after: Run | None,
         network: Network | None,
@@ -274,7 +278,7 @@ class _Work:
             reason=naming.reason,
             separating_measurement=separating_measurement(naming, study) if naming.verdict == "ambiguous" else None,
             located=located.located,
-            balances=mass_balances(study.fitted, self.network),
+            balances=_balances(study, before),
             channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
             time=study.fitted.time,
             z_map=located.z,
@@ -301,13 +305,13 @@ class _Work:
             names, where, parameters, n.above_best, n.fit.chi2 / dof, _held_out(study, n.fit), n.separation, in_class
         )
 
-    def _provenance(self, given: Run) -> dict[str, Any]:
+    def _provenance(self, given: Run | None) -> dict[str, Any]:
         return {
             "record": {"path": self.record.path, "sha256": self.record.sha256},
             "model": os.fspath(self.model),
             "beats": {"fitted": self.study.fitted.n_beats, "held_out": self.study.held_out.n_beats},
             "period": {"value": self.study.fitted.T, "unit": "s"},
-            "gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]},
+            **({"gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]}} if given else {}),
             "thresholds": {k: v for k, v in vars(thresholds).items() if k.isupper()},
             "software": software(),
         }
@@ -322,6 +326,17 @@ def located_in(study: Study, before: Run) -> Found:
         return find(problem.signals, residual, problem.target.covariance[: K + 1])
     covariance = study.fitted.covariance(problem.signals)[: K + 1]
     return find(problem.signals, residual, covariance)
+
+
+def _balances(study: Study, before: Run) -> tuple[Balance, ...]:
+    """Mass, momentum and wall law where the measured channels tell them."""
+    beats, network, problem = study.fitted, study.network, study.problem
+    if not isinstance(problem, NetworkProblem):
+        return wall_balances(beats, network)
+    K = len(before.X) - 1
+    residual = mean_beat(beats, problem.names, K) - before.X
+    momentum = momentum_balances(problem.names, residual, problem.target.covariance[: K + 1], network)
+    return (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
 
 
 def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
@@ -352,10 +367,6 @@ def _nothing(study: Study) -> Fit:
     """The hypothesis that nothing is missing and nothing moves."""
     empty = np.zeros(0)
     return Fit((), (), empty, empty, np.zeros((0, 0)), empty, np.zeros(0, int), np.zeros(0, int))
-
-
-def _driver(study: Study) -> str:
-    return "inlet.Q" if study.site is None else f"{study.site}.P"
 
 
 def _has_sensor(fit: Fit) -> bool:
