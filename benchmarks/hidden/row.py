@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from discrepancy.add import estimates
-from discrepancy.bench import bench
 from discrepancy.fits import Fit
 from discrepancy.name import Named, Naming, quantile
-from discrepancy.network import Member, NetworkProblem, network_problem
+from discrepancy.network import Member
 from discrepancy.study import Study, Unusable, judge
 from fitting.records import Record
 from tests.hidden.anatomy import anatomy
@@ -108,19 +107,17 @@ def gap(study: Study, naming: Naming) -> Line:
     fits = {"given": replace(base, x=np.zeros_like(base.x)), "refitted": base, "best": best}
     fitted = {"refitted": _rms(base.chi2, len(base.z)), "best": _rms(best.chi2, len(best.z))}
     try:
-        held = held_out(study, fits)
+        held = held_out(naming, study, fits)
     except (ValueError, ArithmeticError) as error:
         return {"fit": fitted, "held_out": {}, "error": str(error)}
     return {"fit": fitted, "held_out": held}
 
 
-def held_out(study: Study, fits: dict[str, Fit]) -> dict[str, float]:
-    """Whitened RMS of the held-out beats under the parameters found from the others."""
+def held_out(naming: Naming, study: Study, fits: dict[str, Fit]) -> dict[str, float]:
+    """Whitened RMS of the held-out beats under the parameters found from the others, by the noise that those showed."""
+    kept = naming.problem.held_out(study.held_out)  # type: ignore[attr-defined]
     if study.site is not None:
-        problem = bench(study.held_out, study.network, study.site)
-        return {key: _rms(*problem.predict(fit)) for key, fit in fits.items()}
-    assert isinstance(study.problem, NetworkProblem)
-    kept = network_problem(study.held_out, study.network, study.problem.names)
+        return {key: _rms(*kept.predict(fit)) for key, fit in fits.items()}
     X = kept.observe([Member(fit.terms, fit.unknowns, fit.x) for fit in fits.values()])
     found = {key: None if x is None else kept.residual(x) for key, x in zip(fits, X, strict=True)}
     return {key: float(np.sqrt(np.mean(z**2))) for key, z in found.items() if z is not None}
