@@ -94,7 +94,7 @@ def mass_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
 def momentum_balances(
     names: Sequence[str], residual: Array, covariance: Array, network: Network
 ) -> tuple[Balance, ...]:
-    """Pressure drops between neighbouring measured sites against the simulated ones: RMS over harmonics, in noise units.
+    """Pressure drops between neighbouring measured sites against the simulated ones: RMS over harmonics / noise.
 
     residual : (K+1, m) measured less simulated coefficients. covariance : (K+1, m, m).
     """
@@ -113,7 +113,7 @@ def momentum_balances(
 
 
 def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
-    """The wall law at every site with P and R: RMS of its residual over its noise, with E, phi0 and R0 refitted there."""
+    """The wall law at every site with P and R: RMS of its residual over its noise, E, phi0 and R0 refitted there."""
     found = []
     for site in network.sites:
         if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values) and site.name == site.segment:

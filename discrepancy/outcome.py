@@ -69,8 +69,11 @@ class Located:
 
 @dataclass(frozen=True)
 class Balance:
-    """Residual of one equation over one part of the network, in noise units: mass from measured flows alone, momentum as
-    pressure drops against the simulated ones, the wall law from P and R of one site."""
+    """Residual of one equation over one part of the network, in noise units.
+
+    Mass from measured flows alone; momentum as pressure drops against the simulated ones; the wall law from P and R of
+    one site.
+    """
 
     equation: str  # "mass", "momentum", "wall law"
     where: str
@@ -136,8 +139,8 @@ class Outcome:
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``. candidates : best first. smallest : smallest detectable size per "effect at place", with its unit,
-    where the verdict is ``none``. gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted,
-    held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from the direct solver,
+    where the verdict is ``none``. sites : whitened RMS of each site as the others foretell it. gap_before, gap_after :
+    whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from the direct solver,
     of a channel's pulse.
     """
 
@@ -159,6 +162,7 @@ class Outcome:
     absorbed: tuple[Absorbed, ...] = ()
     isolability: Isolability | None = None
     smallest: Mapping[str, Estimate] = field(default_factory=dict)
+    sites: Mapping[str, float] = field(default_factory=dict)
     rounds: tuple[Round, ...] = ()
     gap_before: tuple[float, float] | None = None
     gap_after: tuple[float, float] | None = None
@@ -205,6 +209,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "reason": outcome.reason,
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
+        "held_out_sites": dict(outcome.sites),
         "smallest_detectable": {name: estimate(e) for name, e in outcome.smallest.items()},
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),

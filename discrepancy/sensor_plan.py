@@ -26,6 +26,7 @@ from .fits import Fit
 from .isolability import isolability
 from .network import Member, NetworkProblem, network_problem
 from .outcome import Isolability
+from .subset import Subset
 from .terms import Term, candidates
 
 Array = np.ndarray
@@ -143,29 +144,10 @@ def _table(
 ) -> Isolability:
     """Isolability by some of the problem's channels."""
     keep = np.array([problem.names.index(name) for name in dict.fromkeys(chosen)])
-    part = _Part(problem, keep)
+    part = Subset(problem, keep)
     seen = [t for t in terms if not t.is_sensor or t.place in chosen]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
     return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)
-
-
-class _Part:
-    """Turns whitened columns of all channels into those of some: back to coefficients, chosen, whitened anew."""
-
-    def __init__(self, problem: NetworkProblem, keep: Array) -> None:
-        self.m, self.K, self.keep = len(problem.names), problem.K, keep
-        self.back = np.linalg.inv(problem.target.whitener)
-        C = problem.target.covariance[:, keep[:, None], keep]
-        scale = np.sqrt(np.einsum("kii->ki", C).real)
-        factor = np.linalg.cholesky(C / (scale[:, :, None] * scale[:, None, :]))
-        self.white = np.linalg.inv(factor) / scale[:, None, :]
-
-    def __call__(self, z: Array) -> Array:
-        mean, rest = z[: self.m], z[self.m :].reshape(2, self.K, self.m, -1) / np.sqrt(2.0)
-        whole = np.concatenate([mean[None] + 0j, rest[0] + 1j * rest[1]])
-        part = self.white @ (self.back @ whole)[:, self.keep]
-        parts = [part[:1].real, np.sqrt(2.0) * part[1:].real, np.sqrt(2.0) * part[1:].imag]
-        return np.concatenate([p.reshape(-1, z.shape[1]) for p in parts])
 
 
 def _gain(own: Isolability, channel: str, table: Isolability) -> Gain:

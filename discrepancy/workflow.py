@@ -40,6 +40,7 @@ from .separating import separating_measurement
 from .show import Gap, Run, bench_of, drive, free_run, most_probable_inflow, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
+from .subset import leave_one_site_out
 from .terms import values
 from .usable import check_beats, check_record, check_waves
 
@@ -286,6 +287,7 @@ class _Work:
             absorbed=_absorbed(best.fit if after else naming.base.fit),
             isolability=table,
             smallest={term.label: term.unknowns[0].estimate(x, 0.0, 1.0) for term, x in least.values()},
+            sites=_left_out(naming, best.fit if after else naming.base.fit),
             rounds=rounds,
             gap_before=before.gap.total,
             gap_after=after.gap.total if after else None,
@@ -337,6 +339,10 @@ def _balances(study: Study, before: Run) -> tuple[Balance, ...]:
     residual = mean_beat(beats, problem.names, K) - before.X
     momentum = momentum_balances(problem.names, residual, problem.target.covariance[: K + 1], network)
     return (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
+
+
+def _left_out(naming: Naming, fit: Fit) -> dict[str, float]:
+    return leave_one_site_out(naming.problem, fit) if isinstance(naming.problem, NetworkProblem) else {}
 
 
 def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
