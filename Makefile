@@ -1,4 +1,4 @@
-# make demo | test | check | bench | docs | clean
+# make demo | discover | test | check | bench | docs | clean
 #
 # Everything runs in .venv, which is made when it is missing and updated when pyproject.toml changes.
 # Another Python: make demo PYTHON=/path/to/python3
@@ -12,20 +12,24 @@ ifeq ($(origin PYTHON),undefined)
 PYTHON := $(shell for p in python3.11 python3 python; do $$p -c "" 2>/dev/null && { echo $$p; break; }; done)
 endif
 
-.PHONY: help demo test check bench docs clean
+.PHONY: help demo discover test check bench docs clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make demo    build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
-	@echo "make test    run the tests"
-	@echo "make check   formatting, lint, types"
-	@echo "make bench   measure speed and memory, and the accuracy of the fits"
-	@echo "make docs    write the API reference to build/docs"
-	@echo "make clean   remove .venv and everything that was built"
+	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
+	@echo "make discover  find what is missing in a model: two synthetic records, two minutes"
+	@echo "make test      run the tests"
+	@echo "make check     formatting, lint, types"
+	@echo "make bench     measure speed and memory, and the accuracy of the fits"
+	@echo "make docs      write the API reference to build/docs"
+	@echo "make clean     remove .venv and everything that was built"
 
 demo: $(VENV)/installed-run
 	$(BIN)/python examples/demo.py
+
+discover: $(VENV)/installed-run
+	$(BIN)/python examples/discover.py
 
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest
@@ -42,7 +46,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/records.py
 
 docs: $(VENV)/installed-docs
-	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting build_fmu
+	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy build_fmu
 	@echo "Open build/docs/index.html"
 
 clean:

@@ -1,0 +1,246 @@
+"""``python -m discrepancy``: what is typed, printed and written for every kind of outcome, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from discrepancy import workflow
+from discrepancy.__main__ import app
+from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
+from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
+from fitting.records import write_record
+from fitting.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from solver import load, read_network
+from solver.effects import ALL
+from solver.files import write_network
+
+T, BEATS, SAMPLES = 0.5, 20, 100
+
+
+def run(*arguments: object) -> Any:
+    return CliRunner(env={"COLUMNS": "160"}).invoke(app, [str(each) for each in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A virtual bench recording of a viscous AA at 200 Hz, 20 beats, 40 dB, and the sheep with elastic walls."""
+    path = tmp_path_factory.mktemp("cli")
+    wall, p = table_wall("AA", phiNL=0.0, elastic="beta"), jarvik_pressure(T)
+    P = pressure_at(p, T, np.arange(SAMPLES) * T / SAMPLES)
+    R = solve_radius(wall, p, T, SAMPLES)
+    rng = np.random.default_rng(3)
+    channels = {name: measured(np.tile(x, BEATS), rng, 40.0) for name, x in (("AA.P", P), ("AA.R", R))}
+    write_record(path / "virtual_AA.csv", np.arange(BEATS * SAMPLES) * T / SAMPLES, channels)
+    sheep = load("sheep")
+    write_network(sheep.with_parameters({f"{s.name}.phi0": 0.0 for s in sheep.segments}), path / "elastic.toml")
+    return path
+
+
+@pytest.mark.slow
+def test_a_bench_record_end_to_end(folder: Path) -> None:
+    """The record alone as first word; the viscosity of AA is named with its value, and the model gets it.
+
+    25.451 kPa·s is the truth, from an integrator that shares nothing with the workflow.
+    """
+    done = run(
+        folder / "virtual_AA.csv", "--model", folder / "elastic.toml", "--out", folder / "out", "--period", "0.5 s"
+    )
+    assert done.exit_code == 0, done.output
+    assert "The model lacks wall viscosity at AA" in done.stdout
+    assert "AA.phi0" in done.stdout and "gap (1 = noise)" in done.stdout
+    verdict = json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8"))
+    assert verdict["verdict"] == "effect"
+    assert verdict["effects"][0]["parameters"]["AA.phi0"]["value"] == pytest.approx(25.451e3, rel=0.02)
+    assert read_network(folder / "out" / "model.toml").segment("AA").phi0 == pytest.approx(25.451e3, rel=0.02)
+    for name in ("report.html", "verdict.json", "model.toml", "model.fmu"):
+        assert f"wrote {folder / 'out' / name}" in done.stdout
+        assert (folder / "out" / name).stat().st_size > 100
+
+
+def outcome(**changes: Any) -> Outcome:
+    """An outcome with numbers that are made up."""
+    fields: dict[str, Any] = {
+        "verdict": "ambiguous",
+        "sentence": "A sentence.",
+        "record": "r.csv",
+        "model": "m.toml",
+        "kind": "network",
+        "effects": (
+            NamedEffect("wall_viscosity", ("CA",), {"CA.phi0": Estimate(7.7e4, "Pa.s", (7.1e4, 8.3e4))}, 0.62),
+        ),
+        "members": (("wall_viscosity", ("CA",)), ("channel_lag", ("CA.P",))),
+        "separating_measurement": "Calibrate CA.P.",
+        "gap_before": (9.1, 9.3),
+        "gap_after": (1.01, 1.04),
+        "warnings": ("few beats",),
+    }
+    return Outcome(**{**fields, **changes})
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
+    """Lets the workflow come to an outcome, or to an exception, at once."""
+
+    def set_outcome(what: Any) -> None:
+        def discover(*_: Any, **__: Any) -> Outcome:
+            if isinstance(what, BaseException):
+                raise what
+            return what
+
+        monkeypatch.setattr(workflow, "discover", discover)
+
+    return set_outcome
+
+
+STUDY = ("r.csv", "--model", "sheep", "--out", "o")
+
+
+def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
+    """Sentence, best of the class in display units, gap, class and what would separate it; exit code 0."""
+    found(outcome())
+    done = run(*STUDY)
+    assert done.exit_code == 0, done.output
+    for text in (
+        "A sentence.",
+        "best of the class",
+        "77.0 kPa·s",
+        "71.0 … 83.0",
+        "62 %",
+        "gap (1 = noise): 9.10 -> 1.01 on the fitted beats, 9.30 -> 1.04 on the held-out ones",
+        "cannot be told apart: wall viscosity at CA; channel lag at CA.P",
+        "Calibrate CA.P.",
+        "Note: few beats",
+    ):
+        assert text in done.stdout
+    assert run(*STUDY, "--quiet").output == ""
+    assert run("discover", *STUDY).stdout == done.stdout
+    assert run("--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
+
+
+def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
+    """No table, and a gap before alone."""
+    found(outcome(verdict="none", effects=(), members=(), gap_after=None, separating_measurement=None))
+    done = run(*STUDY)
+    assert done.exit_code == 0
+    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out ones" in done.stdout
+    assert "effect" not in done.stdout
+
+
+def test_unusable_is_exit_code_3(found: Callable[[Any], None]) -> None:
+    """The reason is said."""
+    found(outcome(verdict="unusable", effects=(), gap_before=None, gap_after=None, reason="too short."))
+    done = run(*STUDY)
+    assert done.exit_code == 3
+    assert "too short." in done.stdout
+    assert run(*STUDY, "-q").exit_code == 3
+
+
+def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
+    """One sentence that says how to go on."""
+    found(KeyboardInterrupt())
+    done = run(*STUDY)
+    assert done.exit_code == 130
+    assert done.stderr.strip() == "Interrupted: what is done is kept; run again to go on."
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("virtual_AA.csv", "--model", "nosuch", "--out", "o"), "nosuch"),
+        (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "cannot be made"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
+        (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
+        (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),
+        (("isolability", "sheep", "--channels", "XX.P"), "channel XX.P"),
+        (("isolability", "sheep", "--channels", ","), "none given"),
+        (("isolability", "sheep", "--channels", "AA.P", "--dB", "nan"), "dB = nan"),
+        (("isolability", "sheep", "--channels", "AA.P", "--beats", "3"), "beats = 3"),
+        (("isolability", "sheep", "--channels", "AA.P", "--out", "no/p.json"), "no folder no"),
+    ],
+)
+def test_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str) -> None:
+    """Exit code 2, one sentence on the error stream that names the thing, and nothing new in the folder."""
+    monkeypatch.chdir(folder)
+    before = sorted(folder.rglob("*"))
+    done = run(*arguments, "-q")
+    assert done.exit_code == 2, done.output
+    assert sentence in done.stderr
+    assert done.stderr.startswith("Error: ")
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_an_unusable_record_leaves_a_report(folder: Path) -> None:
+    """A bench record of a site that the network has not: exit code 3, the reason, and no model."""
+    text = (folder / "virtual_AA.csv").read_text().replace("AA.", "XX.", 2)
+    (folder / "virtual_XX.csv").write_text(text)
+    done = run(folder / "virtual_XX.csv", "--model", folder / "elastic.toml", "--out", folder / "xx")
+    assert done.exit_code == 3, done.output
+    assert "has no segment XX" in done.stdout
+    assert not (folder / "xx" / "model.toml").exists()
+    assert (folder / "xx" / "report.html").exists()
+
+
+# --- isolability ------------------------------------------------------------------------------------------------------
+
+
+def plan() -> SensorPlan:
+    """A plan with numbers that are made up: a and b cannot be told apart, d is invisible."""
+    labels = ("wall_viscosity", "channel_lag", "taper", "side_branch")
+    separation = np.array([[0, 2, 50, 1], [2, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
+    visibility = np.array([36.4, 20.0, 60.0, 1.0])
+    table = Isolability(labels, separation, visibility, ("side_branch",), (("wall_viscosity", "channel_lag"),))
+    return SensorPlan(("AA.P",), table, (Gain("AA.R", ("side_branch",), 1), Gain("CA.Q", (), 0)))
+
+
+def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Table, what is invisible, what to add; the same as JSON."""
+    given: list[Any] = []
+    monkeypatch.setattr("discrepancy.sensor_plan.plan_sensors", lambda *each: given.append(each) or plan())
+    out = tmp_path / "plan.json"
+    done = run("isolability", "sheep", "--channels", "AA.P, CA.P", "--dB", 30, "--beats", 12, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert given[0][1:4] == (["AA.P", "CA.P"], 30.0, 12)
+    assert "wall viscosity" in done.stdout and "36.4" in done.stdout
+    assert "Invisible (d′ below 3): side branch." in done.stdout
+    assert "Add AA.R (shows side branch; separates 1 more pair)." in done.stdout
+    data = json.loads(out.read_text(encoding="utf-8"))
+    assert data == plan_json(plan())
+    assert data["effects"][0] == {
+        "name": "wall_viscosity",
+        "visibility": 36.4,
+        "nearest": "channel_lag",
+        "separation": 2.0,
+        "cannot_be_told_from": ["channel_lag"],
+    }
+    assert data["invisible"] == ["side_branch"]
+
+
+@pytest.mark.slow
+def test_plan_of_the_sheep() -> None:
+    """Three pressures: every effect has a column, the outlet that becomes a Windkessel, too; a fourth sensor helps."""
+    found = plan_sensors(load("sheep"), ("AA.P", "CA.P", "FA.P"))
+    assert set(found.table.labels) == {effect.name for effect in ALL}
+    assert found.table.visibility.min() > 0.0
+    assert "terminal_compliance" not in found.table.invisible
+    assert found.gains[0].separable > 0
+    assert {gain.channel for gain in found.gains}.isdisjoint(found.channels)
+
+
+def test_import_is_cheap() -> None:
+    """``import discrepancy`` loads no solver, no NumPy; the workflow comes with its name."""
+    code = (
+        "import sys, discrepancy; assert not {'numpy', 'matplotlib', 'fmpy', 'solver'} & set(sys.modules); "
+        "from discrepancy import discover; assert callable(discover)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
