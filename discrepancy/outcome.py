@@ -140,8 +140,8 @@ class Outcome:
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``. candidates : best first. smallest : smallest detectable size per "effect at place", with its unit,
     where the verdict is ``none``. sites : whitened RMS of each site as the others foretell it. gap_before, gap_after :
-    whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from the direct solver,
-    of a channel's pulse.
+    whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest
+    difference of the rebuilt FMU from the direct solver, of a channel's pulse.
     """
 
     verdict: str

@@ -48,7 +48,11 @@ def leave_one_site_out(problem: NetworkProblem, fit: Fit) -> dict[str, float]:
         if site in faulty:
             continue
         others, own = (Subset(problem, np.flatnonzero(chosen)) for chosen in (~there, there))
-        step = bounded_step(others(fit.J), others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
-        left = own(fit.z[:, None])[:, 0] + own(fit.J) @ step
-        found[site] = float(np.sqrt(np.mean(left**2)))
+        J, there_J = others(fit.J), own(fit.J)
+        step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
+        left = own(fit.z[:, None])[:, 0] + there_J @ step
+        # what the others know of the unknowns is uncertain, too
+        spread = np.linalg.pinv(J.T @ J + np.diag(fit.prior), hermitian=True)
+        V = np.eye(len(left)) + there_J @ spread @ there_J.T
+        found[site] = float(np.sqrt(left @ np.linalg.solve(V, left) / len(left)))
     return found
