@@ -28,6 +28,7 @@ from benchmarks.hidden.bank import ROOT, Bank, NotThisBank, read, sources_hash
 from benchmarks.hidden.failures import failures as listed
 from benchmarks.hidden.report import report as tables
 from benchmarks.hidden.report import write as put
+from benchmarks.hidden.through_fmu import sample, table
 from solver import load
 from tests.hidden.plan import REPORTED_SEED, TUNING_SEED
 
@@ -88,6 +89,23 @@ def report(
         put(text, ROOT / "docs" / "hidden-effects.md")
     if failures:
         print(listed(lines, load("sheep")))
+
+
+@app.command()
+def fmu(
+    kind: KindOption,
+    tuning: Tuning = True,
+    every: Annotated[int, typer.Option(min=1, help="Take every so many-th record of the plan.")] = 20,
+    limit: Annotated[int | None, typer.Option(min=1, help="Only the first records of the plan.")] = None,
+    out: Out = None,
+) -> None:
+    """Take a sample of the records through the whole workflow with its rebuilt FMUs, and print the gaps."""
+    seed = TUNING_SEED if tuning else REPORTED_SEED
+    path = out or ROOT / "build" / f"hidden_{kind.value}_{seed}_fmu.jsonl"
+    for line in sample(kind.value, seed, every, limit, path):
+        named = ", ".join(line["named"]) or "nothing"
+        print(f"{line['index']}: hidden {', '.join(line['hidden']) or 'nothing'}; {line['verdict']}, added {named}")
+    print(table(read(path)))
 
 
 if __name__ == "__main__":
