@@ -1,0 +1,250 @@
+"""Naming on a small network through the public API, and the parts that it is made of.
+
+Three vessels and seven channels; the truth is simulated by the same solver on half the elements at a fifth of the step.
+The bank judges with the independent generator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from forked import NETWORK, N, T, inflow, record
+
+from discrepancy.add import extended, sensor_parameters
+from discrepancy.fits import Fit
+from discrepancy.name import Naming, name, quantile
+from discrepancy.network import Member, NetworkProblem, network_problem, sense
+from discrepancy.terms import Term, candidates, followers, nuisances, sensor_terms
+from fitting.beats import Beats
+from solver import Settings, effects, simulate_periodic
+from solver.files import dumps, loads
+
+NAMES = ("A.P", "B.P", "B.Q", "C.P", "C.Q", "C.R")
+EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
+
+
+@cache
+def truth(E_scale: float) -> dict[str, np.ndarray]:
+    """One beat with B stiffer by a factor, N samples without aliases."""
+    settings = Settings(dt=T / 200, element_length=Settings().element_length / 2.0, tolerance=1e-7)
+    beat = simulate_periodic(NETWORK, inflow, T, parameters={"B.E": 9e5 * E_scale}, settings=settings, tolerance=1e-6)
+    X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
+    return {n: np.fft.irfft(x, N, norm="forward") for n, x in X.items()}
+
+
+def beats(E_scale: float = 1.0, noise: float = 0.01) -> Beats:
+    """15 beats with white noise of 40 dB on every channel."""
+    return record(truth(E_scale), 15, noise)
+
+
+def terms(*names: str) -> tuple[Term, ...]:
+    """Candidates of some effects, at all their places."""
+    return tuple(t for t in candidates(NETWORK, NAMES) if t.effect in names)
+
+
+def term(effect: str, place: str) -> Term:
+    return next(t for t in terms(effect) if t.place == place)
+
+
+@pytest.fixture(scope="module")
+def healthy() -> NetworkProblem:
+    """A record of the network as it is."""
+    return network_problem(beats(), NETWORK)
+
+
+@pytest.fixture(scope="module")
+def stiff() -> Naming:
+    """A record in which B is 25 % stiffer, named among twelve candidates."""
+    return name(network_problem(beats(1.25), NETWORK), terms(*EFFECTS))
+
+
+def at(problem: NetworkProblem, x: list[float], *added: Term) -> Fit:
+    """A hypothesis at a point, without data."""
+    unknowns, prior = problem.hypothesis(added)
+    empty = np.zeros(0)
+    return Fit(added, unknowns, np.array(x), empty, empty, prior, empty, empty)
+
+
+# --- naming ----------------------------------------------------------------------------------------------------------
+
+
+def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
+    """wall_stiffness at B, one name; 1.25 within its 95 % interval, which is ± 0.13 %."""
+    assert stiff.verdict == "effect"
+    assert stiff.best.label == "wall_stiffness at B" and stiff.confidence > 0.85
+    fit = stiff.best.fit
+    (unknown,) = stiff.best.fit.terms[0].unknowns
+    x, sd = fit.x[-1], np.sqrt(fit.covariance[-1, -1])
+    told = unknown.estimate(x, sd, quantile(stiff.problem))
+    assert told.value == pytest.approx(1.25, rel=0.004)
+    assert told.ci95[0] <= 1.25 <= told.ci95[1]
+    assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were
+
+
+def test_the_wrong_places_do_not_explain_it(stiff: Naming) -> None:
+    """Every rival that was refitted leaves more than noise and is far from the class."""
+    rivals = stiff.ranked[1:]
+    assert len(rivals) >= 3
+    assert not any(n.explains for n in rivals)
+    assert min(n.separation for n in rivals) > 30.0
+    assert not stiff.base.explains
+
+
+def test_nothing_hidden(healthy: NetworkProblem) -> None:
+    """The network as it is, on another mesh and step: none, and the residual's mean square is 1 within 3 sd."""
+    naming = name(healthy, terms(*EFFECTS))
+    assert naming.verdict == "none"
+    z = naming.base.fit.z
+    assert np.mean(z**2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / len(z)))
+
+
+# --- the residual ----------------------------------------------------------------------------------------------------
+
+
+def test_columns_are_derivatives(healthy: NetworkProblem) -> None:
+    """Columns at x = 0 of a wall, an outlet and a sensor against central differences of ±0.1: within 5 % of |a|."""
+    none = replace(at(healthy, [0.0, 0.0, 0.0]), z=np.zeros(0))
+    chosen = (term("wall_stiffness", "C"), term("terminal_reflection", "B"), term("channel_gain", "B.Q"))
+    columns = healthy.columns(none, chosen)
+    for t in chosen:
+        unknowns, _ = healthy.hypothesis((t,))
+        pair = [Member((t,), unknowns, np.array([0.0, 0.0, 0.0, x])) for x in (0.1, -0.1)]
+        up, down = (healthy.residual(x) for x in healthy.observe(pair) if x is not None)
+        expected = (up - down) / 0.2
+        assert np.linalg.norm(columns[t.label][:, 0] - expected) <= 0.05 * np.linalg.norm(expected), t.label
+
+
+def test_a_sensor_needs_no_simulation(healthy: NetworkProblem) -> None:
+    """Ten sizes of a channel's gain cost one simulation, and only that channel changes: by the gain, exactly."""
+    t = term("channel_gain", "B.Q")
+    unknowns, _ = healthy.hypothesis((t,))
+    before = healthy.simulator.simulations
+    X = healthy.observe([Member((t,), unknowns, np.array([0.0, 0.0, 0.0, x])) for x in np.linspace(0.0, 9.0, 10)])
+    assert healthy.simulator.simulations == before + 1
+    i = healthy.names.index("B.Q")
+    for x, each in zip(np.linspace(0.0, 9.0, 10), X, strict=True):
+        ratio = np.ones(len(healthy.names))
+        ratio[i] = np.exp(0.03 * x)
+        np.testing.assert_allclose(each, X[0] * ratio, rtol=1e-13)
+
+
+def test_sense_is_the_catalogue() -> None:
+    """Lag, gain, offset and resonance of one channel against effects.observe; other channels stay, bit by bit."""
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(6, len(NAMES))) + 1j * rng.normal(size=(6, len(NAMES)))
+    omega = 2.0 * np.pi / T * np.arange(6)
+    for t in sensor_terms("C.R"):
+        x = np.full(len(t.unknowns), 0.7)
+        found = sense(Member((t,), t.unknowns, x), NAMES, X, T)
+        fit = Fit((t,), t.unknowns, x, x, x, x, x, x)
+        expected = effects.observe(sensor_parameters(fit, t), X[:, -1], omega)
+        np.testing.assert_allclose(found[:, -1], expected, rtol=1e-12, err_msg=t.effect)
+        assert np.array_equal(found[:, :-1], X[:, :-1])
+        assert not np.allclose(found[:, -1], X[:, -1])
+    assert sense(Member((), (), np.zeros(0)), NAMES, X, T) is X
+
+
+@pytest.mark.parametrize(("noise", "halvings"), [(1e-1, 0), (1e-4, 2)])
+def test_sharpened_shortens_steps_where_they_matter(noise: float, halvings: int) -> None:
+    """A step of 5 ms: kept in 20 dB of noise, halved twice in 80 dB; the covariance then holds a smaller error."""
+    problem = network_problem(beats(noise=noise), NETWORK)
+    coarse = replace(problem.simulator.settings, dt=5e-3)
+    problem = replace(problem, simulator=replace(problem.simulator, settings=coarse, starts={}))
+    none = at(problem, [0.0, 0.0, 0.0])
+    sharp = problem.sharpened(none)
+    assert sharp.simulator.settings.dt == pytest.approx(5e-3 / 2**halvings)
+    assert problem.simulator.settings.dt == 5e-3
+    assert np.all(sharp.error > 0.0)
+
+
+def test_held_out_beats_are_weighted_by_their_number(healthy: NetworkProblem) -> None:
+    """5 beats have 3 times the variance of 15: covariance x 3, whitener / √3; the mean is their own."""
+    kept = beats(noise=0.02).select(range(5))
+    other = healthy.held_out(kept)
+    np.testing.assert_allclose(other.target.covariance, 3.0 * healthy.target.covariance, rtol=1e-12)
+    np.testing.assert_allclose(other.target.whitener, healthy.target.whitener / np.sqrt(3.0), rtol=1e-12)
+    assert other.target.X[0, 0] == pytest.approx(kept.mean(healthy.names[0]).mean())
+
+
+# --- what is added ---------------------------------------------------------------------------------------------------
+
+
+def test_extended_has_the_values_of_the_fit() -> None:
+    """value = nominal exp(step x) or nominal + step x, written by hand for E, φ0, R_t, a wall and a sensor."""
+    problem_terms = (term("wall_stiffness", "B"), term("channel_lag", "A.P"))
+    unknowns = (*nuisances(NETWORK), *(u for t in problem_terms for u in t.unknowns))
+    x = np.array([0.5, -0.3, 0.25, 0.8, 1.5])
+    network = extended(NETWORK, Fit(problem_terms, unknowns, x, x, x, x, x, x))
+    found, before = network.parameters(), NETWORK.parameters()
+    for segment in "ABC":
+        assert found[f"{segment}.E"] == pytest.approx(before[f"{segment}.E"] * np.exp(0.2 * 0.5))
+        assert found[f"{segment}.phi0"] == pytest.approx(before[f"{segment}.phi0"] * np.exp(-0.2 * 0.3))
+    for segment in "BC":
+        assert found[f"{segment}.outlet.R_t"] == pytest.approx(before[f"{segment}.outlet.R_t"] + 0.2 * 0.25)
+    assert found["B.E_scale"] == pytest.approx(np.exp(0.3 * 0.8))
+    assert {c.name: c.terms for c in network.channels} == {"A.P": {"lag": pytest.approx(4.5e-3)}}
+    moved = {"E", "phi0", "R_t", "E_scale"}
+    same = [n for n in before if n.rpartition(".")[2] not in moved]
+    assert [found[n] for n in same] == [before[n] for n in same]
+
+
+def test_extended_is_what_was_fitted(stiff: Naming) -> None:
+    """The extended network simulated by itself gives the residual of the fit: |Δz| <= 0.05."""
+    problem = stiff.problem
+    assert isinstance(problem, NetworkProblem)
+    network = extended(NETWORK, stiff.best.fit)
+    X = replace(problem.simulator, starts={}).coefficients(network, {}, "")[0]
+    np.testing.assert_allclose(problem.residual(X), stiff.best.fit.z, atol=0.05)
+
+
+@pytest.mark.parametrize("t", candidates(NETWORK, ("A.P", "C.R")), ids=lambda t: t.label)
+def test_every_term_survives_the_file(t: Term) -> None:
+    """Each candidate at x = 0.3 with the nuisances moved: written as TOML and read back, it is the same network."""
+    unknowns = (*nuisances(NETWORK), *t.unknowns)
+    x = np.concatenate([[0.1, 0.2, -0.3], np.full(len(t.unknowns), 0.3)])
+    if t.rewires:
+        unknowns, x = (*nuisances(NETWORK)[:2], *t.unknowns), np.delete(x, 2)
+    network = extended(NETWORK, Fit((t,), unknowns, x, x, x, x, x, x))
+    assert network != NETWORK
+    again = loads(dumps(network), "again.toml")
+    assert again.parameters() == pytest.approx(network.parameters(), rel=1e-14)
+    assert {c.name: dict(c.terms) for c in again.channels} == {c.name: dict(c.terms) for c in network.channels}
+    assert set(again.parameters()) == set(network.parameters())
+    if t.is_sensor:
+        assert [c.name for c in again.channels] == [t.place]
+
+
+def test_candidates_are_every_effect_at_every_place() -> None:
+    """Walls at three segments and everywhere, two outlets, one junction, six channels; none twice, none forgotten."""
+    found = candidates(NETWORK, NAMES)
+    labels = [t.label for t in found]
+    assert len(set(labels)) == len(labels)
+    assert {t.effect for t in found} == {e.name for e in effects.ALL}
+    assert [t.place for t in found if t.effect == "wall_stiffness"] == ["A", "B", "C"]
+    assert sorted(t.place for t in found if t.effect == "terminal_compliance") == ["B", "C"]
+    assert [t.place for t in found if t.effect == "junction_loss"] == ["A"]
+    assert [t.place for t in found if t.effect == "channel_lag"] == list(NAMES)
+
+
+def test_followers_of_viscosity() -> None:
+    """Elastic walls have nothing to bend or to delay; once B has viscosity, both may act there, and only there."""
+    elastic = NETWORK.with_parameters({f"{s}.phi0": 0.0 for s in "ABC"})
+    first = candidates(elastic, ())
+    assert not {"nonlinear_wall_viscosity", "stress_relaxation"} & {t.effect for t in first}
+    viscous = elastic.with_parameters({"B.phi0": 13e3})
+    added = {t.label for t in followers(viscous, None, first)}
+    assert added >= {"nonlinear_wall_viscosity at B", "stress_relaxation at B"}
+    assert {place for _, _, place in (label.partition(" at ") for label in added)} <= {"B", "all"}
+
+
+def test_estimates_stay_in_their_range() -> None:
+    """A viscosity of 0.5 ± 1 typical sizes, two standard deviations: the interval ends at 0, not below."""
+    elastic = NETWORK.with_parameters({f"{s}.phi0": 0.0 for s in "ABC"})
+    t = next(t for t in candidates(elastic, ()) if t.label == "wall_viscosity at B")
+    told = t.unknowns[0].estimate(0.5, 1.0, 2.0)
+    assert told.ci95[0] == 0.0
+    assert told.value == pytest.approx(0.5 * 0.017 * 9e5)
+    assert told.ci95[1] == pytest.approx(2.5 * 0.017 * 9e5)
