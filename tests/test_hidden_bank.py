@@ -63,6 +63,18 @@ def test_bench_gives_no_wrong_single_name(bench_lines: list[Line]) -> None:
     assert not [x["index"] for x in w.of(bench_lines, "single") if w.wrong(x)]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("index", "hidden"), [(11, ()), (13, ("nonlinear_elasticity",))])
+def test_network(index: int, hidden: tuple[str, ...]) -> None:
+    """Three pressures with nothing hidden, and P, Q, R at seven sites at 20 dB with a bent wall everywhere (d' 34)."""
+    x = row("network", TUNING_SEED, index, plan("network", REPORTED["network"], TUNING_SEED)[index])
+    assert w.truths(x) == hidden
+    if not hidden:
+        assert x["verdict"] == "none"
+        return
+    assert w.separation(x) > 6.0 and w.single_right(x) and w.right_place(x)
+
+
 # --- files of lines --------------------------------------------------------------------------------------------------
 
 
@@ -108,14 +120,15 @@ def test_foreign_lines_are_refused(tmp_path: Path, made: list[int]) -> None:
 
 def test_sources_are_told_apart(tmp_path: Path) -> None:
     """The hash moves with a byte of what judges, and not with anything else."""
-    file = tmp_path / "discrepancy" / "name.py"
-    file.parent.mkdir()
-    file.write_text("x = 1\n")
+    for name in bank.JUDGED_BY:
+        file = tmp_path / (name if name.endswith(".py") else f"{name}/module.py")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("x = 1\n")
     before = bank.sources_hash(tmp_path)
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "page.md").write_text("text")
     assert bank.sources_hash(tmp_path) == before
-    file.write_text("x = 2\n")
+    (tmp_path / "discrepancy" / "name.py").write_text("x = 2\n")
     assert bank.sources_hash(tmp_path) != before
 
 
