@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -58,7 +59,7 @@ def run(script: str, folder: Path, out: Path | None = None) -> Outcome:
 
 def test_every_example_is_tested() -> None:
     """A new example must be added here."""
-    tested = {"demo.py", "python_api.py", "own_network.py", "fit_and_check.py"}
+    tested = {"demo.py", "python_api.py", "own_network.py", "fit_and_check.py", "discover.py"}
     assert {path.name for path in EXAMPLES.glob("*.py")} == tested
 
 
@@ -212,3 +213,33 @@ def test_fit_and_check(tmp_path: Path) -> None:
         for site in ("AA", "PD", "MD", "DD", "BT", "CA", "FA"):
             assert means[f"{site}.{key}"] == pytest.approx(table1[f"{site}.{key}"], rel=tolerance), (site, key)
     assert (outcome.out / "fit_and_check" / "check.html").stat().st_size > 100_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_discover(tmp_path: Path) -> None:
+    """A hidden wall viscosity is located, named and added to the FMU, φ0 within 0.5 % (measured: 0.005 %).
+
+    A slow sensor is named as one, within 2 % of its frequency (0.2 %). The held-out gaps fall to 1.1 (1 = noise).
+    """
+    outcome = run("discover.py", tmp_path)
+    assert outcome.code == 0, outcome.errors
+    expected = {
+        "viscous_wall": ("wall_viscosity", "CA", {"CA.phi0": (77.082e3, 0.005)}),
+        "slow_sensor": ("catheter_resonance", "CA.P", {"CA.P.f_n": (9.0, 0.02), "CA.P.zeta": (1.2, 0.02)}),
+    }
+    for name, (effect, place, parameters) in expected.items():
+        folder = outcome.out / "discover" / name
+        verdict = json.loads((folder / "verdict.json").read_text(encoding="utf-8"))
+        assert verdict["verdict"] == "effect"
+        (found,) = verdict["effects"]
+        assert (found["name"], found["where"]) == (effect, [place])
+        for parameter, (value, tolerance) in parameters.items():
+            assert found["parameters"][parameter]["value"] == pytest.approx(value, rel=tolerance)
+        assert verdict["gap"]["before"]["held_out"] > 2.0 and verdict["gap"]["after"]["held_out"] < 1.2
+        assert {at["site"] for at in verdict["located"]} & {"CA"}
+        assert f"virtual_{name}.csv" in outcome.output and verdict["sentence"] in outcome.output
+        with zipfile.ZipFile(folder / "model.fmu") as fmu:
+            description = fmu.read("modelDescription.xml").decode("utf-8")
+        phi0 = float(re.search(r'name="CA\.phi0".*?<Real start="([^"]+)"', description, flags=re.DOTALL)[1])
+        assert phi0 == found["parameters"].get("CA.phi0", {"value": 0.0})["value"]

@@ -1,4 +1,7 @@
-"""Every snippet of README.md and docs/fitting.md runs, in order, in a fresh directory each; CI sees to installation."""
+"""Every snippet of README.md, docs/fitting.md and docs/discrepancy.md runs, in order, in a fresh directory each.
+
+CI sees to installation.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,8 @@ import pytest
 from solver import read_network
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = ("README.md", "docs/fitting.md")
+DOCUMENTS = ("README.md", "docs/fitting.md", "docs/discrepancy.md")
+SLOW = ("docs/fitting.md", "docs/discrepancy.md")
 # these install things or run the whole test suite
 NOT_HERE = ("make demo", "-m venv")
 
@@ -39,9 +43,9 @@ def test_there_are_snippets(document: str) -> None:
     assert kinds.count("sh") >= 2
 
 
-# those that fit take more than 10 s; in docs/fitting.md the others need them
+# those that fit take more than 10 s; in the other documents all need them
 CASES = [
-    pytest.param(document, i, marks=[pytest.mark.slow] if "-m fitting" in text or "fitting" in document else [])
+    pytest.param(document, i, marks=[pytest.mark.slow] if "-m fitting" in text or document in SLOW else [])
     for document in DOCUMENTS
     for i, (_, text) in enumerate(_snippets(document))
 ]
