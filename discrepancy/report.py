@@ -83,6 +83,8 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
         "classes": tables.classes_text(isolability) if isolability else [],
         "beats": json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
         "provenance": {
-            key.replace("_", " "): tables.words(v) for key, v in outcome.provenance.items() if v not in ([], {})
+            key.replace("_", " "): tables.words(v)
+            for key, v in outcome.provenance.items()
+            if v not in ([], {}) and v not in (outcome.record, outcome.model)
         },
     }

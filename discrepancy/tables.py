@@ -138,12 +138,17 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
                 "name": name,
                 "value": value,
                 "interval": interval,
-                "si": f"{p.value:.5g} {'' if p.unit == '1' else p.unit}",
+                "si": f"{number(p.value, 5)} {_si(p.unit)}".strip(),
             }
             for name, p in effect.parameters.items()
             for value, interval in [estimate_text(name, p)]
         ],
     }
+
+
+def _si(unit: str) -> str:
+    """An SI unit as it is printed: "Pa.s^2" as Pa·s²."""
+    return "" if unit == "1" else unit.replace(".", "·").replace("^2", "²").replace("^3", "³")
 
 
 def candidate_row(candidate: Candidate) -> dict[str, Any]:
@@ -300,7 +305,7 @@ def beats(outcome: Outcome) -> dict[str, Any]:
 def words(value: Any) -> str:
     """Provenance in words."""
     if isinstance(value, Mapping):
-        return "; ".join(f"{key}: {words(each)}" for key, each in value.items())
+        return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(map(words, value))
     return f"{value:.6g}" if isinstance(value, float) else str(value)

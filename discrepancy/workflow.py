@@ -23,6 +23,7 @@ from fitting.records import Record, read_record
 from fitting.threads import single_threaded
 from fitting.units import INFLOW
 from solver import Settings
+from solver.effects import BY_NAME
 from solver.files import dumps, write_network
 from solver.network import Network, to_dict
 
@@ -209,20 +210,20 @@ class _Work:
 
     def _add(
         self, study: Study, naming: Naming, wave: Array, before: Run
-    ) -> tuple[Network, bytes, Run, float, tuple[Round, ...]]:
-        """The extended network, its FMU, its free run, the FMU's difference from the direct solver, and the rounds."""
+    ) -> tuple[Network, bytes, Run, float | None, tuple[Round, ...]]:
+        """The extended network, its FMU, its free run, the FMU's difference from the direct solver (of a network), and
+        the rounds."""
         self.progress(0.82, "rebuilding the FMU")
         best = naming.best.fit
         network = extended(self.network, best)
         fmu = self._fmu(network, "extended")
         self.progress(0.88, "running the extended FMU")
         after = self._free(fmu, "after", best, wave, {}, study)
-        plain = self._free(fmu, "after", _nothing(study), wave, {}, study) if _has_sensor(best) else after
-        difference = 0.0
+        difference = None
         if study.site is None:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
-            physical = after if plain is after else free_run(fmu, study, _nothing(study), wave, {})
+            physical = free_run(fmu, study, _nothing(study), wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
@@ -309,7 +310,7 @@ class _Work:
 
     def _provenance(self, given: Run | None) -> dict[str, Any]:
         return {
-            "record": {"path": self.record.path, "sha256": self.record.sha256},
+            "record_sha256": self.record.sha256,
             "model": os.fspath(self.model),
             "beats": {"fitted": self.study.fitted.n_beats, "held_out": self.study.held_out.n_beats},
             "period": {"value": self.study.fitted.T, "unit": "s"},
@@ -357,6 +358,8 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
         case "none":
             return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
         case "effect":
+            if BY_NAME[effects[0].name].owner == "channel":
+                return f"A sensor explains it, no artery: {labels}; with it {gap}."
             return f"The model lacks {labels}: with it {gap}."
         case "several":
             return f"The model lacks {labels}: with both {gap}."
@@ -419,10 +422,10 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 def _held_out(study: Study, fit: Fit) -> float:
     """Whitened RMS of the held-out beats under the parameters found from the others; cheap on a bench alone."""
     if isinstance(study.problem, Bench):
-        chi2, n = study.problem.held_out(study.held_out).predict(fit)
+        chi2, n = study.problem.held_out(study.held_out, study.fitted).predict(fit)
         return float(np.sqrt(chi2 / n))
     X = study.problem.target.X + 0.0
-    kept = study.problem.held_out(study.held_out)
+    kept = study.problem.held_out(study.held_out, study.fitted)
     residual = kept.target.residual((_simulated(study.problem, fit, X))[None])[0]
     return float(np.sqrt(np.mean(residual**2)))
 
