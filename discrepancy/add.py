@@ -12,7 +12,7 @@ from solver.network import Channel, Network
 from .fits import Fit
 from .observation import resonance_of
 from .outcome import Estimate, NamedEffect
-from .terms import Term, rewired, values
+from .terms import Term, Unknown, rewired, values
 
 Array = np.ndarray
 
@@ -55,6 +55,8 @@ def estimates(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
     names, sd = [u.name for u in fit.unknowns], np.sqrt(np.diag(fit.covariance))
     at = {u.name: names.index(u.name) for u in term.unknowns}
     plain = {u.name: u.estimate(float(fit.x[at[u.name]]), float(sd[at[u.name]]), quantile) for u in term.unknowns}
+    if term.place == "all" and term.unknowns[0].ratio is not None:
+        plain = {u.name: _ratio(fit, u, quantile) for u in term.unknowns}
     if term.effect != "catheter_resonance":
         return plain
     slow, ringing = plain[f"{term.place}.slow"], plain[f"{term.place}.resonance"]
@@ -64,3 +66,24 @@ def estimates(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
         f"{term.place}.{key}": Estimate(float(value[i]), unit, (float(corners[:, i].min()), float(corners[:, i].max())))
         for i, (key, unit) in enumerate((("f_n", "Hz"), ("zeta", "1")))
     }
+
+
+def _ratio(fit: Fit, unknown: Unknown, quantile: float) -> Estimate:
+    """A ratio such as φ0/E to the modulus as it was refitted; its interval by the derivatives of all that move it."""
+    names = [u.name for u in fit.unknowns]
+    slope, i = np.zeros(len(names)), names.index(unknown.name)
+    nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == "scale"}
+    reference, step = nuisance.get(f"all.{unknown.ratio}", (i, 0.0))
+    if unknown.kind == "scale":  # of the same modulus as the nuisance of that name
+        own, own_step = nuisance.get(unknown.name, (i, 0.0))
+        value = unknown.nominal * np.exp(unknown.size * fit.x[i] + own_step * fit.x[own] - step * fit.x[reference])
+        slope[own] += own_step * value
+        slope[reference] -= step * value
+        slope[i] += unknown.size * value
+    else:
+        unit = unknown.size * np.exp(-step * fit.x[reference])
+        value = unknown.nominal + unit * fit.x[i]
+        slope[reference] -= step * unit * fit.x[i]
+        slope[i] += unit
+    half = quantile * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
+    return Estimate(float(value), unknown.unit, (float(value) - half, float(value) + half))

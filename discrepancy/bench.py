@@ -31,7 +31,7 @@ from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 from .add import extended
 from .fits import Fit, bounded_step, bounds
-from .observation import transfer
+from .observation import mean_wander, transfer
 from .terms import Term, Unknown, followers, nuisances, values
 from .thresholds import PRIOR_WIDTH
 
@@ -112,10 +112,13 @@ class Bench:
         """Terms that can act only beside those of a fit."""
         return followers(extended(self.network, fit), self.site, terms)
 
-    def held_out(self, beats: Beats) -> Bench:
+    def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         """Other beats of the same record, with the noise that the fitted ones showed."""
         other = bench(beats, self.network, self.site)
-        return replace(other, noise=self.noise * (self.n_beats / beats.n_beats), K=self.K)
+        noise = self.noise * (self.n_beats / beats.n_beats)
+        wander = mean_wander(beats, fitted, self.signals)
+        noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
+        return replace(other, noise=noise, K=self.K)
 
     def predict(self, at: Fit) -> tuple[float, float]:
         """χ² of this record under the parameters of a fit to another, and the number of its data."""

@@ -173,7 +173,9 @@ def name(problem: Problem, terms: Sequence[Term]) -> Naming:
     (found,) = problem.refit([()])
     if found is None:
         raise ArithmeticError("the model as given cannot be simulated with this record")
-    problem, none, _ = _polished(problem, found, [], terms)
+    none = Named(found, found.cost, misfit(found, problem.dof_of_noise), 1.0, 0.0)
+    if none.misfit < at.FAR_OFF:  # else the best hypothesis will tell how fine the steps must be
+        problem, none, _ = _polished(problem, found, [], terms)
     columns = problem.columns(none.fit, terms)
     problem, none, ranked = _ranking(problem, none, _singles(problem, none, columns, terms), terms)
     # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record

@@ -35,7 +35,7 @@ from solver.simulate import Waveforms
 
 from .add import extended
 from .fits import Fit, bounded_step, bounds
-from .observation import transfer
+from .observation import mean_wander, transfer
 from .terms import Term, Unknown, followers, nuisances, rewired, values
 from .thresholds import COARSE_DT, PRIOR_WIDTH, SCREEN_DT
 
@@ -45,6 +45,7 @@ Tell = Callable[[str], None]
 _STEP = 0.02  # of x: finite differences
 _LARGEST = 2.0  # of a step in x
 _ROUNDS = 14  # simulations of a hypothesis at most
+_FRESH = (4, 8)  # of them before which derivatives are simulated anew: by then the updated ones have led astray
 _BATCH = 64  # members at once
 _PERIODIC = 1e-5
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
@@ -147,10 +148,14 @@ class NetworkProblem:
         """Terms that can act only beside those of a fit."""
         return followers(extended(self.network, fit), None, terms)
 
-    def held_out(self, beats: Beats) -> NetworkProblem:
+    def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         """Other beats of the same record, with the noise that the fitted ones showed."""
-        whitener = self.target.whitener / np.sqrt(self.beats.n_beats / beats.n_beats)
-        covariance = self.target.covariance * (self.beats.n_beats / beats.n_beats)
+        covariance = self.target.covariance * (fitted.n_beats / beats.n_beats)
+        wander = mean_wander(beats, fitted, self.names)
+        covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
+        scale = np.sqrt(np.einsum("kii->ki", covariance).real)
+        factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
+        whitener = np.linalg.inv(factor) / scale[:, None, :]
         X = mean_beat(beats, self.names, self.K)
         drive = inflow(beats, self.simulator.settings.dt)
         return replace(
@@ -297,23 +302,30 @@ class NetworkProblem:
 
     def _search(self, searches: list[_Search]) -> list[Fit | None]:
         """Steps of all searches, one batch after the other, until none has any worth its simulation."""
-        missing = [s for s in searches if s.J is None]
-        for search, found in zip(missing, self.derivatives([(s.member(), s.unknowns) for s in missing]), strict=True):
-            if found is None:
-                search.failed = True
-            else:
-                search.z, search.J = found
-                search.settle(search.z)
-        for _ in range(_ROUNDS):
+        self._derive([s for s in searches if s.J is None])
+        for turn in range(_ROUNDS):
             active = [s for s in searches if s.proposes()]
             best = min((s.cost for s in searches if not s.failed), default=np.inf)
             active = [s for s in active if s.promise < best + _HOPELESS]
             if not active:
                 break
+            if turn in _FRESH:
+                self._derive(active)
+                active = [s for s in active if s.proposes()]
             X = self.observe([s.trial() for s in active])
             for search, x in zip(active, X, strict=True):
                 search.answer(None if x is None else self.residual(x))
         return [self._fit(s) for s in searches]
+
+    def _derive(self, searches: Sequence[_Search]) -> None:
+        """Residuals and Jacobians of searches, simulated where they are."""
+        points = [(s.member(), s.unknowns) for s in searches]
+        for search, found in zip(searches, self.derivatives(points), strict=True):
+            if found is None:
+                search.failed = True
+            else:
+                search.J = found[1]
+                search.settle(found[0])
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array]) -> _Search:
         unknowns, prior = self.hypothesis(terms)

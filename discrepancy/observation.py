@@ -5,7 +5,11 @@ The catalogue's f_n and ζ run away where a sensor is perfect; a = 2ζ/ω_n (slo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+
+from fitting.beats import Beats
 
 Array = np.ndarray
 
@@ -19,3 +23,11 @@ def resonance_of(slow: float, resonance: float) -> tuple[float, float]:
     """f_n [Hz] and ζ of a second-order sensor; of one that is only slow, ζ = 50 stands for the overdamped limit."""
     b = max(resonance, (slow / 100.0) ** 2, 1e-12)
     return 1.0 / (2.0 * np.pi * np.sqrt(b)), slow / (2.0 * np.sqrt(b))
+
+
+def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+    """Variance (m,) by which the mean of one part of a record may be off that of the other: what means drift a beat.
+
+    A slow drift is alike in neighbouring beats, so that averaging over few of them leaves it as it is.
+    """
+    return np.array([np.var(np.nanmean(np.concatenate([other.values[n], part.values[n]]), axis=1)) for n in names])

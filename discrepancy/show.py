@@ -22,6 +22,7 @@ from solver.network import Inlet, Network, Pressure, Site
 from .bench import Bench, most_probable
 from .fits import Fit
 from .network import Member, NetworkProblem
+from .observation import mean_wander
 from .study import Study
 
 Array = np.ndarray
@@ -128,6 +129,8 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
     parts = []
     for part in (study.fitted, study.held_out):
         noise = S * (study.fitted.n_beats / part.n_beats)
+        if part is not study.fitted:
+            noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, names))
         parts.append(np.abs(X - mean_beat(part, names, K)) ** 2 / np.maximum(noise, 1e-300))
     weight = np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
     each = [np.sqrt((weight * p).sum(axis=0) / weight.sum()) for p in parts]

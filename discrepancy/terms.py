@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,7 +55,10 @@ _SHIFT, _SCALE = "shift", "scale"
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number x. moves : (variable, step) pairs. low, high : the x that allowed ranges leave."""
+    """One number x. moves : (variable, step) pairs. low, high : the x that allowed ranges leave.
+
+    ratio : the modulus that its value is reported relative to ("E" for φ0/E), or None.
+    """
 
     name: str
     kind: str
@@ -65,6 +68,7 @@ class Unknown:
     unit: str = "1"
     size: float = 1.0  # of the reported value: value = size x (shift) or nominal exp(size x) (scale)
     nominal: float = 0.0
+    ratio: str | None = None
 
     def estimate(self, x: float, sd: float, quantile: float) -> Estimate:
         """The value with its interval in the unit that is reported."""
@@ -185,6 +189,8 @@ def physical_term(network: Network, effect: effects.Effect, place: str) -> Term 
         else:
             size, nominal = TYPICAL[key], start[0] / getattr(network.segment(segments[0]), reference)
     unknown = _bounded(name, kind, moves, network, quantity, unit, size, nominal)
+    if place == "all" and key in _RELATIVE:
+        unknown = replace(unknown, ratio=_RELATIVE[key][0])
     return Term(effect.name, place, where, (unknown,))
 
 

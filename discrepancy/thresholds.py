@@ -11,6 +11,7 @@ FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
 LOUDEST = 8  # entries of the z map that the verdict lists
 
 # --- name ---
+FAR_OFF = 20.0  # misfit of the model as given from which on nothing depends on its last digits
 BIC_NONE = 6.0  # by which a candidate must beat "none", its share of the prior included
 CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
 MISFIT = 2.3  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record

@@ -18,7 +18,7 @@ from hidden.hide import ALL, CHANNEL, FLOW, OUTSIDE, WALL, Effect, hide, paramet
 from hidden.network import Balance, Linearised, womersley_excess
 from hidden.plan import REPORTED, REPORTED_SEED, TUNING_SEED, plan, seed_of
 from hidden.records import BEATS, FITTED, Case, make, write
-from hidden.refit import refit
+from hidden.refit import DRIFT, refit
 from hidden.sensors import pulsatile
 from hidden.shapes import MMHG, arterial_pressure, ejection
 from scipy.integrate import solve_ivp
@@ -311,7 +311,8 @@ def test_d_prime_counts_noise_and_samples() -> None:
     made = make(Case("network", "all", 40.0, (Effect("channel_gain", ("CA.Q",), 0.01),)), 5)
     samples = FITTED * made.beat.T / made.dt
     x = made.clean["CA.Q"] / 1.01
-    alone = 0.01 * np.sqrt(samples * (abs(x[0]) ** 2 + pulsatile(x) ** 2)) / made.noise["CA.Q"]
+    mean = abs(x[0]) ** 2 / (1.0 / samples + DRIFT)
+    alone = 0.01 * np.sqrt(mean + samples * pulsatile(x) ** 2) / made.noise["CA.Q"]
     assert 0.6 * alone <= d_prime(NetworkProblem(made), []) <= alone
 
 

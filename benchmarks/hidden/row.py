@@ -115,7 +115,7 @@ def gap(study: Study, naming: Naming) -> Line:
 
 def held_out(naming: Naming, study: Study, fits: dict[str, Fit]) -> dict[str, float]:
     """Whitened RMS of the held-out beats under the parameters found from the others, by the noise that those showed."""
-    kept = naming.problem.held_out(study.held_out)  # type: ignore[attr-defined]
+    kept = naming.problem.held_out(study.held_out, study.fitted)  # type: ignore[attr-defined]
     if study.site is not None:
         return {key: _rms(*kept.predict(fit)) for key, fit in fits.items()}
     X = kept.observe([Member(fit.terms, fit.unknowns, fit.x) for fit in fits.values()])

@@ -3,7 +3,8 @@
     d'² = min over the nuisance of Σ_k N w_k Δ_kᴴ Σ_k⁻¹ Δ_k + Σ (nuisance/prior)²,     w_0 = 1, w_k = 2
 
 Δ_k: harmonic k of the record without noise less the base model's, which is driven by the record's own inflow or
-pressure. N: samples in the beats that are fitted. Σ_k: white noise of every channel, and what that of the driving
+pressure. N: samples in the fitted beats, fewer for the
+mean, which drifts. Σ_k: white noise of every channel, and what that of the driving
 channel does to all of them (h σ² hᴴ). The nuisance moves about its true value under the prior; d' of a null is zero.
 With two effects, d' of one is what is left when the size of the other is free. The separation is the same with a
 rival's parameters free, too.
