@@ -1,0 +1,182 @@
+"""Records that no study can use: the verdict says why in a sentence, and nothing else is written."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from forked import NETWORK, SETTINGS, N, T, inflow
+
+from build_fmu import build
+from discrepancy.study import Unusable, bench_site, channels, prepare
+from discrepancy.usable import check_beats, check_record, check_waves
+from discrepancy.workflow import discover
+from fitting.records import Record, write_record
+from solver import load, simulate_periodic
+
+DT = T / N
+NAMES = ("inlet.Q", "A.P", "B.P", "C.Q")
+UNITS = {"A.P": "mmHg", "B.P": "mmHg", "C.Q": "mL/s", "inlet.Q": "mL/s"}
+Waves = dict[str, np.ndarray]
+
+
+@cache
+def beat() -> Mapping[str, np.ndarray]:
+    """One beat of the small network, N samples."""
+    wave = simulate_periodic(NETWORK, inflow, T, settings=SETTINGS, tolerance=1e-6)
+    return {name: wave[name][:-1] for name in NAMES}
+
+
+def healthy(beats: int = 20) -> Waves:
+    """A healthy record with 40 dB noise."""
+    rng = np.random.default_rng(3)
+    return {n: np.tile(x, beats) + 0.01 * x.std() * rng.normal(size=beats * N) for n, x in beat().items()}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU of the small network, which carries its file."""
+    return build(NETWORK, tmp_path_factory.mktemp("model"))
+
+
+def refused(waves: Waves, model: Path, folder: Path) -> str:
+    """The reason of an unusable record; there is no model of it, and nothing is left half done."""
+    write_record(folder / "record.csv", DT * np.arange(len(next(iter(waves.values())))), waves,
+                 {n: UNITS[n] for n in waves if n in UNITS})  # fmt: skip
+    outcome = discover(folder / "record.csv", model, folder / "out")
+    assert outcome.verdict == "unusable" and outcome.reason
+    written = json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8"))
+    assert (written["verdict"], written["reason"], written["effects"]) == ("unusable", outcome.reason, [])
+    assert {p.name for p in (folder / "out").iterdir()} <= {"verdict.json", "report.html", "figures"}
+    return outcome.reason
+
+
+def test_too_short(model: Path, tmp_path: Path) -> None:
+    """Six beats leave no scatter once some are kept apart."""
+    assert "6 beats are too few; record at least 8" in refused(healthy(6), model, tmp_path)
+
+
+def test_one_channel_on_another_clock(model: Path, tmp_path: Path) -> None:
+    """B.P shifted by 150 ms against the others: named, with its delay (± 20 ms) and its side."""
+    waves = healthy()
+    waves["B.P"] = np.roll(waves["B.P"], round(0.15 / DT))
+    reason = refused(waves, model, tmp_path)
+    assert "B.P comes" in reason and "ms too late" in reason and "not synchronised" in reason
+    assert float(reason.split("B.P comes ")[1].split(" ms")[0]) == pytest.approx(150.0, abs=20.0)
+
+
+def test_one_channel_with_another_heart_rate(model: Path, tmp_path: Path) -> None:
+    """C.Q repeats every 0.46 s, the others every 0.4 s."""
+    waves, t = healthy(), DT * np.arange(20 * N)
+    waves["C.Q"] = np.interp(t % 0.46, np.linspace(0.0, 0.46, N, endpoint=False), beat()["C.Q"], period=0.46)
+    assert "channel C.Q repeats every 0.46 s, the others every 0.4 s" in refused(waves, model, tmp_path)
+
+
+def test_dead_for_a_part(model: Path, tmp_path: Path) -> None:
+    """A.P is flat in six of twenty beats; of these the two at the ends may count as drifting."""
+    waves = healthy()
+    waves["A.P"][8 * N : 14 * N] = waves["A.P"][8 * N]
+    assert re.search(r"channel A\.P is flat in [456] of 20 beats", refused(waves, model, tmp_path))
+
+
+def test_dead_all_the_time(model: Path, tmp_path: Path) -> None:
+    """A pressure that is constant: the sentence names the column."""
+    waves = healthy() | {"B.P": np.full(20 * N, 1.2e4)}
+    assert "column 'B.P [mmHg]': the channel is constant" in refused(waves, model, tmp_path)
+
+
+def test_wrong_unit(model: Path, tmp_path: Path) -> None:
+    """C.Q in L/s under a title in mL/s: a pulse of a thousandth of the model's."""
+    waves = healthy()
+    waves["C.Q"] = waves["C.Q"] / 1000.0
+    reason = refused(waves, model, tmp_path)
+    assert "the pulse of C.Q is 0.001" in reason.replace("0.00100", "0.001") and "a wrong unit" in reason
+
+
+def test_saturated(model: Path, tmp_path: Path) -> None:
+    """A.P cut off at 70 % of its pulse in every beat: the sentence says clipped."""
+    waves = healthy()
+    x = waves["A.P"]
+    waves["A.P"] = np.minimum(x, x.min() + 0.7 * np.ptp(x))
+    assert "clipped" in refused(waves, model, tmp_path)
+
+
+def test_channels_of_another_network(model: Path, tmp_path: Path) -> None:
+    """A site that the network has not: the sentence tells those that it has."""
+    waves = healthy()
+    waves["FA.P"] = waves.pop("B.P")
+    assert "its channel FA.P is no output of network fork (sites A, B, C)" in refused(waves, model, tmp_path)
+
+
+def test_waves_of_another_network(model: Path, tmp_path: Path) -> None:
+    """The right names, but every wave is made of harmonics 3 to 5: none resembles the model's."""
+    rng, phase = np.random.default_rng(1), 2.0 * np.pi * np.arange(20 * N) / N
+    waves = healthy()
+    for name in ("A.P", "B.P", "C.Q"):
+        wave = sum(np.cos(k * phase - rng.uniform(0.0, 6.0)) for k in (3, 4, 5))
+        waves[name] = waves[name].mean() + waves[name].std() * wave
+    assert "none of its waves resembles those of network fork" in refused(waves, model, tmp_path)
+
+
+def test_files_of_an_earlier_study_go(model: Path, tmp_path: Path) -> None:
+    """A folder with a model of an earlier verdict: an unusable record leaves none of them there."""
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in ("model.toml", "model.fmu"):
+        (out / name).write_text("of yesterday")
+    refused(healthy(6), model, tmp_path)
+    assert not (out / "model.toml").exists() and not (out / "model.fmu").exists()
+
+
+def test_what_is_no_verdict(model: Path, tmp_path: Path) -> None:
+    """A record or model that is not there is an error of the caller, and makes no verdict."""
+    with pytest.raises(ValueError, match="nowhere.csv"):
+        discover(tmp_path / "nowhere.csv", model, tmp_path / "out")
+    with pytest.raises(ValueError, match="nothing.toml"):
+        discover(tmp_path / "record.csv", tmp_path / "nothing.toml", tmp_path / "out")
+    assert not (tmp_path / "out" / "verdict.json").exists()
+
+
+# --- the checks by themselves ----------------------------------------------------------------------------------------
+
+
+def as_record(waves: Waves) -> Record:
+    return Record("made.csv", "", DT * np.arange(len(next(iter(waves.values())))), waves)
+
+
+def test_a_healthy_record_passes() -> None:
+    """The model's own waves with noise: every check is silent, also with one channel half or twice as large."""
+    study = prepare(as_record(healthy()), NETWORK)
+    check_record(as_record(healthy()))
+    check_beats(study)
+    simulated = {n: np.interp(study.fitted.time, DT * np.arange(N), beat()[n], period=T) for n in NAMES}
+    check_waves(study, simulated)
+    check_waves(study, simulated | {"A.P": 2.0 * simulated["A.P"], "C.Q": 0.5 * simulated["C.Q"]})
+
+
+def test_held_out_beats_are_the_last_quarter() -> None:
+    """20 beats: 15 are fitted, the last 5 kept."""
+    study = prepare(as_record(healthy()), NETWORK)
+    assert (study.kind, study.site, study.fitted.n_beats, study.held_out.n_beats) == ("network", None, 15, 5)
+    assert set(study.problem.signals) == set(NAMES) - {"inlet.Q"}
+
+
+def test_what_a_bench_is() -> None:
+    """P and R of one segment alone; anything else without inflow is refused in a sentence."""
+    sheep = load("sheep")
+    x = np.zeros(8)
+    assert bench_site(as_record({"CA.P": x, "CA.R": x}), sheep) == "CA"
+    for names, said in (
+        (("CA.P", "CA.Q"), "not P and R of one site alone"),
+        (("CA.P", "CA.R", "FA.P"), "not P and R of one site alone"),
+        (("ZZ.P", "ZZ.R"), "has no segment ZZ"),
+    ):
+        with pytest.raises(Unusable, match=said):
+            bench_site(as_record(dict.fromkeys(names, x)), sheep)
+    with pytest.raises(Unusable, match="it has no channel but inlet.Q"):
+        channels(as_record({"inlet.Q": x}), sheep)

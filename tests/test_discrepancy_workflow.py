@@ -1,0 +1,232 @@
+"""The whole workflow on a bench record: verdict, rebuilt FMU, gap; and a study that was killed goes on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import read_model_description
+from hidden.hide import Effect
+from hidden.records import Case, Made, make, write
+
+from discrepancy import workflow
+from discrepancy.journal import Journal, decode_naming, decode_run, encode_naming, encode_run
+from discrepancy.name import Naming
+from discrepancy.outcome import VERDICTS, Outcome
+from discrepancy.show import Gap, Run, bench_of
+from discrepancy.source import read_model
+from discrepancy.study import judge
+from discrepancy.workflow import discover
+from fitting.records import Record
+from solver import load
+from solver.files import read_network, write_network
+
+SITE = "CA"
+HIDDEN = Effect("nonlinear_elasticity", (SITE,), 4.0)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study that was killed once and went on."""
+
+    made: Made
+    folder: Path
+    outcome: Outcome
+    verdict: dict[str, Any]
+    stages: list[str]
+    namings: int
+    kept: list[str]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """E_NL = 4 E is hidden in a record of CA at 40 dB. The first run is interrupted while the extended FMU runs."""
+    folder = tmp_path_factory.mktemp("study")
+    made = make(Case("bench", SITE, 40.0, (HIDDEN,)), 5)
+    write(made, folder / "record.csv")
+    write_network(made.base, folder / "base.toml")
+    arguments = (folder / "record.csv", folder / "base.toml", folder / "out")
+    calls: list[Any] = []
+    real_name, real_run = workflow.name, workflow.free_run
+
+    def counted(*given: Any) -> Naming:
+        calls.append("name")
+        return real_name(*given)
+
+    def killed(fmu: Path, *given: Any) -> Run:
+        if "extended" in fmu.parts:
+            raise KeyboardInterrupt
+        return real_run(fmu, *given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "name", counted)
+        patch.setattr(workflow, "free_run", killed)
+        with pytest.raises(KeyboardInterrupt):
+            discover(*arguments)
+        kept = sorted(p.name for p in (folder / "out").rglob("*"))
+        patch.setattr(workflow, "free_run", real_run)
+        stages: list[str] = []
+        outcome = discover(*arguments, progress=lambda fraction, label: stages.append(label))
+    verdict = json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8"))
+    return Study(made, folder, outcome, verdict, stages, len(calls), kept)
+
+
+# --- a killed study --------------------------------------------------------------------------------------------------
+
+
+def test_a_killed_study_goes_on(study: Study) -> None:
+    """Nothing but its state is there after Ctrl-C; the second run does not name again; then the state is gone."""
+    assert study.kept == [".state", "naming.json", "run_before.json"]
+    assert study.namings == 1
+    assert not (study.folder / "out" / ".state").exists()
+    assert not [p for p in (study.folder / "out").rglob("*") if p.suffix in (".part", ".tmp")]
+
+
+def test_the_same_answer_as_in_one_go(study: Study) -> None:
+    """Find and name anew, without journal or files: verdict, confidence and value are the killed study's."""
+    record = Record("record.csv", "", study.made.time, study.made.channels, {})
+    naming = judge(record, study.made.base)[1]
+    assert naming.verdict == study.verdict["verdict"]
+    (told,) = study.verdict["effects"]
+    assert naming.confidence == pytest.approx(told["confidence"], rel=1e-9)
+    (unknown,) = naming.best.fit.terms[0].unknowns
+    value = unknown.estimate(float(naming.best.fit.x[-1]), 0.0, 1.0).value
+    # the file holds samples in mm and mmHg, which read back to round-off
+    assert told["parameters"][f"{SITE}.ENL"]["value"] == pytest.approx(value, rel=1e-6)
+
+
+def test_stages_are_told(study: Study) -> None:
+    """Progress names every stage in order, the last one "done"."""
+    assert study.stages[-1] == "done"
+    wanted = ["cutting the beats", "naming", "rebuilding the FMU", "running the extended FMU", "writing the report"]
+    assert [s for s in study.stages if s in wanted] == wanted
+
+
+# --- what is written -------------------------------------------------------------------------------------------------
+
+
+def test_verdict_json(study: Study) -> None:
+    """The schema: every key with its kind; the true effect with the truth in its interval; numbers only, no NaN."""
+    v = study.verdict
+    assert v["verdict"] in VERDICTS and v["verdict"] == "effect"
+    (effect,) = v["effects"]
+    assert (effect["name"], effect["where"]) == (HIDDEN.name, [SITE])
+    assert 0.85 < effect["confidence"] <= 1.0
+    ((name, told),) = effect["parameters"].items()
+    truth = study.made.truth["effects"][0]["parameters"]
+    assert {name: told["unit"]} == {f"{SITE}.ENL": "Pa"} and set(truth) == {name}
+    assert told["ci95"][0] <= truth[name] <= told["ci95"][1]
+    assert abs(told["value"] / truth[name] - 1.0) < 0.15
+    assert v["class"] == [{"name": HIDDEN.name, "where": [SITE]}]
+    assert {"site", "signal", "harmonic", "z"} <= set(v["located"][0]) and v["located"][0]["site"] == SITE
+    zs = [at["z"] for at in v["located"]]
+    assert zs == sorted(zs, reverse=True) and zs[0] > 4.0
+    assert v["separating_measurement"] is None and v["reason"] is None
+    assert isinstance(v["invisible"], list) and v["seconds"] > 0.0
+    text = (study.folder / "out" / "verdict.json").read_text(encoding="utf-8")
+    assert "NaN" not in text and "Infinity" not in text
+
+
+def test_the_gap_shrinks(study: Study) -> None:
+    """Held-out beats: R from more than 2 to less than 1.4 times the noise; P drives, and stays as it was."""
+    gap = study.verdict["gap"]
+    assert set(gap["before"]) == set(gap["after"]) == {"fit", "held_out"}
+    assert set(gap["channels"]) == {f"{SITE}.P", f"{SITE}.R"}
+    R, P = gap["channels"][f"{SITE}.R"], gap["channels"][f"{SITE}.P"]
+    assert R["before"] > 2.0 and R["after"] < 1.4
+    assert P["after"] == pytest.approx(P["before"], rel=1e-9)
+    assert gap["after"]["held_out"] < gap["before"]["held_out"]
+    assert gap["after"]["fit"] < 1.2
+
+
+def test_model_toml_reads_back(study: Study) -> None:
+    """The network file is the outcome's network, with the new value in it and the nuisances refitted."""
+    network = read_network(study.folder / "out" / "model.toml")
+    told = study.verdict["effects"][0]["parameters"][f"{SITE}.ENL"]["value"]
+    assert network.parameters()[f"{SITE}.ENL"] == pytest.approx(told, rel=1e-9)
+    assert study.outcome.network_after is not None
+    assert network.parameters() == pytest.approx(study.outcome.network_after.parameters(), rel=1e-12)
+    assert study.made.base.segment(SITE).ENL == 0.0
+    assert network.segment("FA") == study.made.base.segment("FA")
+
+
+def test_model_fmu_has_the_parameter(study: Study) -> None:
+    """modelDescription.xml of the rebuilt FMU starts CA.ENL at the fitted value; it carries the network file, too."""
+    path = study.folder / "out" / "model.fmu"
+    variables = {v.name: v for v in read_model_description(path).modelVariables}
+    told = study.verdict["effects"][0]["parameters"][f"{SITE}.ENL"]["value"]
+    assert float(variables[f"{SITE}.ENL"].start) == pytest.approx(told, rel=1e-6)
+    assert read_model(path).parameters() == read_network(study.folder / "out" / "model.toml").parameters()
+
+
+def test_report_and_figures_are_there(study: Study) -> None:
+    """One page and its figures; no half-written file beside them."""
+    names = {p.name for p in (study.folder / "out").iterdir()}
+    assert names == {"verdict.json", "report.html", "figures", "model.toml", "model.fmu"}
+    assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_bench_of_a_site() -> None:
+    """A millimetre of the site's wall with a pressure at its end: the same wall, one segment, one outlet."""
+    sheep = load("sheep")
+    network = bench_of(sheep, SITE)
+    assert [s.name for s in network.segments] == [SITE] and len(network.outlets) == 1
+    assert {k: v for k, v in vars(network.segment(SITE)).items() if k != "L"} == {
+        k: v for k, v in vars(sheep.segment(SITE)).items() if k != "L"
+    }
+
+
+# --- the journal -----------------------------------------------------------------------------------------------------
+
+
+def test_a_naming_survives_json_bit_by_bit() -> None:
+    """Two effects, one of a sensor: encoded, through JSON text, decoded: every number and every term is the same."""
+    hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))
+    made = make(Case("bench", SITE, 40.0, hidden), 5)
+    study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
+    assert naming.verdict == "several"
+    again = decode_naming(json.loads(json.dumps(encode_naming(naming))), study.problem)
+    assert (again.verdict, again.reason, again.terms) == (naming.verdict, naming.reason, naming.terms)
+    assert [n.label for n in again.members] == [n.label for n in naming.members]
+    for a, b in zip((again.base, *again.ranked), (naming.base, *naming.ranked), strict=True):
+        assert (a.score, a.misfit, a.probability, a.separation, a.above_best) == (
+            b.score, b.misfit, b.probability, b.separation, b.above_best)  # fmt: skip
+        assert a.fit.terms == b.fit.terms and a.fit.unknowns == b.fit.unknowns
+        for key in ("x", "z", "J", "prior", "order", "signal"):
+            assert np.array_equal(getattr(a.fit, key), getattr(b.fit, key)), key
+        assert (a.fit.converged, a.fit.log_volume) == (b.fit.converged, b.fit.log_volume)
+    assert set(again.columns) == set(naming.columns)
+    assert all(np.array_equal(again.columns[k], naming.columns[k]) for k in naming.columns)
+
+
+def test_a_run_survives_json_bit_by_bit() -> None:
+    """Complex coefficients, beats and gaps."""
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(4, 2)) + 1j * rng.normal(size=(4, 2))
+    run = Run(X, {"A.P": rng.normal(size=9)}, Gap((1.1, 2.2), {"A.P": (0.1 + 0.2, 1 / 3)}))
+    again = decode_run(json.loads(json.dumps(encode_run(run))))
+    assert np.array_equal(again.X, run.X) and again.gap == run.gap
+    assert np.array_equal(again.beats["A.P"], run.beats["A.P"])
+
+
+def test_stages_count_only_for_the_same_inputs(tmp_path: Path) -> None:
+    """Computed once for one key; anew for another record, and anew where the file was cut off."""
+    calls = []
+
+    def stage(inputs: Any) -> int:
+        def compute() -> int:
+            calls.append(inputs)
+            return len(calls)
+
+        return Journal(tmp_path, inputs).stage("one", compute, lambda x: x, lambda x: x)
+
+    assert [stage(["a"]), stage(["a"]), stage(["b"]), stage(["b"])] == [1, 1, 2, 2]
+    file = tmp_path / ".state" / "one.json"
+    file.write_text(file.read_text()[:-3])
+    assert stage(["b"]) == 3
+    Journal(tmp_path, ["b"]).close()
+    assert not list(tmp_path.iterdir())
