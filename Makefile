@@ -32,7 +32,7 @@ discover: $(VENV)/installed-run
 	$(BIN)/python examples/discover.py
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff format --check .
