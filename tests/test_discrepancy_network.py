@@ -6,6 +6,7 @@ The bank judges with the independent generator.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -15,6 +16,7 @@ from forked import NETWORK, N, T, inflow, record
 
 from discrepancy.add import extended, sensor_parameters
 from discrepancy.fits import Fit
+from discrepancy.journal import decode_naming, encode_naming
 from discrepancy.name import Naming, name, quantile
 from discrepancy.network import Member, NetworkProblem, network_problem, sense
 from discrepancy.terms import Term, candidates, followers, nuisances, sensor_terms
@@ -101,6 +103,18 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
     assert np.mean(z**2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / len(z)))
 
 
+def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
+    """Through JSON and about a problem made anew: the same step, and the same weights to 1 % of any channel's noise."""
+    data = json.loads(json.dumps(encode_naming(stiff)))
+    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
+    assert again.problem.simulator.settings == stiff.problem.simulator.settings
+    old, new = (np.einsum("kii->ki", p.target.covariance).real for p in (stiff.problem, again.problem))
+    np.testing.assert_allclose(new, old, rtol=0.02)
+    assert again.best.label == stiff.best.label
+    assert np.array_equal(again.best.fit.z, stiff.best.fit.z)
+
+
 # --- the residual ----------------------------------------------------------------------------------------------------
 
 
@@ -161,11 +175,14 @@ def test_sharpened_shortens_steps_where_they_matter(noise: float, halvings: int)
 
 
 def test_held_out_beats_are_weighted_by_their_number(healthy: NetworkProblem) -> None:
-    """5 beats have 3 times the variance of 15: covariance x 3, whitener / √3; the mean is their own."""
+    """5 beats have 3 times the variance of 15, their means no less; whitened it is 1, and the mean is their own."""
     kept = beats(noise=0.02).select(range(5))
-    other = healthy.held_out(kept)
-    np.testing.assert_allclose(other.target.covariance, 3.0 * healthy.target.covariance, rtol=1e-12)
-    np.testing.assert_allclose(other.target.whitener, healthy.target.whitener / np.sqrt(3.0), rtol=1e-12)
+    other = healthy.held_out(kept, healthy.beats)
+    C, W = other.target.covariance, other.target.whitener
+    np.testing.assert_allclose(C[1:], 3.0 * healthy.target.covariance[1:], rtol=1e-12)
+    assert np.all(np.diag(C[0]).real >= 3.0 * np.diag(healthy.target.covariance[0]).real * (1.0 - 1e-12))
+    unit = W @ C @ W.conj().swapaxes(1, 2)
+    np.testing.assert_allclose(unit, np.broadcast_to(np.eye(len(healthy.names)), unit.shape), atol=1e-9)
     assert other.target.X[0, 0] == pytest.approx(kept.mean(healthy.names[0]).mean())
 
 
