@@ -112,6 +112,10 @@ class Bench:
         """Terms that can act only beside those of a fit."""
         return followers(extended(self.network, fit), self.site, terms)
 
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        """None: on a bench there is one segment."""
+        return None
+
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         """Other beats of the same record, with the noise that the fitted ones showed."""
         other = bench(beats, self.network, self.site)

@@ -20,6 +20,7 @@ from solver.files import write_whole
 
 from .fits import Fit
 from .name import Named, Naming, Problem
+from .network import NetworkProblem
 from .show import Gap, Run
 from .terms import Term, Unknown
 
@@ -88,16 +89,26 @@ def encode_naming(naming: Naming) -> dict[str, Any]:
         "members": len(naming.members),
         "columns": {label: column.tolist() for label, column in naming.columns.items()},
         "terms": [asdict(term) for term in naming.terms],
+        "weights": _weights(naming.problem),
     }
+
+
+def _weights(problem: Problem) -> dict[str, Any]:
+    """What a network's problem was weighted with at last; a bench needs nothing."""
+    if not isinstance(problem, NetworkProblem):
+        return {}
+    return {"dt": problem.simulator.settings.dt, "error": problem.error.tolist()}
 
 
 def decode_naming(data: Mapping[str, Any], problem: Problem) -> Naming:
     """The naming of :func:`encode_naming`, about ``problem`` weighted as it was."""
     base, ranked = _unnamed(data["base"]), tuple(_unnamed(each) for each in data["ranked"])
     best = ranked[0] if ranked and data["verdict"] != "none" else base
+    if isinstance(problem, NetworkProblem):
+        problem = problem.restored(best.fit, data["weights"]["dt"], np.array(data["weights"]["error"]))
     return Naming(
         data["verdict"],
-        problem.sharpened(best.fit),
+        problem,
         base,
         ranked,
         ranked[: data["members"]],

@@ -63,6 +63,10 @@ class Problem(Protocol):
         """Terms that can act only beside those of a fit."""
         ...
 
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
+        ...
+
 
 @dataclass(frozen=True)
 class Named:
@@ -257,7 +261,8 @@ def _members(ranked: Sequence[Named]) -> tuple[Named, ...]:
 
 
 def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> list[Fit]:
-    """One more effect beside each of the best hypotheses; of one combination the better fit."""
+    """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
+    to one for each; of one combination the better fit."""
     found: dict[frozenset[str], Fit] = {}
     firsts: list[Named] = []
     for n in ranked:
@@ -276,11 +281,21 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
         base = first.fit if anew is None else anew
         columns = problem.columns(base, others)
         seconds = shortlist(scores(base, columns, others), at.SHORTLIST // 2)
-        for f in problem.refit([(*first.fit.terms, t) for t in seconds], base, columns):
+        fits = problem.refit([(*first.fit.terms, t) for t in seconds], base, columns)
+        for f in [*fits, *problem.refit(_refinements(problem, first.fit))]:
             if f is not None:
                 key = frozenset(t.label for t in f.terms)
                 found[key] = min(f, found.get(key, f), key=lambda fit: fit.cost)
     return list(found.values())
+
+
+def _refinements(problem: Problem, fit: Fit) -> list[tuple[Term, ...]]:
+    found = []
+    for i, term in enumerate(fit.terms):
+        finer = problem.refined(fit, term)
+        if finer is not None:
+            found.append((*fit.terms[:i], finer, *fit.terms[i + 1 :]))
+    return found
 
 
 def _left(fit: Fit, problem: Problem) -> str:

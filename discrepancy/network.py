@@ -36,7 +36,7 @@ from solver.simulate import Waveforms
 from .add import extended
 from .fits import Fit, bounded_step, bounds
 from .observation import mean_wander, transfer
-from .terms import Term, Unknown, followers, nuisances, rewired, values
+from .terms import Term, Unknown, followers, nuisances, refined, rewired, values
 from .thresholds import COARSE_DT, PRIOR_WIDTH, SCREEN_DT
 
 Array = np.ndarray
@@ -74,6 +74,23 @@ class Simulator:
     simulations: int = 0
     starts: dict[str, Waveforms] = field(default_factory=dict)
 
+    def _beat(self, network: Network, parameters: Mapping[str, Array], start: Waveforms | None) -> Waveforms:
+        """The periodic beats; from rest where the earlier state has another mesh (a stenosis elsewhere)."""
+        try:
+            return simulate_periodic(
+                network,
+                lambda t: self.drive(t + self.start),
+                self.T,
+                parameters=parameters,
+                settings=self.settings,
+                tolerance=_PERIODIC,
+                start=start,
+            )
+        except ValueError:
+            if start is None:
+                raise
+        return self._beat(network, parameters, None)
+
     def halved(self) -> Simulator:
         """The same with half the step."""
         return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0), starts={})
@@ -86,16 +103,8 @@ class Simulator:
     def coefficients(self, network: Network, parameters: Mapping[str, Array], key: str) -> Array:
         """X : (B, K+1, m) of the periodic beats; ``key`` names networks that can start from one another's state."""
         size = next(iter(parameters.values())).size if parameters else 1
-        beat = simulate_periodic(
-            network,
-            lambda t: self.drive(t + self.start),
-            self.T,
-            parameters=parameters,
-            settings=self.settings,
-            tolerance=_PERIODIC,
-            start=self.starts.get(key),
-        )
-        self.starts.setdefault(key, beat.member(0))
+        beat = self._beat(network, parameters, self.starts.get(key))
+        self.starts[key] = beat.member(0)
         self.simulations += size
         self.tell(f"{self.simulations} simulations")
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
@@ -147,6 +156,11 @@ class NetworkProblem:
     def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Terms that can act only beside those of a fit."""
         return followers(extended(self.network, fit), None, terms)
+
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        """A term that acts everywhere with a size of its own for every segment; None if it is no such term."""
+        x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
+        return refined(self.network, term, float(x[0]))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         """Other beats of the same record, with the noise that the fitted ones showed."""
@@ -371,14 +385,22 @@ class NetworkProblem:
             if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
                 break
             problem = replace(problem, simulator=problem.simulator.halved())
+        return problem.weighted(fit, error)
+
+    def restored(self, fit: Fit, dt: float, error: Array) -> NetworkProblem:
+        """The problem as :meth:`sharpened` left it, from the step [s] and the error that it found."""
+        simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt), starts={})
+        return replace(self, simulator=simulator).weighted(fit, error)
+
+    def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
+        """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
         network = self._rewired(fit.terms)
         nominal = network.parameters()
         at = {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items() if n in nominal}
         H = _response(network, self.names, self.simulator.T, self.K, at)
-        flat = replace(member, x=np.where(["offset" in u.name for u in member.unknowns], 0.0, member.x))
-        H = sense(flat, self.names, H, self.simulator.T)
-        new = target(self.beats, self.names, H, error)
-        return replace(problem, target=new, error=error, response=H[: self.K + 1])
+        flat = np.where(["offset" in u.name for u in fit.unknowns], 0.0, fit.x)
+        H = sense(Member(fit.terms, fit.unknowns, flat), self.names, H, self.simulator.T)
+        return replace(self, target=target(self.beats, self.names, H, error), error=error, response=H[: self.K + 1])
 
     def _started(
         self, terms: Sequence[Term], unknowns: Sequence[Unknown], prior: Array, x: Array, start: Fit | None

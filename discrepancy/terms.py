@@ -282,10 +282,22 @@ def followers(network: Network, site: str | None, present: Sequence[Term]) -> tu
     )
 
 
+def refined(network: Network, term: Term, x: float) -> Term | None:
+    """An effect of walls everywhere with a size of its own for every segment, from the common size x; else None."""
+    effect = effects.BY_NAME[term.effect]
+    if term.place != "all" or effect.owner != "segment":
+        return None
+    each = [physical_term(network, effect, s) for s in effect.where(network) if s != "all"]
+    unknowns = tuple(u for t in each if t is not None for u in t.unknowns)
+    return Term(term.effect, EVERY, ("all",), unknowns, ((x,) * len(unknowns),)) if len(unknowns) > 1 else None
+
+
 def _alone(network: Network, effect: effects.Effect, place: str) -> bool:
     """Whether "all" is one place only, which then has its own name."""
     return place == "all" and effect.owner in ("segment", "outlet", "junction") and len(effect.where(network)) == 2
 
+
+EVERY = "every segment"
 
 BENCH = ("wall_viscosity", "nonlinear_wall_viscosity", "nonlinear_elasticity", "stress_relaxation",
          "external_pressure", "wall_stiffness")  # fmt: skip

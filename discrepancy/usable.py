@@ -17,8 +17,9 @@ _PERIODS = 0.02  # relative difference between the heart periods of two channels
 _LATE = 0.08  # of the period, by which a channel may be away from where it fits best
 _ALIKE = 0.9  # correlation there, so that the shape is the artery's and the time is wrong
 _MORE_ALIKE = 0.15  # than without the shift
-_SIZE = 25.0  # ratio of a channel's pulse to the model's
-_STRANGE = 0.5  # correlation at best below which the waves are not of this network
+_SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the model's: a hidden effect stays below
+_RADIUS = 1.6  # ratio of a mean radius to R0
+_STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
 _DEAD = 0.05  # of the usual pulse of a beat
 _MOSTLY = 0.25  # of the beats
 
@@ -46,7 +47,7 @@ def check_record(record: Record) -> None:
 
 def check_beats(study: Study) -> None:
     """Raise Unusable if a sensor was dead for a good part of the record."""
-    for name in study.problem.signals:
+    for name in study.fitted.values:
         beats = np.concatenate([study.fitted.values[name], study.held_out.values[name]])
         pulse = np.nanstd(beats, axis=1)
         dead = pulse < _DEAD * np.nanmedian(pulse)
@@ -57,38 +58,80 @@ def check_beats(study: Study) -> None:
             )
 
 
+def check_radii(study: Study) -> None:
+    """Raise Unusable if a measured radius is not that of its artery: a wrong unit, a diameter, another animal."""
+    segments = {site.name: study.network.segment(site.segment) for site in study.network.sites}
+    segments |= {s.name: s for s in study.network.segments}
+    for name in study.problem.signals:
+        site, _, kind = name.rpartition(".")
+        if kind == "R":
+            mean, R0 = float(study.fitted.mean(name).mean()), segments[site].R0
+            if not 1.0 / _RADIUS < mean / R0 < _RADIUS:
+                raise Unusable(
+                    f"{study.fitted.source}: the mean of {name} is {1e3 * mean:.3g} mm, and R0 of the model is "
+                    f"{1e3 * R0:.3g} mm: a wrong unit, a diameter, or another artery; check the column and its unit."
+                )
+
+
+def check_stiffness(study: Study) -> None:
+    """Raise Unusable if pressure and radius of a bench are out of all proportion: a wrong unit of the pressure."""
+    if study.site is None:
+        return
+    segment = study.network.segment(study.site)
+    slope = segment.E * segment.h / (1.0 - study.network.eta**2) / segment.R0**2
+    P, R = (float(np.std(study.fitted.mean(f"{study.site}.{kind}"))) for kind in "PR")
+    ratio = P / (slope * R)
+    if not 1.0 / _SIZE["P"] < ratio < _SIZE["P"]:
+        raise Unusable(
+            f"{study.fitted.source}: the pressure of {study.site} rises {ratio:.3g} times as steeply with the radius "
+            f"as in "
+            "the model: a wrong unit, or another artery; check the columns' units and the network file."
+        )
+
+
 def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
     """Raise Unusable if the measured beats are not those of this network: size, time or shape.
 
     simulated : (N,) beats of the model as given, by channel.
     """
-    lags, alike = {}, []
-    for name in study.problem.signals:
-        measured, model = study.fitted.mean(name), simulated[name]
-        ratio = float(np.std(measured) / max(np.std(model), 1e-300))
-        if not 1.0 / _SIZE < ratio < _SIZE:
-            raise Unusable(
-                f"{study.fitted.source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, "
-                f"or a record of another network; check the column's unit and the network file."
-            )
-        shift, best, without = _best_shift(measured, model)
-        alike.append(best)
-        if abs(shift) > _LATE and best > _ALIKE and best - without > _MORE_ALIKE:
-            lags[name] = shift * study.fitted.T
-    if study.kind == "network" and max(alike) < _STRANGE:
+    pairs = {name: (study.fitted.mean(name), simulated[name]) for name in study.problem.signals}
+    for name, (measured, model) in pairs.items():
+        _check_size(study, name, float(np.std(measured) / max(np.std(model), 1e-300)))
+    fits = {name: _best_shift(measured, model) for name, (measured, model) in pairs.items()}
+    _check_time(study, fits)
+    middle = float(np.median([without for _, _, without in fits.values()]))
+    if study.kind == "network" and middle < _STRANGE:
         raise Unusable(
-            f"{study.fitted.source}: none of its waves resembles those of network {study.network.name} (correlation "
-            f"at most {max(alike):.2f}); check that the record is of this network and that inlet.Q is the flow into it."
+            f"{study.fitted.source}: its waves do not resemble those of network {study.network.name} (correlation "
+            f"about "
+            f"{middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."
         )
-    if lags:
-        name, lag = max(lags.items(), key=lambda item: abs(item[1]))
-        side = "late" if lag > 0.0 else "early"
+
+
+def _check_size(study: Study, name: str, ratio: float) -> None:
+    largest = _SIZE[name.rpartition(".")[2]]
+    if not 1.0 / largest < ratio < largest:
         raise Unusable(
-            f"{study.fitted.source}: {name} comes {abs(lag) * 1e3:.0f} ms too {side} against what drives the model"
-            f"{f', and so do {len(lags) - 1} more channels' if len(lags) > 1 else ''}: the channels are not "
-            f"synchronised; "
-            "shift them onto one clock."
+            f"{study.fitted.source}: the pulse of {name} is {ratio:.3g} times that of the model: a wrong unit, or a "
+            "record of another network; check the column's unit and the network file."
         )
+
+
+def _check_time(study: Study, fits: Mapping[str, tuple[float, float, float]]) -> None:
+    late = {
+        name: shift * study.fitted.T
+        for name, (shift, best, without) in fits.items()
+        if abs(shift) > _LATE and best > _ALIKE and best - without > _MORE_ALIKE
+    }
+    if not late:
+        return
+    name, lag = max(late.items(), key=lambda item: abs(item[1]))
+    others = f", and so do {len(late) - 1} more channels" if len(late) > 1 else ""
+    raise Unusable(
+        f"{study.fitted.source}: {name} comes {abs(lag) * 1e3:.0f} ms too {'late' if lag > 0.0 else 'early'} against "
+        f"what "
+        f"drives the model{others}: the channels are not synchronised; shift them onto one clock."
+    )
 
 
 def _best_shift(measured: Array, model: Array) -> tuple[float, float, float]:

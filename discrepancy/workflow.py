@@ -43,7 +43,7 @@ from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .subset import leave_one_site_out
 from .terms import values
-from .usable import check_beats, check_record, check_waves
+from .usable import check_beats, check_radii, check_record, check_stiffness, check_waves
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -77,22 +77,21 @@ def discover(
     """
     started, folder = time.perf_counter(), Path(out)
     network = read_model(model)
+    measured = _read(record)
+    progress = _rising(progress)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
     journal = None
     try:
-        measured = read_record(record)
+        if isinstance(measured, Unusable):
+            raise measured
         check_record(measured)
         journal = Journal(folder, _key(measured, network, model, period))
         found = _Work(measured, network, Path(model), journal, period, progress).run()
     except Unusable as error:
-        found = Discovery(_unusable(str(error), record, model), None, None)
-    except ValueError as error:
-        if not Path(record).exists():
-            raise
-        found = Discovery(_unusable(str(error), record, model), None, None)
+        found = Discovery(_unusable(str(error), record, model, measured), None, None)
     outcome = replace(found.outcome, seconds=time.perf_counter() - started)
     _write(replace(found, outcome=outcome), folder, progress)
     if journal is not None:
@@ -105,13 +104,37 @@ def _key(record: Record, network: Network, model: str | os.PathLike[str], period
     return [record.sha256, to_dict(network), os.fspath(model), period, decided, software()]
 
 
-def _unusable(reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str]) -> Outcome:
+def _read(record: str | os.PathLike[str]) -> Record | Unusable:
+    """The record, or why its content cannot be used. Raises ValueError if there is no such file."""
+    try:
+        return read_record(record)
+    except ValueError as error:
+        if not Path(record).is_file():
+            raise
+        return Unusable(str(error))
+
+
+def _rising(progress: Progress) -> Progress:
+    """The same progress, which never goes back."""
+    reached = 0.0
+
+    def tell(fraction: float, label: str) -> None:
+        nonlocal reached
+        reached = max(reached, fraction)
+        progress(reached, label)
+
+    return tell
+
+
+def _unusable(
+    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
+) -> Outcome:
     return Outcome(
         verdict="unusable",
         sentence="This record cannot be used with this model.",
         record=os.fspath(record),
         model=os.fspath(model),
-        kind="network",
+        kind="bench" if isinstance(measured, Record) and INFLOW not in measured.channels else "network",
         reason=reason,
         provenance={"software": software()},
     )
@@ -128,6 +151,8 @@ class _Work:
         progress(0.02, "cutting the beats")
         self.study = prepare(record, network, period, lambda label: progress(0.08, label))
         check_beats(self.study)
+        check_radii(self.study)
+        check_stiffness(self.study)
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> Discovery:
