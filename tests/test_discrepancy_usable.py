@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from forked import NETWORK, SETTINGS, N, T, inflow
+from hidden.records import Case, make, write
 
 from build_fmu import build
 from discrepancy.study import Unusable, bench_site, channels, prepare
@@ -18,6 +20,7 @@ from discrepancy.usable import check_beats, check_record, check_waves
 from discrepancy.workflow import discover
 from fitting.records import Record, write_record
 from solver import load, simulate_periodic
+from solver.files import write_network
 
 DT = T / N
 NAMES = ("inlet.Q", "A.P", "B.P", "C.Q")
@@ -77,11 +80,12 @@ def test_one_channel_with_another_heart_rate(model: Path, tmp_path: Path) -> Non
     assert "channel C.Q repeats every 0.46 s, the others every 0.4 s" in refused(waves, model, tmp_path)
 
 
-def test_dead_for_a_part(model: Path, tmp_path: Path) -> None:
-    """A.P is flat in six of twenty beats; of these the two at the ends may count as drifting."""
+@pytest.mark.parametrize("name", ["A.P", "inlet.Q"])
+def test_dead_for_a_part(model: Path, tmp_path: Path, name: str) -> None:
+    """A channel is flat in six of twenty beats; of these the two at the ends may count as drifting."""
     waves = healthy()
-    waves["A.P"][8 * N : 14 * N] = waves["A.P"][8 * N]
-    assert re.search(r"channel A\.P is flat in [456] of 20 beats", refused(waves, model, tmp_path))
+    waves[name][8 * N : 14 * N] = waves[name][8 * N]
+    assert re.search(rf"channel {name} is flat in [456] of 20 beats", refused(waves, model, tmp_path))
 
 
 def test_dead_all_the_time(model: Path, tmp_path: Path) -> None:
@@ -120,7 +124,16 @@ def test_waves_of_another_network(model: Path, tmp_path: Path) -> None:
     for name in ("A.P", "B.P", "C.Q"):
         wave = sum(np.cos(k * phase - rng.uniform(0.0, 6.0)) for k in (3, 4, 5))
         waves[name] = waves[name].mean() + waves[name].std() * wave
-    assert "none of its waves resembles those of network fork" in refused(waves, model, tmp_path)
+    assert "its waves do not resemble those of network fork" in refused(waves, model, tmp_path)
+
+
+def test_waves_upside_down(model: Path, tmp_path: Path) -> None:
+    """Waves of the right harmonics, but upside down and 9/50 of a beat late: no wave of this network either."""
+    waves = healthy()
+    for name in ("A.P", "B.P", "C.Q"):
+        waves[name] = np.roll(2.0 * waves[name].mean() - waves[name], 9)
+    reason = refused(waves, model, tmp_path)
+    assert "do not resemble" in reason or "not synchronised" in reason
 
 
 def test_files_of_an_earlier_study_go(model: Path, tmp_path: Path) -> None:
@@ -180,3 +193,23 @@ def test_what_a_bench_is() -> None:
             bench_site(as_record(dict.fromkeys(names, x)), sheep)
     with pytest.raises(Unusable, match="it has no channel but inlet.Q"):
         channels(as_record({"inlet.Q": x}), sheep)
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "said"),
+    [
+        ("CA.R", 0.1, "the mean of CA.R is"),  # cm under a title in mm
+        ("CA.R", 2.0, "a diameter"),
+        ("CA.P", 0.133322, "the pressure of CA rises"),  # kPa under a title in mmHg
+    ],
+)
+def test_a_bench_in_the_wrong_unit(tmp_path: Path, channel: str, factor: float, said: str) -> None:
+    """A bench whose column has another unit than its title: said before anything is named."""
+    made = make(Case("bench", "CA", 40.0), 3)
+    wrong = replace(made, channels=dict(made.channels) | {channel: made.channels[channel] * factor})
+    write(wrong, tmp_path / "record.csv")
+    write_network(made.base, tmp_path / "sheep.toml")
+    outcome = discover(tmp_path / "record.csv", tmp_path / "sheep.toml", tmp_path / "out")
+    assert (outcome.verdict, outcome.kind) == ("unusable", "bench")
+    assert outcome.reason is not None and said in outcome.reason
+    assert not (tmp_path / "out" / "model.fmu").exists()
