@@ -8,6 +8,7 @@ import numpy as np
 
 from fitting.period import find_period
 from fitting.records import Record
+from fitting.units import MMHG
 
 from .study import Study, Unusable
 
@@ -18,6 +19,7 @@ _LATE = 0.08  # of the period, by which a channel may be away from where it fits
 _ALIKE = 0.9  # correlation there, so that the shape is the artery's and the time is wrong
 _MORE_ALIKE = 0.15  # than without the shift
 _SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the model's: a hidden effect stays below
+_PRESSURE = 300.0 * MMHG  # [Pa], of a mean
 _RADIUS = 1.6  # ratio of a mean radius to R0
 _STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
 _DEAD = 0.05  # of the usual pulse of a beat
@@ -71,6 +73,18 @@ def check_radii(study: Study) -> None:
                     f"{study.fitted.source}: the mean of {name} is {1e3 * mean:.3g} mm, and R0 of the model is "
                     f"{1e3 * R0:.3g} mm: a wrong unit, a diameter, or another artery; check the column and its unit."
                 )
+
+
+def check_pressures(study: Study) -> None:
+    """Raise Unusable if a mean pressure is beyond any artery's: a wrong unit."""
+    for name in study.problem.signals:
+        mean = float(study.fitted.mean(name).mean())
+        if name.endswith(".P") and abs(mean) > _PRESSURE:
+            raise Unusable(
+                f"{study.fitted.source}: the mean of {name} is {mean / MMHG:.4g} mmHg, beyond any artery's: a wrong "
+                f"unit; "
+                "check the column's title."
+            )
 
 
 def check_stiffness(study: Study) -> None:

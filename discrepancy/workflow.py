@@ -43,7 +43,7 @@ from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .subset import leave_one_site_out
 from .terms import values
-from .usable import check_beats, check_radii, check_record, check_stiffness, check_waves
+from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -152,6 +152,7 @@ class _Work:
         self.study = prepare(record, network, period, lambda label: progress(0.08, label))
         check_beats(self.study)
         check_radii(self.study)
+        check_pressures(self.study)
         check_stiffness(self.study)
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
