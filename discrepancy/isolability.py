@@ -2,7 +2,7 @@
 
 For two effects with whitened columns a and b (the change of all data by an effect of typical size), what the
 nuisances can absorb is taken out of both. The norm of what is left of a is its visibility d'; the norm of what b in
-any size cannot make of it, their separation.
+any size cannot make of it, the separation of a from b. A strong effect may be far from a weak one that is near to it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) 
         for j, b in enumerate(effects):
             if i != j and a in best and b in best:
                 separation[i, j] = min(_apart(_typical(left[best[a]]), left[t.label]) for t in places[b])
-    separation = np.minimum(separation, separation.T)  # two effects are as far apart as the nearer of the two sees them
     invisible = tuple(e for e, d in zip(effects, visibility, strict=True) if d < thresholds.INVISIBLE)
     return Isolability(tuple(effects), separation, visibility, invisible, _classes(effects, separation, invisible))
 
@@ -67,7 +66,8 @@ def _classes(effects: Sequence[str], separation: Array, invisible: Sequence[str]
     group = {i: {i} for i in visible}
     for i in visible:
         for j in visible:
-            if i < j and separation[i, j] < thresholds.INSEPARABLE and group[i] is not group[j]:
+            near = max(separation[i, j], separation[j, i]) < thresholds.INSEPARABLE
+            if i < j and near and group[i] is not group[j]:
                 group[i] |= group[j]
                 for k in group[j]:
                     group[k] = group[i]

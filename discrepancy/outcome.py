@@ -112,9 +112,9 @@ class Channel:
 class Isolability:
     """What a sensor set can tell apart, before any data.
 
-    labels : "effect at place". separation : (n, n) d' of two effects of typical size after the best refit of the
-    other (0 on the diagonal). visibility : (n,) d' of each after the nuisance refit. invisible : names of effects.
-    classes : groups of labels that cannot be told apart.
+    labels : "effect at place". separation : (n, n) d' of the effect of a row, of typical size, after the best
+    refit of that of a column (0 on the diagonal). visibility : (n,) d' of each after the nuisance refit. invisible :
+    names of effects. classes : groups of labels that cannot be told apart.
     """
 
     labels: tuple[str, ...]

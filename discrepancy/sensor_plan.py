@@ -156,7 +156,7 @@ def _gain(own: Isolability, channel: str, table: Isolability) -> Gain:
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:
-    """Pairs of visible effects that can be told apart."""
+    """Pairs of visible effects, the hidden one first, that can be told apart, over two."""
     at = [table.labels.index(e) for e in effects if e in table.labels and e not in table.invisible]
     block = table.separation[np.ix_(at, at)]
     return int((block >= thresholds.INSEPARABLE).sum() // 2)

@@ -170,17 +170,18 @@ def test_isolability_of_columns_made_by_hand() -> None:
     ten = np.radians(10.0)
     columns = {
         "a at A": (20.0 * e[1] + 300.0 * e[0])[:, None],
-        "b at A": (40.0 * (np.cos(ten) * e[1] + np.sin(ten) * e[2]))[:, None],
-        "c at A": (30.0 * e[3])[:, None],
+        "b at A": (30.0 * (np.cos(ten) * e[1] + np.sin(ten) * e[2]))[:, None],
+        "c at A": (40.0 * e[3])[:, None],
         "d at A": (2.0 * e[4])[:, None],
     }
     terms = tuple(term(name) for name in "abcd")
     fit = base(1e6 * e[:1].T, 1.0)
     table = isolability(fit, columns, terms)
     assert table.labels == ("a", "b", "c", "d")
-    np.testing.assert_allclose(table.visibility, [20.0, 40.0, 30.0, 2.0], rtol=1e-6)
+    np.testing.assert_allclose(table.visibility, [20.0, 30.0, 40.0, 2.0], rtol=1e-6)
     assert table.invisible == ("d",)
-    assert table.separation[0, 1] == table.separation[1, 0] == pytest.approx(20.0 * np.sin(ten), rel=1e-6)
+    assert table.separation[0, 1] == pytest.approx(20.0 * np.sin(ten), rel=1e-6)
+    assert table.separation[1, 0] == pytest.approx(30.0 * np.sin(ten), rel=1e-6)
     assert table.separation[0, 2] == pytest.approx(20.0, rel=1e-6)
     assert np.all(np.diag(table.separation) == 0.0)
     assert table.classes == (("a", "b"),)
@@ -197,7 +198,8 @@ def test_isolability_takes_the_nearest_place() -> None:
     table = isolability(base(np.zeros((50, 0)), 1.0), columns, (term("a"), term("b"), term("b", "B")))
     assert table.visibility.tolist() == [20.0, 50.0]
     assert table.separation[0, 1] == pytest.approx(20.0 * 0.1 / np.sqrt(1.01), rel=1e-9)
-    assert table.classes == (("a", "b"),)
+    assert table.separation[1, 0] == pytest.approx(50.0, rel=1e-9)
+    assert table.classes == ()  # b, where it is most visible, is no a
 
 
 @pytest.mark.parametrize("prior", [1e-4, 1.0, 1e4])
