@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import t as t_distribution
 
 from . import thresholds as at
-from .fits import Fit, bounded_step, bounds, misfit, projected
+from .fits import Fit, bounded_step, bounds, misfit
 from .terms import Term
 
 Array = np.ndarray
@@ -315,13 +315,3 @@ def _left(fit: Fit, problem: Problem) -> str:
 def quantile(problem: Problem) -> float:
     """Half a 95 % interval in standard deviations."""
     return float(t_distribution.ppf(0.975, problem.dof_of_noise))
-
-
-def visibility(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, float]:
-    """d' of every term at typical size after the nuisance refit: norm of what the nuisances cannot absorb."""
-    found = {}
-    for term in terms:
-        if term.label in columns:
-            left = projected(base.J, base.prior, columns[term.label])
-            found[term.label] = float(np.sqrt((left**2).sum(axis=0)).max())
-    return found

@@ -28,7 +28,6 @@ from fitting.network_data import (
 )
 from fitting.units import INFLOW
 from solver import NonPhysicalState, NotPeriodic, Settings, simulate_periodic
-from solver.effects import BY_NAME
 from solver.network import Network
 from solver.report import output_variables
 from solver.simulate import Waveforms
@@ -552,11 +551,3 @@ def _response(network: Network, names: Sequence[str], T: float, K: int, paramete
         return response(
             plain, names, T, K + NEIGHBOURS, {n: v for n, v in parameters.items() if n in plain.parameters()}
         )
-
-
-def adjacent(network: Network, a: str, b: str) -> bool:
-    """Whether two segments meet at a junction."""
-    return any({a, b} <= {*j.inflow, *j.outflow} for j in network.junctions)
-
-
-__all__ = ["BY_NAME", "Member", "NetworkProblem", "Simulator", "adjacent", "network_problem"]

@@ -36,7 +36,7 @@ from .isolability import isolability, smallest
 from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
 from .name import Named, Naming, name, quantile
 from .network import Member, NetworkProblem
-from .outcome import Absorbed, Balance, Candidate, Channel, Estimate, NamedEffect, Outcome, Round
+from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
 from .separating import separating_measurement
 from .show import Gap, Run, bench_of, drive, free_run, most_probable_inflow, parity
 from .source import build_fmu, read_model
@@ -483,8 +483,3 @@ def _write(found: Discovery, folder: Path, progress: Progress) -> None:
     write_report(found.outcome, folder)
     write_whole(folder / "verdict.json", text)
     progress(1.0, "done")
-
-
-def estimate_text(e: Estimate) -> str:
-    """A value with its interval, in SI."""
-    return f"{e.value:.4g} {e.unit} ({e.ci95[0]:.4g} to {e.ci95[1]:.4g})"

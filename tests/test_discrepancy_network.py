@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from forked import NETWORK, N, T, inflow, record
 
-from discrepancy.add import extended, sensor_parameters
+from discrepancy.add import estimates, extended, sensor_parameters
 from discrepancy.fits import Fit
 from discrepancy.journal import decode_naming, encode_naming
 from discrepancy.name import Naming, name, quantile
@@ -28,11 +28,16 @@ NAMES = ("A.P", "B.P", "B.Q", "C.P", "C.Q", "C.R")
 EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
 
 
-@cache
 def truth(E_scale: float) -> dict[str, np.ndarray]:
     """One beat with B stiffer by a factor, N samples without aliases."""
+    return beat_of((("B.E", 9e5 * E_scale),))
+
+
+@cache
+def beat_of(parameters: tuple[tuple[str, float], ...]) -> dict[str, np.ndarray]:
+    """One beat of the network with these values."""
     settings = Settings(dt=T / 200, element_length=Settings().element_length / 2.0, tolerance=1e-7)
-    beat = simulate_periodic(NETWORK, inflow, T, parameters={"B.E": 9e5 * E_scale}, settings=settings, tolerance=1e-6)
+    beat = simulate_periodic(NETWORK, inflow, T, parameters=dict(parameters), settings=settings, tolerance=1e-6)
     X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
     return {n: np.fft.irfft(x, N, norm="forward") for n, x in X.items()}
 
@@ -84,6 +89,25 @@ def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
     assert told.value == pytest.approx(1.25, rel=0.004)
     assert told.ci95[0] <= 1.25 <= told.ci95[1]
     assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were
+
+
+def test_viscosity_everywhere_that_is_not_the_same_everywhere() -> None:
+    """Elastic model; φ0/E = 10, 16 and 25 ms in the three walls: one effect, everywhere, with a size for each wall."""
+    sizes = {"A": 0.010, "B": 0.016, "C": 0.025}
+    viscous = {f"{s.name}.phi0": sizes[s.name] * s.E for s in NETWORK.segments}
+    elastic = NETWORK.with_parameters(dict.fromkeys(viscous, 0.0))
+    problem = network_problem(record(beat_of(tuple(viscous.items())), 15, 0.01), elastic)
+    found = tuple(t for t in candidates(elastic, NAMES) if t.effect in ("wall_viscosity", "channel_lag"))
+    naming = name(problem, found)
+    assert naming.verdict == "effect"
+    (told,) = naming.best.fit.terms
+    assert (told.effect, told.where) == ("wall_viscosity", ("all",))
+    values = estimates(naming.best.fit, told, quantile(naming.problem))
+    assert set(values) == set(viscous)
+    for variable, phi0 in viscous.items():
+        assert values[variable].value == pytest.approx(phi0, rel=0.02)
+    network = extended(elastic, naming.best.fit)
+    assert all(network.parameters()[v] == pytest.approx(values[v].value, rel=1e-12) for v in viscous)
 
 
 def test_the_wrong_places_do_not_explain_it(stiff: Naming) -> None:

@@ -16,7 +16,6 @@ from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances
 from discrepancy.fits import Fit, bounded_step, misfit, projected
 from discrepancy.isolability import isolability, smallest
-from discrepancy.name import visibility
 from discrepancy.terms import Term, Unknown
 
 # --- misfit ----------------------------------------------------------------------------------------------------------
@@ -185,7 +184,6 @@ def test_isolability_of_columns_made_by_hand() -> None:
     assert table.separation[0, 2] == pytest.approx(20.0, rel=1e-6)
     assert np.all(np.diag(table.separation) == 0.0)
     assert table.classes == (("a", "b"),)
-    assert visibility(fit, columns, terms) == pytest.approx(dict(zip(columns, table.visibility, strict=True)))
     assert {name: x for name, (_, x) in smallest(fit, columns, terms).items()} == pytest.approx(
         {name: thresholds.DETECTABLE / d for name, d in zip("abcd", table.visibility, strict=True)}
     )
