@@ -30,7 +30,7 @@ from solver.network import Network
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 from .add import extended
-from .fits import Fit, bounded_step, bounds
+from .fits import Fit, bounded_step, bounds, penalty
 from .observation import mean_wander, transfer
 from .terms import Term, Unknown, followers, nuisances, values
 from .thresholds import PRIOR_WIDTH
@@ -164,7 +164,7 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     best, converged = np.inf, False
     for _ in range(_ITERATIONS):
         # z as it will be at the most probable radius: the residual is quadratic in what is left to move
-        cost = float(state.z @ state.z + prior @ x**2) + state.log_volume
+        cost = float(state.z @ state.z) + penalty(prior, x) + state.log_volume
         if cost < best + _EQUAL:
             converged = best - cost < _EQUAL
             best, kept, damping = min(cost, best), (x, r, state), 0.2 * damping if damping > 1e-4 else 0.0
@@ -215,7 +215,7 @@ def _promise(problem: Bench, unknowns: Sequence[Unknown], x: Array, prior: Array
     step = bounded_step(state.J, state.z, prior, x, low, high)
     step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
     left = state.z + state.J @ step
-    return float(left @ left + prior @ (x + step) ** 2 + state.log_volume)
+    return float(left @ left) + penalty(prior, x + step) + state.log_volume
 
 
 def most_probable(problem: Bench, at: Fit) -> Array:

@@ -11,6 +11,8 @@ from .terms import Term, Unknown
 
 Array = np.ndarray
 
+_TAILS = 5.0  # degrees of freedom of the priors
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -41,12 +43,12 @@ class Fit:
     @property
     def cost(self) -> float:
         """-2 log of likelihood and priors, up to a constant: what the search minimises."""
-        return self.chi2 + float(self.prior @ self.x**2) + self.log_volume
+        return self.chi2 + penalty(self.prior, self.x) + self.log_volume
 
     @property
     def covariance(self) -> Array:
         """(p, p) of x."""
-        return np.linalg.pinv(self.J.T @ self.J + np.diag(self.prior), hermitian=True)
+        return np.linalg.pinv(self.J.T @ self.J + np.diag(precision(self.prior, self.x)), hermitian=True)
 
     @property
     def free(self) -> int:
@@ -59,15 +61,33 @@ class Fit:
         return bounded_step(self.J, self.z, self.prior, self.x, low, high, damping)
 
 
+def penalty(prior: Array, x: Array) -> float:
+    """-2 log of the priors: Student's t of five degrees of freedom, whose precision at 0 is ``prior``.
+
+    An animal four standard deviations from the network file is odd, not impossible: with a Gaussian prior its oddity
+    alone would be taken for an effect.
+    """
+    return float(np.sum(_TAILS * np.log1p(prior * x**2 / _TAILS)))
+
+
+def precision(prior: Array, x: Array) -> Array:
+    """(p,) precision of the Gaussian that has the slope of the priors at x."""
+    return np.asarray(prior / (1.0 + prior * x**2 / _TAILS))
+
+
 def bounds(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
     """(p,) lowest and highest x."""
     return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
 
 
 def bounded_step(J: Array, z: Array, prior: Array, x: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
-    """The step (p,) to the minimum of |z + J s|² + Σ prior (x + s)², those that would leave their range held there."""
-    normal = J.T @ J + np.diag(prior) + damping * np.diag(np.maximum((J**2).sum(axis=0), 1e-12))
-    gradient = J.T @ z + prior * x
+    """The step (p,) to the minimum of |z + J s|² + Σ w (x + s)², those that would leave their range held there.
+
+    w : the precision of the priors at x.
+    """
+    w = precision(prior, x)
+    normal = J.T @ J + np.diag(w) + damping * np.diag(np.maximum((J**2).sum(axis=0), 1e-12))
+    gradient = J.T @ z + w * x
     free, step = np.ones(len(x), bool), np.zeros(len(x))
     for _ in range(len(x)):
         held = normal[np.ix_(free, ~free)] @ step[~free]

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from . import thresholds
-from .fits import Fit, projected
+from .fits import Fit, precision, projected
 from .outcome import Isolability
 from .terms import Term
 
@@ -22,7 +22,9 @@ Array = np.ndarray
 def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> Isolability:
     """Of every effect the most visible place, against every other effect wherever that comes nearest."""
     effects = list(dict.fromkeys(t.effect for t in terms))
-    left = {t.label: projected(base.J, base.prior, columns[t.label]) for t in terms if t.label in columns}
+    left = {
+        t.label: projected(base.J, precision(base.prior, base.x), columns[t.label]) for t in terms if t.label in columns
+    }
     places = {e: [t for t in terms if t.effect == e and t.label in left] for e in effects}
     size = {label: float(np.linalg.norm(_typical(x))) for label, x in left.items()}
     best = {e: max((t.label for t in there), key=lambda label: size[label]) for e, there in places.items() if there}
@@ -42,7 +44,7 @@ def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> 
     for term in terms:
         if term.label not in columns:
             continue
-        d = float(np.linalg.norm(_typical(projected(base.J, base.prior, columns[term.label]))))
+        d = float(np.linalg.norm(_typical(projected(base.J, precision(base.prior, base.x), columns[term.label]))))
         x = thresholds.DETECTABLE / d if d > 0.0 else np.inf
         if term.effect not in found or x < found[term.effect][1]:
             found[term.effect] = (term, x)

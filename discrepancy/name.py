@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import t as t_distribution
 
 from . import thresholds as at
-from .fits import Fit, bounded_step, bounds, misfit
+from .fits import Fit, bounded_step, bounds, misfit, penalty
 from .terms import Term
 
 Array = np.ndarray
@@ -136,7 +136,7 @@ def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> li
         prior = np.concatenate([base.prior, np.full(len(term.unknowns), at.PRIOR_WIDTH**-2.0)])
         step = bounded_step(J, base.z, prior, x, low, high)
         left = base.z + J @ step
-        gain = base.cost - float(left @ left + prior[:n] @ (x + step)[:n] ** 2)
+        gain = base.cost - base.log_volume - float(left @ left) - penalty(prior[:n], (x + step)[:n])
         found.append(Score(term, gain))
     return sorted(found, key=lambda s: -s.gain)
 
@@ -177,11 +177,13 @@ def name(problem: Problem, terms: Sequence[Term]) -> Naming:
     (found,) = problem.refit([()])
     if found is None:
         raise ArithmeticError("the model as given cannot be simulated with this record")
-    none = Named(found, found.cost, misfit(found, problem.dof_of_noise), 1.0, 0.0)
+    none = _none(problem, found)
     if none.misfit < at.FAR_OFF:  # else the best hypothesis will tell how fine the steps must be
         problem, none, _ = _polished(problem, found, [], terms)
     columns = problem.columns(none.fit, terms)
-    problem, none, ranked = _ranking(problem, none, _singles(problem, none, columns, terms), terms)
+    fits = _singles(problem, none, columns, terms)
+    none = _lower(problem, none, fits)
+    problem, none, ranked = _ranking(problem, none, fits, terms)
     # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
     rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not none.explains and not (ranked and ranked[0].explains):
@@ -203,6 +205,22 @@ def name(problem: Problem, terms: Sequence[Term]) -> Naming:
     members = _members(ranked)
     verdict = "several" if len(best.fit.terms) > 1 else "effect" if len(members) == 1 else "ambiguous"
     return Naming(verdict, problem, none, ranked, members, columns, terms)
+
+
+def _lower(problem: Problem, none: Named, fits: Sequence[Fit]) -> Named:
+    """No effect, searched again from where an effect of no size came lower: the first search ended in a side valley."""
+    best = min(fits, key=lambda f: f.cost, default=none.fit)
+    own = {u.name for term in best.terms for u in term.unknowns}
+    sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]
+    if not sizes or max(sizes) > at.NO_SIZE or best.cost > none.fit.cost - at.BIC_NONE:
+        return none
+    (again,) = problem.refit([()], best)
+    lower = again is not None and again.cost < none.fit.cost
+    return _none(problem, again) if again is not None and lower else none
+
+
+def _none(problem: Problem, fit: Fit) -> Named:
+    return Named(fit, fit.cost, misfit(fit, problem.dof_of_noise), 1.0, 0.0)
 
 
 def _singles(problem: Problem, none: Named, columns: Mapping[str, Array], terms: tuple[Term, ...]) -> list[Fit]:
@@ -229,12 +247,11 @@ def _polished(
     sharp = problem.sharpened(best)
     near = [n.fit for n in ranked if n.score < ranked[0].score + at.NEAR][: at.SHORTLIST // 2]
     if sharp is problem:
-        none = Named(base, base.cost, misfit(base, problem.dof_of_noise), 1.0, 0.0)
-        return problem, none, tuple(ranked)
+        return problem, _none(problem, base), tuple(ranked)
     anew, *again = sharp.refine([base, *near])
     fits = [f for f in again if f is not None]
     base = base if anew is None else anew
-    none = Named(base, base.cost, misfit(base, sharp.dof_of_noise), 1.0, 0.0)
+    none = _none(sharp, base)
     known = {tuple(t.label for t in f.terms) for f in fits}
     far = [n.fit for n in ranked if tuple(t.label for t in n.fit.terms) not in known]
     return sharp, none, _ranked(sharp, none, [*fits, *far], terms)
@@ -280,7 +297,7 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
         (anew,) = problem.refine([first.fit])
         base = first.fit if anew is None else anew
         columns = problem.columns(base, others)
-        seconds = shortlist(scores(base, columns, others), at.SHORTLIST // 2)
+        seconds = shortlist(scores(base, columns, others), at.SHORTLIST)
         fits = problem.refit([(*first.fit.terms, t) for t in seconds], base, columns)
         for f in [*fits, *problem.refit(_refinements(problem, first.fit))]:
             if f is not None:

@@ -33,9 +33,9 @@ from solver.report import output_variables
 from solver.simulate import Waveforms
 
 from .add import extended
-from .fits import Fit, bounded_step, bounds
+from .fits import Fit, bounded_step, bounds, penalty
 from .observation import mean_wander, transfer
-from .terms import Term, Unknown, followers, nuisances, refined, rewired, values
+from .terms import EVERY, Term, Unknown, followers, nuisances, refined, rewired, values
 from .thresholds import COARSE_DT, PRIOR_WIDTH, SCREEN_DT
 
 Array = np.ndarray
@@ -407,7 +407,8 @@ class NetworkProblem:
         """x with new sensors at the best of their starting points: that costs one simulation for all of them."""
         before = set() if start is None else {t.label for t in start.terms}
         for term in terms:
-            if not term.starts or term.label in before:
+            known = term.is_sensor or term.place == EVERY  # others would need a simulation for every starting point
+            if not term.starts or not known or term.label in before:
                 continue
             at = [i for i, u in enumerate(unknowns) if u in term.unknowns]
             trials = [x]
@@ -445,7 +446,7 @@ class _Search:
         return Member(self.terms, self.unknowns, self.x)
 
     def settle(self, z: Array) -> None:
-        self.z, self.cost = z, float(z @ z + self.prior @ self.x**2)
+        self.z, self.cost = z, float(z @ z) + penalty(self.prior, self.x)
 
     def proposes(self) -> bool:
         """Whether another step is worth a simulation."""
@@ -455,7 +456,7 @@ class _Search:
         size = np.abs(step).max(initial=0.0)
         step *= min(1.0, _LARGEST / size) if size > 0.0 else 1.0
         left = self.z + self.J @ step
-        gain = self.cost - float(left @ left + self.prior @ (self.x + step) ** 2)
+        gain = self.cost - (float(left @ left) + penalty(self.prior, self.x + step))
         self.promise = self.cost - 3.0 * gain
         if gain < _SMALL * max(1.0, self.cost / len(self.z)):
             self.converged = True
@@ -474,7 +475,7 @@ class _Search:
             self.failed = self.damping > 1e7
             return
         x = self.x + step
-        cost = float(z @ z + self.prior @ x**2)
+        cost = float(z @ z) + penalty(self.prior, x)
         # Broyden: the Jacobian that would have foretold what was found
         self.J = self.J + np.outer(z - self.z - self.J @ step, step) / float(step @ step)
         if cost < self.cost:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .fits import Fit, bounded_step, bounds
+from .fits import Fit, bounded_step, bounds, precision
 from .network import NetworkProblem
 
 Array = np.ndarray
@@ -52,7 +52,7 @@ def leave_one_site_out(problem: NetworkProblem, fit: Fit) -> dict[str, float]:
         step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
         left = own(fit.z[:, None])[:, 0] + there_J @ step
         # what the others know of the unknowns is uncertain, too
-        spread = np.linalg.pinv(J.T @ J + np.diag(fit.prior), hermitian=True)
+        spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)
         V = np.eye(len(left)) + there_J @ spread @ there_J.T
         found[site] = float(np.sqrt(left @ np.linalg.solve(V, left) / len(left)))
     return found

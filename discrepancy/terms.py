@@ -152,6 +152,15 @@ def _bounded(name: str, kind: str, moves: Sequence[tuple[str, float]], network: 
     return Unknown(name, kind, tuple(moves), low, high, unit, size, nominal)
 
 
+# where the data bend between no effect and a strong one, a search from zero may end in a side valley
+_STARTS: Mapping[str, tuple[tuple[float, ...], ...]] = {
+    "stress_relaxation": ((0.3,), (1.0,), (3.0,), (10.0,), (30.0,)),
+    "wall_viscosity": ((0.1,), (0.3,), (1.0,)),
+    "nonlinear_elasticity": ((1.0,), (4.0,)),
+    "nonlinear_wall_viscosity": ((0.5,), (-0.5,), (-2.0,)),
+}
+
+
 def physical_term(network: Network, effect: effects.Effect, place: str) -> Term | None:
     """The term of an effect of wall, fluid, junction or outlet; None where the network leaves it nothing to act on."""
     if effect.name == "terminal_compliance":
@@ -191,7 +200,7 @@ def physical_term(network: Network, effect: effects.Effect, place: str) -> Term 
     unknown = _bounded(name, kind, moves, network, quantity, unit, size, nominal)
     if place == "all" and key in _RELATIVE:
         unknown = replace(unknown, ratio=_RELATIVE[key][0])
-    return Term(effect.name, place, where, (unknown,))
+    return Term(effect.name, place, where, (unknown,), _STARTS.get(effect.name, ()))
 
 
 def _windkessel(network: Network, place: str) -> Term | None:
@@ -255,7 +264,8 @@ def _resonance(f_n: float, zeta: float) -> tuple[float, float]:
     return 2.0 * zeta / omega / TYPICAL["slow"], omega**-2.0 / TYPICAL["resonance"]
 
 
-_RESONANCES = tuple(_resonance(f_n, zeta) for f_n in (8.0, 12.0, 18.0, 27.0, 40.0) for zeta in (0.15, 1.0))
+_FREQUENCIES, _DAMPINGS = (8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 27.0, 33.0, 40.0), (0.1, 0.35, 1.2)
+_RESONANCES = tuple(_resonance(f_n, zeta) for f_n in _FREQUENCIES for zeta in _DAMPINGS)
 
 
 def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:

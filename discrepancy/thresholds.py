@@ -23,6 +23,7 @@ BRANCH_COST = 3.0  # of the best cost, above which none is added
 SECOND = 10.0  # by which a second effect must lower the BIC
 SOMETHING_ELSE = 0.1  # odds beforehand of an effect outside the catalogue, against the best candidate
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
 SHORTLIST = 14  # candidates that are refitted
 PROMISING = 0.2  # of the best promised gain, which is linear, that a candidate must promise to be refitted
 FEWEST = 4  # effects that are refitted whatever they promise

@@ -14,7 +14,7 @@ from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances
-from discrepancy.fits import Fit, bounded_step, misfit, projected
+from discrepancy.fits import Fit, bounded_step, misfit, precision, projected
 from discrepancy.isolability import isolability, smallest
 from discrepancy.terms import Term, Unknown
 
@@ -209,7 +209,7 @@ def test_a_prior_limits_what_a_nuisance_absorbs(prior: float) -> None:
 
 
 def test_bounded_step_against_scipy() -> None:
-    """min |z + J s|² + Σ π (x + s)² in a tight box: never outside, and at most 5 % above SciPy's lsq_linear.
+    """min |z + J s|² + Σ w (x + s)² in a tight box: never outside, and at most 5 % above SciPy's lsq_linear.
 
     An unknown that was held stays held, which costs 2.6 % at worst in 300 cases; in a wide box the two agree to 1e-12.
     """
@@ -217,8 +217,9 @@ def test_bounded_step_against_scipy() -> None:
     for _ in range(50):
         J, z, x, prior = rng.normal(size=(30, 4)), rng.normal(size=30), 0.1 * rng.normal(size=4), rng.uniform(0.1, 3, 4)
         low, high = x - rng.uniform(0.01, 0.2, 4), x + rng.uniform(0.01, 0.2, 4)
-        A = np.concatenate([J, np.diag(np.sqrt(prior))])
-        b = -np.concatenate([z, np.sqrt(prior) * x])
+        w = np.sqrt(precision(prior, x))
+        A = np.concatenate([J, np.diag(w)])
+        b = -np.concatenate([z, w * x])
         free = bounded_step(J, z, prior, x, np.full(4, -np.inf), np.full(4, np.inf))
         np.testing.assert_allclose(free, np.linalg.lstsq(A, b)[0], rtol=1e-10)
         best = lsq_linear(A, b, (low - x, high - x), tol=1e-14).cost
@@ -228,11 +229,12 @@ def test_bounded_step_against_scipy() -> None:
 
 
 def test_covariance_of_a_fit() -> None:
-    """(JᵀJ + π)⁻¹, and cost = |z|² + Σ π x²."""
+    """(JᵀJ + w)⁻¹ with w = π/(1 + π x²/5), and cost = |z|² + Σ 5 ln(1 + π x²/5): priors of Student's t."""
     e = np.eye(50)
     fit = replace(base(3.0 * e[:, :2], 16.0), x=np.array([1.0, -2.0]), z=2.0 * e[0])
-    np.testing.assert_allclose(fit.covariance, np.eye(2) / 25.0, atol=1e-15)
-    assert fit.cost == pytest.approx(4.0 + 16.0 * 5.0)
+    w = 16.0 / (1.0 + 16.0 * np.array([1.0, 4.0]) / 5.0)
+    np.testing.assert_allclose(fit.covariance, np.diag(1.0 / (9.0 + w)), atol=1e-15)
+    assert fit.cost == pytest.approx(4.0 + 5.0 * (np.log1p(16.0 / 5.0) + np.log1p(64.0 / 5.0)))
 
 
 # --- architecture ----------------------------------------------------------------------------------------------------
