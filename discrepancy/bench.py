@@ -87,7 +87,7 @@ class Bench:
         columns: Mapping[str, Array] | None = None,
     ) -> list[Fit | None]:
         """The most probable unknowns of every hypothesis; ``start`` : of a simpler one that all contain."""
-        return [fit(self, terms, start) for terms in hypotheses]
+        return [_fitted(self, terms, start) for terms in hypotheses]
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:
         """The same fits: their Jacobians are up to date."""
@@ -216,6 +216,16 @@ def _promise(problem: Bench, unknowns: Sequence[Unknown], x: Array, prior: Array
     step *= min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
     left = state.z + state.J @ step
     return float(left @ left) + penalty(prior, x + step) + state.log_volume
+
+
+def _fitted(problem: Bench, terms: Sequence[Term], start: Fit | None) -> Fit | None:
+    """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind carries the loop."""
+    for begin in (start, None):
+        try:
+            return fit(problem, terms, begin)
+        except ArithmeticError:
+            continue
+    return None
 
 
 def most_probable(problem: Bench, at: Fit) -> Array:

@@ -212,3 +212,17 @@ def test_a_springpot_is_unknown() -> None:
     naming = judged((Effect("springpot", (SITE,), 1.0, 0.4),), "sheep")
     assert naming.verdict == "unknown" and not naming.members
     assert naming.reason is not None and "more remains: whitened RMS" in naming.reason
+
+
+def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
+    """A strongly bent wall and a slow pressure sensor: some hypotheses overflow at the base model's best; none may crash.
+
+    The sensor is named, f_n = 15.74 Hz within 5 %.
+    """
+    effect = Effect("catheter_resonance", ("MD.P",), 0.06354700373347959, 0.9756396714438954)
+    case = Case("bench", "MD", 30.0, (effect,), "sheep_nonlinear", "regression", "monotone")
+    made = make(case, (20261121, 0, 136))
+    _, naming = judge(Record("synthetic", "", made.time, made.channels, {}), made.base)
+    assert (naming.verdict, naming.best.label) == ("effect", "catheter_resonance at MD.P")
+    told = estimates(naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem))
+    assert told["MD.P.f_n"].value == pytest.approx(15.736, rel=0.05)
