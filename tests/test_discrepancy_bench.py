@@ -215,7 +215,7 @@ def test_a_springpot_is_unknown() -> None:
 
 
 def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
-    """A strongly bent wall, a slow pressure sensor: some hypotheses overflow where the base model ended; none may crash.
+    """A strongly bent wall, a slow pressure sensor: some hypotheses overflow where the base model ended; none crashes.
 
     The sensor is named, f_n = 15.74 Hz within 5 %.
     """
