@@ -124,10 +124,10 @@ class Bench:
         noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
         return replace(other, noise=noise, K=self.K)
 
-    def predict(self, at: Fit) -> tuple[float, float]:
-        """χ² of this record under the parameters of a fit to another, and the number of its data."""
-        state = _settled(self, at.unknowns, at.x)
-        return (float("nan"), 1.0) if state is None else (float(state.z @ state.z), float(len(state.z)))
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
+        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+        states = [_settled(self, f.unknowns, f.x) for f in fits]
+        return [(np.nan, 1.0) if s is None else (float(s.z @ s.z), float(len(s.z))) for s in states]
 
 
 def bench(beats: Beats, network: Network, site: str) -> Bench:

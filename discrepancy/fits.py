@@ -50,16 +50,6 @@ class Fit:
         """(p, p) of x."""
         return np.linalg.pinv(self.J.T @ self.J + np.diag(precision(self.prior, self.x)), hermitian=True)
 
-    @property
-    def free(self) -> int:
-        """How many unknowns the terms have."""
-        return sum(len(term.unknowns) for term in self.terms)
-
-    def step(self, damping: float = 0.0) -> Array:
-        """Gauss–Newton step of x from here, unknowns kept in their ranges."""
-        low, high = bounds(self.unknowns)
-        return bounded_step(self.J, self.z, self.prior, self.x, low, high, damping)
-
 
 def penalty(prior: Array, x: Array) -> float:
     """-2 log of the priors: Student's t of five degrees of freedom, whose precision at 0 is ``prior``.

@@ -93,8 +93,8 @@ class Named:
 @dataclass(frozen=True)
 class Naming:
     """verdict : none, effect, ambiguous, several or unknown. problem : as it was weighted at last. base : without
-    effect. ranked : best first. members : the
-    class. columns : of every candidate at ``base``, whitened. reason : for unknown."""
+    effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened. reason : for
+    unknown."""
 
     verdict: str
     problem: Problem
@@ -117,7 +117,7 @@ class Naming:
 
 @dataclass(frozen=True)
 class Score:
-    """Score test of a term: gain of the cost that its column promises, and its d' per unit of x."""
+    """Score test of a term: the gain of the cost that its column promises."""
 
     term: Term
     gain: float

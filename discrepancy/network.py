@@ -149,9 +149,6 @@ class NetworkProblem:
     def signals(self) -> tuple[str, ...]:
         return self.names
 
-    def nuisances(self, network: Network | None = None) -> tuple[Unknown, ...]:
-        return nuisances(network or self.network)
-
     def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Terms that can act only beside those of a fit."""
         return followers(extended(self.network, fit), None, terms)
@@ -177,6 +174,12 @@ class NetworkProblem:
             simulator=replace(self.simulator, drive=drive, starts={}),
             target=Target(self.names, X, covariance, whitener),
         )
+
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
+        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+        X = self.observe([Member(f.terms, f.unknowns, f.x) for f in fits])
+        z = [None if x is None else self.residual(x) for x in X]
+        return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
     # --- hypotheses ---------------------------------------------------------------------------------------------------
 
@@ -214,11 +217,8 @@ class NetworkProblem:
 
     def _batch(self, key: str, members: Sequence[Member]) -> list[Array | None]:
         network = self.network
-        for member in members:
-            for term in member.terms:
-                network = rewired(network, term) if not term.rewires or key == "" else network
-        for term in members[0].terms:
-            network = rewired(network, term) if term.rewires else network
+        for term in {t.label: t for member in members for t in member.terms}.values():
+            network = rewired(network, term)
         nominal = network.parameters()
         known = network.parameter_quantities()
         moved = [values(m.unknowns, m.x, nominal) for m in members]

@@ -21,7 +21,7 @@ from solver.network import Inlet, Network, Pressure, Site
 
 from .bench import Bench, most_probable
 from .fits import Fit
-from .network import Member, NetworkProblem
+from .network import Member, NetworkProblem, sense
 from .observation import mean_wander
 from .study import Study
 
@@ -67,13 +67,14 @@ def drive(study: Study, fit: Fit) -> Array:
     """The wave (N,) that drives the FMU, as the record says it most probably was under a hypothesis."""
     if isinstance(study.problem, Bench):
         return most_probable(study.problem, fit)
-    return most_probable_inflow(study.problem, study.fitted)
+    (X,) = study.problem.observe([Member(fit.terms, fit.unknowns, fit.x)])
+    return most_probable_inflow(study.problem, study.fitted, X)
 
 
-def most_probable_inflow(problem: NetworkProblem, beats: Beats, X: Array | None = None) -> Array:
+def most_probable_inflow(problem: NetworkProblem, beats: Beats, X: Array | None) -> Array:
     """Q : (N,) given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual x = n - H q + e.
 
-    X : (K+1, m) of the hypothesis under the measured inflow; None leaves the inflow as it was measured.
+    X : (K+1, m) of the hypothesis under the measured inflow; None (it breaks down) leaves the inflow as measured.
     """
     Q = beats.mean(INFLOW)
     if X is None:
@@ -141,8 +142,6 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
 
 def sensed(study: Study, fit: Fit, X: Array) -> Array:
     """What the measurement chain of a hypothesis makes of the coefficients."""
-    from .network import sense
-
     return sense(Member(fit.terms, fit.unknowns, fit.x), study.problem.signals, X, study.fitted.T)
 
 

@@ -29,16 +29,15 @@ from solver.network import Network, to_dict
 
 from . import thresholds
 from .add import estimates, extended, named
-from .bench import Bench
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .fits import Fit
 from .isolability import isolability, smallest
 from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
-from .name import Named, Naming, name, quantile
-from .network import Member, NetworkProblem
+from .name import Naming, name, quantile
+from .network import NetworkProblem
 from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
 from .separating import separating_measurement
-from .show import Gap, Run, bench_of, drive, free_run, most_probable_inflow, parity
+from .show import Gap, Run, bench_of, drive, free_run, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .subset import leave_one_site_out
@@ -47,6 +46,8 @@ from .usable import check_beats, check_pressures, check_radii, check_record, che
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
+
+_SHOWN = 12  # candidates in the report
 
 
 @dataclass(frozen=True)
@@ -169,14 +170,14 @@ class _Work:
         given = None
         if study.site is None:  # a network's record may be of another one: seen before the long search
             self.progress(0.1, "running the model as given")
-            given = self._free(fmu, "given", _nothing(study), study.fitted.mean(INFLOW), {})
+            given = self._free(fmu, "given", _nothing(), study.fitted.mean(INFLOW), {})
             check_waves(study, given.beats)
         naming = self._name()
         study = replace(study, problem=naming.problem)  # type: ignore[arg-type]
         added = naming.verdict in ("effect", "ambiguous", "several")
         best = naming.best.fit if added else naming.base.fit
         self.progress(0.75, "running the model with its nuisances refitted")
-        wave = self._drive(study, best)
+        wave = drive(study, best)
         base = naming.base.fit
         before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
         if given is None:
@@ -228,12 +229,6 @@ class _Work:
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 
-    def _drive(self, study: Study, fit: Fit) -> Array:
-        if not isinstance(study.problem, NetworkProblem):
-            return drive(study, fit)
-        X = study.problem.observe([Member(fit.terms, fit.unknowns, fit.x)])[0]
-        return most_probable_inflow(study.problem, study.fitted, X)
-
     def _add(
         self, study: Study, naming: Naming, wave: Array, before: Run
     ) -> tuple[Network, bytes, Run, float | None, tuple[Round, ...]]:
@@ -249,7 +244,7 @@ class _Work:
         if study.site is None:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
-            physical = free_run(fmu, study, _nothing(study), wave, {}) if _has_sensor(best) else after
+            physical = free_run(fmu, study, _nothing(), wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
@@ -268,7 +263,7 @@ class _Work:
         if alone is None:
             return (Round(effects[0], before.gap.total, None), Round(effects[1], before.gap.total, after.gap.total))
         middle = extended(self.network, alone)
-        run = self._free(self._fmu(middle, "middle"), "middle", alone, self._drive(study, best.fit), {}, study)
+        run = self._free(self._fmu(middle, "middle"), "middle", alone, drive(study, best.fit), {}, study)
         return (
             Round(effects[0], before.gap.total, run.gap.total),
             Round(effects[1], run.gap.total, after.gap.total),
@@ -310,7 +305,7 @@ class _Work:
             channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
             time=study.fitted.time,
             z_map=located.z,
-            candidates=tuple(self._candidate(study, n, half, n in naming.members) for n in naming.ranked[:12]),
+            candidates=_candidates(study, naming, half),
             absorbed=_absorbed(best.fit if after else naming.base.fit),
             isolability=table,
             smallest={term.label: term.unknowns[0].estimate(x, 0.0, 1.0) for term, x in least.values()},
@@ -323,15 +318,6 @@ class _Work:
             network_after=network,
             warnings=study.fitted.warnings,
             provenance=self._provenance(given),
-        )
-
-    def _candidate(self, study: Study, n: Named, half: float, in_class: bool) -> Candidate:
-        parameters = {name: e for t in n.fit.terms for name, e in estimates(n.fit, t, half).items()}
-        names = " + ".join(t.effect for t in n.fit.terms)
-        where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
-        dof = max(1, len(n.fit.z) - len(n.fit.x))
-        return Candidate(
-            names, where, parameters, n.above_best, n.fit.chi2 / dof, _held_out(study, n.fit), n.separation, in_class
         )
 
     def _provenance(self, given: Run | None) -> dict[str, Any]:
@@ -398,7 +384,7 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
     return f"Something is missing that the catalogue does not explain: {naming.reason}."
 
 
-def _nothing(study: Study) -> Fit:
+def _nothing() -> Fit:
     """The hypothesis that nothing is missing and nothing moves."""
     empty = np.zeros(0)
     return Fit((), (), empty, empty, np.zeros((0, 0)), empty, np.zeros(0, int), np.zeros(0, int))
@@ -445,23 +431,21 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
     )
 
 
-def _held_out(study: Study, fit: Fit) -> float:
-    """Whitened RMS of the held-out beats under the parameters found from the others; cheap on a bench alone."""
-    if isinstance(study.problem, Bench):
-        chi2, n = study.problem.held_out(study.held_out, study.fitted).predict(fit)
-        return float(np.sqrt(chi2 / n))
-    X = study.problem.target.X + 0.0
+def _candidates(study: Study, naming: Naming, half: float) -> tuple[Candidate, ...]:
+    """The best hypotheses, each with what it leaves of the held-out beats."""
+    shown = naming.ranked[:_SHOWN]
     kept = study.problem.held_out(study.held_out, study.fitted)
-    residual = kept.target.residual((_simulated(study.problem, fit, X))[None])[0]
-    return float(np.sqrt(np.mean(residual**2)))
-
-
-def _simulated(problem: NetworkProblem, fit: Fit, X: Array) -> Array:
-    """The coefficients of a fit, back from its whitened residual."""
-    m, K = len(problem.names), problem.K
-    mean, rest = fit.z[:m], fit.z[m:].reshape(2, K, m) / np.sqrt(2.0)
-    white = np.concatenate([mean[None] + 0j, rest[0] + 1j * rest[1]])
-    return X + np.einsum("kij,kj->ki", np.linalg.inv(problem.target.whitener), white)
+    found = []
+    for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
+        parameters = {name: e for t in n.fit.terms for name, e in estimates(n.fit, t, half).items()}
+        names = " + ".join(t.effect for t in n.fit.terms)
+        where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
+        dof = max(1, len(n.fit.z) - len(n.fit.x))
+        left = float(np.sqrt(chi2 / size))
+        found.append(
+            Candidate(names, where, parameters, n.above_best, n.fit.chi2 / dof, left, n.separation, n in naming.members)
+        )
+    return tuple(found)
 
 
 def _write(found: Discovery, folder: Path, progress: Progress) -> None:

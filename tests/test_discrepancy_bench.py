@@ -64,7 +64,7 @@ def test_jacobian_of_the_residual() -> None:
     rng = np.random.default_rng(0)
     for direction in (*np.eye(len(found.x)), *rng.normal(size=(5, len(found.x)))):
         expected = 1e-6 * float(np.sum((found.J @ direction) ** 2))
-        there, n = problem.predict(replace(found, x=found.x + 1e-3 * direction))
+        ((there, n),) = problem.predict([replace(found, x=found.x + 1e-3 * direction)])
         assert there == pytest.approx(expected, rel=0.01)
         assert n == 2 * problem.K + 1
 
@@ -83,7 +83,7 @@ def test_columns_of_what_may_be_added(base: str) -> None:
             added = 1e-3 * np.eye(len(term.unknowns))[i]
             moved = replace(none, unknowns=(*none.unknowns, *term.unknowns), x=np.concatenate([none.x, added]))
             expected = 1e-6 * float(np.sum(columns[term.label][:, i] ** 2))
-            assert problem.predict(moved)[0] == pytest.approx(expected, rel=0.03), term.label
+            assert problem.predict([moved])[0][0] == pytest.approx(expected, rel=0.03), term.label
 
 
 IDENTIFIABLE = [
@@ -131,9 +131,9 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
     at = Fit(
         (term,), (*problem.nuisances(), unknown), np.array([0.0, 0.0, 0.0, size]), empty, empty, empty, empty, empty
     )
-    hidden, _ = problem.predict(replace(at, x=np.zeros(4)))
+    ((hidden, _),) = problem.predict([replace(at, x=np.zeros(4))])
     assert hidden > 1e4
-    assert problem.predict(at)[0] <= 1e-6
+    assert problem.predict([at])[0][0] <= 1e-6
     assert fit(problem, (term,)).chi2 <= 1e-4
 
 

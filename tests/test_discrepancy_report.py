@@ -237,6 +237,7 @@ def test_many_labels(tmp_path: Path, sheep: Network) -> None:
     for n in (150, 1):
         write_report(replace(synthetic("unusable", sheep), isolability=isolability(n)), tmp_path)
         read(tmp_path / "report.html")
+        assert (tmp_path / "figures" / "isolability.png").stat().st_size > 1000
 
 
 def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 from discrepancy.add import estimates
 from discrepancy.fits import Fit
 from discrepancy.name import Named, Naming, quantile
-from discrepancy.network import Member
 from discrepancy.study import Study, Unusable, judge
 from fitting.records import Record
 from tests.hidden.anatomy import anatomy
@@ -116,11 +115,8 @@ def gap(study: Study, naming: Naming) -> Line:
 def held_out(naming: Naming, study: Study, fits: dict[str, Fit]) -> dict[str, float]:
     """Whitened RMS of the held-out beats under the parameters found from the others, by the noise that those showed."""
     kept = naming.problem.held_out(study.held_out, study.fitted)  # type: ignore[attr-defined]
-    if study.site is not None:
-        return {key: _rms(*kept.predict(fit)) for key, fit in fits.items()}
-    X = kept.observe([Member(fit.terms, fit.unknowns, fit.x) for fit in fits.values()])
-    found = {key: None if x is None else kept.residual(x) for key, x in zip(fits, X, strict=True)}
-    return {key: float(np.sqrt(np.mean(z**2))) for key, z in found.items() if z is not None}
+    predicted = zip(fits, kept.predict(list(fits.values())), strict=True)
+    return {key: _rms(chi2, n) for key, (chi2, n) in predicted if not math.isnan(chi2)}
 
 
 def _rms(chi2: float, n: float) -> float:
