@@ -37,6 +37,7 @@ ROOT = Path(__file__).resolve().parent
 SOLVER_MODULES = (
     "quantity",
     "wall",
+    "effect",
     "effects",
     "validation",
     "network",

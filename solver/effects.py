@@ -1,159 +1,26 @@
 """The catalogue of effects: physical terms that a network may hold or lack, one small class per row, all in ``ALL``.
 
 An effect says what it is (name, equation, units, ranges), where it may act, and how it enters the equations: by the
-hooks :meth:`Effect.wall`, :meth:`Effect.friction`, :meth:`Effect.drag` and :meth:`Effect.observe`, which leave things
-as they are unless a class says otherwise. Everything else follows from ``ALL``: the keys of the network file, the FMU's
-variables, batch parameters, regression columns and docs/effects.md. A number of an effect is either a field that every
-network has (phi0, R_t, k …) or a *term*, which only the segments, fluids and channels that were given it have.
+hooks of :class:`solver.effect.Effect` ``wall``, ``friction``, ``drag`` and ``observe``, which leave things as they are
+unless a class says otherwise. Everything else follows from ``ALL``: the keys of the network file, the FMU's variables,
+batch parameters, regression columns and docs/effects.md. A number of an effect is either a field that every network has
+(phi0, R_t, k …) or a *term*, which only the segments, fluids and channels that were given it have.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from .effect import Array, Drag, Effect, Points, Values, check_known
 from .quantity import Quantity, quantities
 from .wall import Wall
 
 if TYPE_CHECKING:
     from .network import Network
-
-Array = np.ndarray
-Values = Mapping[str, Array]
-
-ALL_PLACES = "all"
-_INFINITE = float("inf")
-
-
-@dataclass(frozen=True)
-class Points:
-    """The flow points of a mesh, arrays that broadcast to (B, n_e, N+1).
-
-    x : x/L of each point; centre : x/L of the middle of its element; R0 [m]; L [m]; nu [m²/s].
-    """
-
-    x: Array
-    centre: Array
-    R0: Array
-    L: Array
-    nu: Array
-
-
-@dataclass(frozen=True)
-class Drag:
-    """A force per mass f(U) = quadratic U|U| + Σ weight_i y_i [m/s²] with memory dy_i/dt = -rate_i y_i + dU/dt.
-
-    quadratic : (B, n_e, N+1) [1/m]. weight, rate : (m, B, n_e, N+1) [1/s]; m may be 0.
-    """
-
-    quadratic: Array
-    weight: Array
-    rate: Array
-
-    def __add__(self, other: Drag) -> Drag:
-        return Drag(
-            self.quadratic + other.quadratic,
-            np.concatenate([self.weight, other.weight]),
-            np.concatenate([self.rate, other.rate]),
-        )
-
-
-class Effect:
-    """A row of the catalogue.
-
-    owner : what its numbers belong to: segment, fluid, outlet, junction or channel. places : where it may act, "all"
-    being every owner at once. quantities : its numbers by key. neutral : the values that switch it off.
-    signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
-    at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
-    """
-
-    name: ClassVar[str]
-    equation: ClassVar[str]
-    owner: ClassVar[str]
-    places: ClassVar[tuple[str, ...]]
-    neutral: ClassVar[Mapping[str, float]]
-    signature: ClassVar[str]
-    confusable: ClassVar[tuple[str, ...]]
-    separator: ClassVar[str]
-    at_rest: ClassVar[bool] = False
-    cuts: ClassVar[tuple[float, ...]] = ()
-    terms: ClassVar[Mapping[str, Quantity]] = {}
-    field_of: ClassVar[tuple[str, tuple[str, ...]] | None] = (
-        None  # class of solver.network and fields that it points to
-    )
-
-    @cached_property
-    def quantities(self) -> Mapping[str, Quantity]:
-        """Unit, range and description of its numbers, by key."""
-        if self.field_of is None:
-            return self.terms
-        from . import network  # which imports this module
-
-        kind, keys = self.field_of
-        return {key: quantities(getattr(network, kind))[key] for key in keys}
-
-    # --- places -------------------------------------------------------------------------------------------------
-
-    def where(self, network: Network, channels: Sequence[str] = ()) -> tuple[str, ...]:
-        """All places where it can act; ``channels`` names the outputs that are measured, for effects of channels."""
-        targets = self._targets(network, channels)
-        everywhere = (ALL_PLACES,) if ALL_PLACES in self.places and targets else ()
-        return everywhere + (targets if set(self.places) - {ALL_PLACES} else ())
-
-    def variables(self, network: Network, place: str) -> dict[str, tuple[str, ...]]:
-        """The variable names that each of its numbers moves at a place. Raises ValueError where it cannot act."""
-        targets = self._targets(network, (place,))
-        if place not in self.where(network, (place,)) and not (self.owner == "fluid" and place == "fluid"):
-            allowed = ", ".join(self.where(network)) or "no place in this network"
-            raise ValueError(f"{self.name}: it cannot act at {place!r} in network {network.name}; use {allowed}.")
-        names = targets if place in (ALL_PLACES, "fluid") else (place,)
-        suffix = f".{self.owner}" if self.owner in ("outlet", "junction") else ""
-        return {key: tuple(f"{name}{suffix}.{key}" for name in names) for key in self.quantities}
-
-    def add(self, network: Network, place: str, values: Mapping[str, float]) -> Network:
-        """The network with this effect at a place; ``values`` in SI by key. Raises ValueError if it is not allowed."""
-        names = self.variables(network, place)
-        check_known(self.name, values, names)
-        return network.with_terms({name: value for key, value in values.items() for name in names[key]})
-
-    def _targets(self, network: Network, channels: Sequence[str]) -> tuple[str, ...]:
-        if self.owner == "fluid":
-            return ("fluid",)
-        if self.owner == "channel":
-            return tuple(name for name in channels if name in network.channel_names())
-        kinds: dict[str, tuple[Any, ...]] = {
-            "segment": network.segments,
-            "outlet": network.outlets,
-            "junction": network.junctions,
-        }
-        owners = kinds[self.owner]
-        return tuple(owner.segment if self.owner == "outlet" else owner.name for owner in owners if self.acts_on(owner))
-
-    def acts_on(self, owner: Any) -> bool:
-        """Whether it makes sense at this segment, outlet or junction."""
-        return True
-
-    # --- how it enters the equations ----------------------------------------------------------------------------
-
-    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        """The walls at points x : (n,) = x/L with this effect; ``values`` : (B, n)."""
-        return wall
-
-    def friction(self, C_f: Array, values: Values) -> Array:
-        """The friction coefficient C_f : (B, 1) [m²/s] with this effect; ``values`` : (B, 1)."""
-        return C_f
-
-    def drag(self, values: Values, points: Points) -> Drag | None:
-        """The further force on the flow; ``values`` : (B, n_e, 1), or (B, 1, 1) of the fluid."""
-        return None
-
-    def observe(self, values: Values, X: Array, omega: Array) -> Array:
-        """Fourier coefficients X : (..., n) of a channel at omega : (n,) as the sensor shows them."""
-        return X
 
 
 # --- the wall -----------------------------------------------------------------------------------------------------
@@ -538,14 +405,15 @@ def value_of(thing: Any, key: str) -> float:
     return held[key] if key in held else getattr(thing, key)
 
 
-def check_known(where: str, keys: Mapping[str, Any], known: Mapping[str, Any]) -> None:
-    """Raise ValueError for the first key that is not known."""
-    for key in keys:
-        if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}.")
+def neutral_value(key: str, variable: str = "") -> float:
+    """The value of a term that switches it off. Raises ValueError if no effect has such a term."""
+    for effect in ALL:
+        if key in effect.terms:
+            return effect.neutral[key]
+    raise ValueError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
 
 
-# --- the measurement chain and the local wall law -----------------------------------------------------------------
+# --- the measurement chain as a whole -----------------------------------------------------------------------------
 
 
 def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
@@ -561,65 +429,6 @@ def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
         if effect.owner == "channel" and any(key in terms for key in effect.terms):
             X = effect.observe(dict(effect.neutral) | dict(terms), X, omega)
     return X
-
-
-def loop_pressure(network: Network, segment: str, R: Array, T: float) -> Array:
-    """The pressure [Pa] of a segment's wall, at its middle, on a periodic loop.
-
-    R : (N,) [m], evenly spaced over the period T [s] without its end. dA/dt is that of the trigonometric interpolant;
-    memory is periodic too. Raises ValueError where R or T do not fit or there is no such segment.
-    """
-    from .mesh import coefficients  # which imports this module
-
-    R = np.asarray(R, float)
-    if R.ndim != 1 or len(R) < 3 or not np.all(R > 0.0) or not (np.isfinite(T) and T > 0.0):
-        raise ValueError(
-            f"loop of {segment}: give at least 3 positive radii [m] and a positive period, not T = {T!r} s."
-        )
-    names = [s.name for s in network.segments]
-    if segment not in names:
-        raise ValueError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
-    wall = coefficients(network).wall_at(np.array([names.index(segment)]), np.array([0.5])).at(np.zeros(len(R), int))
-    A, omega = np.pi * R * R, 2.0 * np.pi / T * np.arange(len(R) // 2 + 1)
-    A_t = np.fft.irfft(1j * omega * np.fft.rfft(A), len(R))
-    if wall.tau is not None:
-        fading = np.fft.rfft(wall.viscous_stress(A, A_t)) / (1.0 + 1j * omega * wall.tau.flat[0])
-        wall = wall.remembering(np.fft.irfft(fading, len(R)), 0.0)
-    return wall.pressure(A, A_t)[0]
-
-
-def column(network: Network, variable: str, R: Array, T: float) -> Array:
-    """dP/d(variable) [Pa per SI unit] on the loop of :func:`loop_pressure` : (N,), by second-order differences.
-
-    The wall is that of the variable's segment, or the network's only one. A number at the end of its allowed range is
-    varied to the inside. Raises ValueError as :func:`loop_pressure` and ``Network.with_terms``.
-    """
-    segments = [s.name for s in network.segments]
-    prefix, _, key = variable.rpartition(".")
-    if prefix not in segments and len(segments) > 1:
-        raise ValueError(f"{variable}: not of a segment, and network {network.name} has {len(segments)}; cut one out.")
-    segment = prefix if prefix in segments else segments[0]
-    if variable not in network.parameters():
-        network = network.with_terms({variable: neutral_value(key, variable)})
-    q, value = network.parameter_quantities()[variable], network.parameters()[variable]
-    step = 1e-5 * max(abs(value), q.nominal)
-
-    def at(n: float) -> Array:
-        return loop_pressure(network.with_terms({variable: value + n * step}), segment, R, T)
-
-    if value - step > q.low and value + step <= q.high:
-        return (at(1.0) - at(-1.0)) / (2.0 * step)
-    side = 1.0 if value + 2.0 * step <= q.high else -1.0
-    start = at(0.0)
-    return side * (4.0 * (at(side) - start) - (at(2.0 * side) - start)) / (2.0 * step)
-
-
-def neutral_value(key: str, variable: str = "") -> float:
-    """The value of a term that switches it off. Raises ValueError if no effect has such a term."""
-    for effect in ALL:
-        if key in effect.terms:
-            return effect.neutral[key]
-    raise ValueError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
 
 
 # --- documentation ------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .effects import Points
+from .effect import Points
 from .mesh import Coefficients, Parameters, Topology, coefficients, topology
 from .network import Network
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from . import effects
-from .effects import Effect
+from .effect import Effect
 from .element import Element, element, lagrange
 from .network import Fluid, Network, Reflection, Resistance, Segment, Windkessel
 from .validation import check_parameters

@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .effects import Drag, Effect, Points
+from .effect import Drag, Effect, Points
 from .mesh import Parameters, build_mesh, coefficients
 from .network import Network
 from .sdirk import GAMMA, INFLOW_AT_STAGES, SDIRK3, STAGES
@@ -76,7 +76,7 @@ class State:
     rates, heads hold the stage values (∂Q/∂t and H) of the last step, the ``_before`` ones of the step before:
     they start the next iterations. A_t : like A, ∂A/∂t at the end of the step. Memory, None where no wall and no fluid
     has one: stress : like A, viscous stress [Pa]; history : (m, B, n_e, N+1) [m/s], y - U of each
-    :class:`~solver.effects.Drag` term.
+    :class:`~solver.effect.Drag` term.
     """
 
     t: float

@@ -17,8 +17,10 @@ from fmu_src.cosimulation import CoSimulation
 from fmu_src.run import run_fmu
 from fmu_src.variables import variable_table
 from solver import Network, Settings, Windkessel, effects, sampled_inflow, simulate, simulate_periodic
-from solver.effects import ALL, BY_NAME, Effect, Values
+from solver.effect import Effect, Values
+from solver.effects import ALL, BY_NAME
 from solver.files import dumps, loads
+from solver.loop import column, loop_pressure
 from solver.network import from_dict, to_dict
 from solver.quantity import Quantity
 from solver.wall import Wall
@@ -266,19 +268,19 @@ def test_loop_pressure_and_columns(sheep: Network) -> None:
         return K_h * (s.E * (R / s.R0 - 1.0) + s.R0 / R * s.phi0 * memory)
 
     for tau in (0.0, 0.05):
-        found = effects.loop_pressure(sheep.with_terms({"CA.tau": tau}), "CA", R, BEAT)
+        found = loop_pressure(sheep.with_terms({"CA.tau": tau}), "CA", R, BEAT)
         np.testing.assert_allclose(found, exact(tau), rtol=1e-10, atol=1e-8)
     by_tau = K_h * s.R0 / R * s.phi0 * 0.03 * omega**2 * np.cos(omega * TIME)
-    np.testing.assert_allclose(effects.column(sheep, "CA.tau", R, BEAT), by_tau, atol=1e-5 * np.ptp(by_tau))
-    np.testing.assert_allclose(effects.column(sheep, "CA.P_ext", R, BEAT), 1.0, rtol=1e-8)
+    np.testing.assert_allclose(column(sheep, "CA.tau", R, BEAT), by_tau, atol=1e-5 * np.ptp(by_tau))
+    np.testing.assert_allclose(column(sheep, "CA.P_ext", R, BEAT), 1.0, rtol=1e-8)
     by_phi0 = K_h * s.R0 / R * rate
-    np.testing.assert_allclose(effects.column(sheep, "CA.phi0", R, BEAT), by_phi0, atol=1e-7 * np.ptp(by_phi0))
+    np.testing.assert_allclose(column(sheep, "CA.phi0", R, BEAT), by_phi0, atol=1e-7 * np.ptp(by_phi0))
     for variable in ("CA.leak", "CA.taper", "CA.K"):
-        assert not effects.column(sheep, variable, R, BEAT).any()
+        assert not column(sheep, variable, R, BEAT).any()
     with pytest.raises(ValueError, match="no segment"):
-        effects.loop_pressure(sheep, "XX", R, BEAT)
+        loop_pressure(sheep, "XX", R, BEAT)
     with pytest.raises(ValueError, match="positive radii"):
-        effects.loop_pressure(sheep, "CA", -R, BEAT)
+        loop_pressure(sheep, "CA", -R, BEAT)
 
 
 # --- warm start ----------------------------------------------------------------------------------------------------
@@ -389,5 +391,5 @@ def test_a_new_effect(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
     R = sheep.segment("CA").R0 * (1.0 + 0.03 * np.cos(2 * np.pi * TIME / BEAT))
     s = sheep.segment("CA")
     exact = 0.5 * s.E * s.h / (0.75 * s.R0) * (R / s.R0 - 1.0)
-    np.testing.assert_allclose(effects.column(sheep, "CA.toy", R, BEAT), exact, atol=1e-7 * np.ptp(exact))
+    np.testing.assert_allclose(column(sheep, "CA.toy", R, BEAT), exact, atol=1e-7 * np.ptp(exact))
     assert "| `toy` |" in effects.table()
