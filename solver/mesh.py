@@ -15,7 +15,7 @@ import numpy as np
 from . import effects
 from .effect import Effect
 from .element import Element, element, lagrange
-from .network import Fluid, Network, Reflection, Resistance, Segment, Windkessel
+from .network import Fluid, Network, Outlet, Reflection, Resistance, Segment, Windkessel
 from .validation import check_parameters
 from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
 
@@ -153,79 +153,118 @@ def coefficients(network: Network, parameters: Parameters | None = None) -> Coef
     parameters = dict(parameters or {})
     check_parameters(network, parameters)
     size = batch_size(parameters)
-    values = {**network.parameters(), **parameters}
-
-    def column(name: str) -> Array:
-        return np.broadcast_to(np.asarray(values[name], float), (size or 1,))
-
-    def table(key: str) -> Array:
-        return np.stack([column(f"{segment.name}.{key}") for segment in network.segments], axis=1)
-
-    def outlets(kind: type, key: str, otherwise: float) -> Array:
-        names = [f"{o.segment}.outlet.{key}" if isinstance(o, kind) else None for o in network.outlets]
-        return np.stack([column(n) if n else np.full(size or 1, otherwise) for n in names], axis=1)
-
-    def spread(effect: Effect, key: str) -> Array:
-        """(B, n) values of a term, neutral where an owner does not hold it."""
-        neutral = np.full(size or 1, effect.neutral[key])
-        return np.stack([column(f"{n}.{key}") if key in o.terms else neutral for n, o in owners[effect.owner]], axis=1)
-
-    owners: dict[str, list[tuple[str, Segment | Fluid]]] = {
-        "segment": [(segment.name, segment) for segment in network.segments],
-        "fluid": [("fluid", network.fluid)],
-    }
-    held = [
-        Term(effect, {key: spread(effect, key) for key in effect.terms})
-        for effect in effects.ALL
-        if any(key in owner.terms for _, owner in owners.get(effect.owner, []) for key in effect.terms)
-    ]
-    on = tuple(term for term in held if term.on.any())
-    plate = 1.0 - column("network.eta")[:, None] ** 2
-    h_over_R0 = table("h") / table("R0")
-    phi0, phiNL = table("phi0"), table("phiNL")
-    rho = column("fluid.rho")[:, None]
-    base = Wall(
-        elastic=ELASTIC_LAWS[network.elastic_law],
-        viscous=VISCOUS_LAWS[network.viscous_law],
-        A0=np.pi * table("R0") ** 2,
-        K=table("E") * h_over_R0 / plate,
-        e=table("ENL") / table("E"),
-        K_h=h_over_R0 / plate,
-        phi0=phi0,
-        r=np.divide(phiNL, phi0, out=np.zeros_like(phi0), where=phi0 > 0.0),
-        P_ref=np.broadcast_to(column("network.P_ref")[:, None], phi0.shape),
-        rho=np.broadcast_to(rho, phi0.shape),
-        nonlinear=bool(np.any(phiNL != 0.0)),
-        bent=bool(np.any(table("ENL") != 0.0)),
-    )
-    nu = column("fluid.nu")[:, None]
-    C_f = (column("fluid.friction") * np.pi * column("fluid.nu"))[:, None]
-    for term in on:
-        if term.effect.owner == "fluid":
-            C_f = term.effect.friction(C_f, term.values)
-    R_t = outlets(Reflection, "R_t", 1.0)
-    k = np.zeros((size or 1, topology(network).n_nodes))
-    for node, junction in enumerate(network.junctions, start=1):
-        k[:, node] = column(f"{junction.name}.junction.k")
+    numbers = _Numbers(network, {**network.parameters(), **parameters}, size or 1)
+    terms = _terms(numbers)
+    R_t = numbers.outlets("R_t", Reflection, 1.0)
     return Coefficients(
-        L=table("L"),
-        base=base,
-        terms=on,
-        rho=rho,
-        nu=nu,
-        k=k,
-        C_f=C_f,
-        alpha=column("fluid.alpha")[:, None],
-        P_0=column("network.P_0")[:, None],
+        L=numbers.segments("L"),
+        base=_walls(numbers),
+        terms=terms,
+        rho=numbers.single("fluid.rho"),
+        nu=numbers.single("fluid.nu"),
+        k=_kinetic(numbers),
+        C_f=_friction(numbers, terms),
+        alpha=numbers.single("fluid.alpha"),
+        P_0=numbers.single("network.P_0"),
         kappa=(1.0 - R_t) / (1.0 + R_t),
-        R1=outlets(Windkessel, "R1", 0.0) + outlets(Resistance, "R", 0.0),
-        C=outlets(Windkessel, "C", np.inf),
-        R2=outlets(Windkessel, "R2", np.inf),
-        P_venous=np.stack([column(f"{o.segment}.outlet.P_venous") for o in network.outlets], axis=1),
+        R1=numbers.outlets("R1", Windkessel, 0.0) + numbers.outlets("R", Resistance, 0.0),
+        C=numbers.outlets("C", Windkessel, np.inf),
+        R2=numbers.outlets("R2", Windkessel, np.inf),
+        P_venous=numbers.outlets("P_venous", Outlet, 0.0),
         reflects=np.array([isinstance(o, Reflection) for o in network.outlets], bool),
         stores=np.array([isinstance(o, Windkessel) for o in network.outlets], bool),
         batched=size is not None,
     )
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """The parameters of a network, by name, as arrays of ``size`` = B numbers."""
+
+    network: Network
+    values: Mapping[str, Any]
+    size: int
+
+    def column(self, name: str) -> Array:
+        """(B,) values of one parameter."""
+        return np.broadcast_to(np.asarray(self.values[name], float), (self.size,))
+
+    def single(self, name: str) -> Array:
+        """(B, 1) values of what belongs to the whole network."""
+        return self.column(name)[:, None]
+
+    def segments(self, key: str) -> Array:
+        """(B, n_segments)."""
+        return np.stack([self.column(f"{segment.name}.{key}") for segment in self.network.segments], axis=1)
+
+    def outlets(self, key: str, kind: type[Outlet], otherwise: float) -> Array:
+        """(B, n_outlets), ``otherwise`` at outlets of another kind."""
+        other = np.full(self.size, otherwise)
+        outlets = self.network.outlets
+        return np.stack(
+            [self.column(f"{o.segment}.outlet.{key}") if isinstance(o, kind) else other for o in outlets], axis=1
+        )
+
+    def holders(self, owner: str) -> list[tuple[str, Segment | Fluid]]:
+        """What of the equations may hold terms, by name: the segments or the fluid."""
+        if owner == "segment":
+            return [(segment.name, segment) for segment in self.network.segments]
+        return [("fluid", self.network.fluid)] if owner == "fluid" else []
+
+    def term(self, effect: Effect, key: str) -> Array:
+        """(B, n_segments) or (B, 1), neutral where a holder does not hold the term."""
+        neutral = np.full(self.size, effect.neutral[key])
+        holders = self.holders(effect.owner)
+        return np.stack([self.column(f"{name}.{key}") if key in h.terms else neutral for name, h in holders], axis=1)
+
+
+def _terms(numbers: _Numbers) -> tuple[Term, ...]:
+    """The effects that are on somewhere, in the order of the catalogue."""
+    held = [
+        Term(effect, {key: numbers.term(effect, key) for key in effect.terms})
+        for effect in effects.ALL
+        if any(key in holder.terms for _, holder in numbers.holders(effect.owner) for key in effect.terms)
+    ]
+    return tuple(term for term in held if term.on.any())
+
+
+def _walls(numbers: _Numbers) -> Wall:
+    """The walls without further effects."""
+    R0, E, ENL = (numbers.segments(key) for key in ("R0", "E", "ENL"))
+    phi0, phiNL = numbers.segments("phi0"), numbers.segments("phiNL")
+    plate = 1.0 - numbers.single("network.eta") ** 2
+    h_over_R0 = numbers.segments("h") / R0
+    return Wall(
+        elastic=ELASTIC_LAWS[numbers.network.elastic_law],
+        viscous=VISCOUS_LAWS[numbers.network.viscous_law],
+        A0=np.pi * R0**2,
+        K=E * h_over_R0 / plate,
+        e=ENL / E,
+        K_h=h_over_R0 / plate,
+        phi0=phi0,
+        r=np.divide(phiNL, phi0, out=np.zeros_like(phi0), where=phi0 > 0.0),
+        P_ref=np.broadcast_to(numbers.single("network.P_ref"), phi0.shape),
+        rho=np.broadcast_to(numbers.single("fluid.rho"), phi0.shape),
+        nonlinear=bool(np.any(phiNL != 0.0)),
+        bent=bool(np.any(ENL != 0.0)),
+    )
+
+
+def _friction(numbers: _Numbers, terms: tuple[Term, ...]) -> Array:
+    """C_f = friction π ν : (B, 1) [m²/s] with the effects of the fluid that are on."""
+    C_f = numbers.single("fluid.friction") * np.pi * numbers.single("fluid.nu")
+    for term in terms:
+        if term.effect.owner == "fluid":
+            C_f = term.effect.friction(C_f, term.values)
+    return C_f
+
+
+def _kinetic(numbers: _Numbers) -> Array:
+    """(B, n_nodes) weight k of the kinetic pressure."""
+    k = np.zeros((numbers.size, topology(numbers.network).n_nodes))
+    for node, junction in enumerate(numbers.network.junctions, start=1):
+        k[:, node] = numbers.column(f"{junction.name}.junction.k")
+    return k
 
 
 # --- mesh ---------------------------------------------------------------------------------------------------------
