@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from typer.core import TyperGroup
 
 import discrepancy
 from solver import NonPhysicalState, NotPeriodic
+from solver.console import bar, complain, say, say_notes, say_written, sentences, show
 from solver.files import parse_quantity, write_whole
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from .sensor_plan import SensorPlan
 
 _STUDY = "discover"
-_BAD_INPUT, _UNUSABLE, _INTERRUPTED = 2, 3, 130  # exit codes
+_UNUSABLE, _INTERRUPTED = 3, 130  # exit codes
 _PACE = 600.0  # s over which the time left is judged: stages differ in pace
 
 
@@ -63,13 +62,13 @@ def discover_command(
     """
     from .workflow import discover  # takes a second
 
-    with _sentences(), _bar(quiet) as progress:
+    with _sentences(), bar(quiet, pace=_PACE) as progress:
         seconds = None if period is None else parse_quantity(period, "s", "--period")
         progress(0.0, "reading")
         outcome = discover(record, model, out, period=seconds, progress=progress)
     if not quiet:
         _show(outcome)
-        _say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))
+        say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))
     if outcome.verdict == "unusable":
         raise typer.Exit(_UNUSABLE)
 
@@ -87,7 +86,7 @@ def isolability_command(
     from .sensor_plan import plan_json, plan_sensors
     from .source import read_model
 
-    with _sentences(), _bar(quiet) as progress:
+    with _sentences(), bar(quiet, pace=_PACE) as progress:
         if out is not None and not out.parent.is_dir():
             raise ValueError(f"{out}: cannot be written (no folder {out.parent}); make the folder or give another.")
         names = [name.strip() for name in channels.split(",") if name.strip()]
@@ -96,7 +95,18 @@ def isolability_command(
             write_whole(out, json.dumps(plan_json(plan), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     if not quiet:
         _show_plan(plan)
-        _say_written(out)
+        say_written(out)
+
+
+@contextmanager
+def _sentences() -> Iterator[None]:
+    """One sentence and an exit code for what a user can put right, and for one who has had enough."""
+    try:
+        with sentences(ValueError, ArithmeticError, NonPhysicalState, NotPeriodic):
+            yield
+    except KeyboardInterrupt:
+        complain("Interrupted: what is done is kept; run again to go on.")
+        raise typer.Exit(_INTERRUPTED) from None
 
 
 # --- what is shown ------------------------------------------------------------------------------------------------
@@ -105,74 +115,23 @@ def isolability_command(
 def _show(outcome: Outcome) -> None:
     from .command_tables import class_text, effects_table, gap_text
 
-    _say(outcome.sentence)
+    say(outcome.sentence)
     if outcome.effects:
-        _print(effects_table(outcome))
+        show(effects_table(outcome))
     for text in (gap_text(outcome), class_text(outcome), outcome.separating_measurement):
         if text:
-            _say(text)
+            say(text)
     if outcome.verdict == "unusable":
-        _say(outcome.reason or "")
-    for text in outcome.warnings:
-        _say(f"Note: {text}")
+        say(outcome.reason or "")
+    say_notes(outcome.warnings)
 
 
 def _show_plan(plan: SensorPlan) -> None:
     from .command_tables import gain_text, invisible_text, plan_table
 
-    _print(plan_table(plan))
-    _say(invisible_text(plan))
-    _say(gain_text(plan))
-
-
-# --- what the commands share --------------------------------------------------------------------------------------
-
-
-@contextmanager
-def _sentences() -> Iterator[None]:
-    """One sentence and an exit code for what a user can put right, and for one who has had enough."""
-    try:
-        yield
-    except (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic) as error:
-        _error(f"Error: {error}")
-        raise typer.Exit(_BAD_INPUT) from None
-    except KeyboardInterrupt:
-        _error("Interrupted: what is done is kept; run again to go on.")
-        raise typer.Exit(_INTERRUPTED) from None
-
-
-@contextmanager
-def _bar(quiet: bool) -> Iterator[Callable[[float, str], None]]:
-    """A progress bar on the error stream; the callback takes a fraction of the work and what is being done."""
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=quiet, transient=True, speed_estimate_period=_PACE) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda fraction, what: bar.update(task, completed=fraction, description=what)
-
-
-def _error(text: str) -> None:
-    Console(stderr=True, soft_wrap=True).print(text, style="red", markup=False, highlight=False)
-
-
-def _print(table: RenderableType) -> None:
-    Console().print(table)
-
-
-def _say(text: str) -> None:
-    Console(soft_wrap=True).print(text, markup=False, highlight=False)
-
-
-def _say_written(*paths: Path | None) -> None:
-    for path in paths:
-        if path is not None and path.exists():
-            _say(f"wrote {path}")
+    show(plan_table(plan))
+    say(invisible_text(plan))
+    say(gain_text(plan))
 
 
 if __name__ == "__main__":

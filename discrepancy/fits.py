@@ -15,6 +15,15 @@ _TAILS = 5.0  # degrees of freedom of the priors
 
 
 @dataclass(frozen=True)
+class Member:
+    """One point of one hypothesis."""
+
+    terms: tuple[Term, ...]
+    unknowns: tuple[Unknown, ...]
+    x: Array
+
+
+@dataclass(frozen=True)
 class Fit:
     """The maximum of likelihood and priors of one hypothesis.
 
@@ -34,6 +43,11 @@ class Fit:
     signal: Array
     converged: bool = True
     log_volume: float = 0.0
+
+    @property
+    def member(self) -> Member:
+        """Where it is."""
+        return Member(self.terms, self.unknowns, self.x)
 
     @property
     def chi2(self) -> float:

@@ -2,122 +2,46 @@
 
 The residual is that of :mod:`fitting.network_data`: whitened Fourier coefficients of the mean beats, with the noise of
 the inflow, which all channels share, and the solver's own error in their covariance. Hypotheses are re-simulated, not
-linearised: each has its own unknowns, all are members of one batch, and their Jacobians are kept up to date from the
-simulations themselves (Broyden 1965).
+linearised: each has its own unknowns, and all are members of one batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fitting.beats import Beats
 from fitting.network_data import (
     MAX_HARMONICS,
-    NEIGHBOURS,
     Target,
     harmonics_above_noise,
     inflow,
     mean_beat,
     pulses,
-    response,
     solver_error,
     target,
 )
 from fitting.units import INFLOW
-from solver import NonPhysicalState, NotPeriodic, Settings, simulate_periodic
+from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
-from solver.simulate import Waveforms
 
 from .add import extended
-from .fits import Fit, bounded_step, bounds, penalty
-from .observation import mean_wander, transfer
+from .fits import Fit, Member, bounds
+from .observation import mean_wander, sense
+from .search import Search, search
+from .simulator import Simulator, Tell, linear_response, started
 from .terms import EVERY, Term, Unknown, followers, nuisances, refined, rewired, values
 from .thresholds import COARSE_DT, PRIOR_WIDTH, SCREEN_DT
 
 Array = np.ndarray
-Tell = Callable[[str], None]
 
 _STEP = 0.02  # of x: finite differences
-_LARGEST = 2.0  # of a step in x
-_ROUNDS = 14  # simulations of a hypothesis at most
-_FRESH = (4, 8)  # of them before which derivatives are simulated anew: by then the updated ones have led astray
 _BATCH = 64  # members at once
-_PERIODIC = 1e-5
-_SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
-_SHORTER = 2  # times that the step is halved where the model as given breaks down
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
-_HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
-
-
-@dataclass
-class Simulator:
-    """Simulates hypotheses of one network under one inflow, and remembers the periodic states it started from.
-
-    start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a
-    flow that sets in at once would strain the walls as no heart does.
-    """
-
-    network: Network
-    drive: Callable[[Array], Array]
-    T: float
-    names: tuple[str, ...]
-    K: int
-    settings: Settings
-    start: float
-    tell: Tell = field(default=lambda _: None)
-    simulations: int = 0
-    starts: dict[str, Waveforms] = field(default_factory=dict)
-
-    def _beat(self, network: Network, parameters: Mapping[str, Array], start: Waveforms | None) -> Waveforms:
-        """The periodic beats; from rest where the earlier state has another mesh (a stenosis elsewhere)."""
-        try:
-            return simulate_periodic(
-                network,
-                lambda t: self.drive(t + self.start),
-                self.T,
-                parameters=parameters,
-                settings=self.settings,
-                tolerance=_PERIODIC,
-                start=start,
-            )
-        except ValueError:
-            if start is None:
-                raise
-        return self._beat(network, parameters, None)
-
-    def halved(self) -> Simulator:
-        """The same with half the step."""
-        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0), starts={})
-
-    def finer(self) -> Simulator:
-        """The same with half the step and half the elements, to see what both do."""
-        half = self.halved()
-        return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
-
-    def coefficients(self, network: Network, parameters: Mapping[str, Array], key: str) -> Array:
-        """X : (B, K+1, m) of the periodic beats; ``key`` names networks that can start from one another's state."""
-        size = next(iter(parameters.values())).size if parameters else 1
-        beat = self._beat(network, parameters, self.starts.get(key))
-        self.starts[key] = beat.member(0)
-        self.simulations += size
-        self.tell(f"{self.simulations} simulations")
-        waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
-        turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
-        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1] * turn[:, None]
-
-
-@dataclass(frozen=True)
-class Member:
-    """One point of one hypothesis."""
-
-    terms: tuple[Term, ...]
-    unknowns: tuple[Unknown, ...]
-    x: Array
 
 
 @dataclass(frozen=True)
@@ -177,7 +101,7 @@ class NetworkProblem:
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
-        X = self.observe([Member(f.terms, f.unknowns, f.x) for f in fits])
+        X = self.observe([f.member for f in fits])
         z = [None if x is None else self.residual(x) for x in X]
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
@@ -234,8 +158,8 @@ class NetworkProblem:
             X = self.simulator.coefficients(network, {n: unique[:, i] for i, n in enumerate(parameters)}, key)
             return [X[i] for i in inverse]
         except (NonPhysicalState, NotPeriodic, ValueError):
-            if len(members) == 1:
-                return [None]
+            if len(members) == 1:  # it may only be too far from the state that it started from: once more from rest
+                return [None] if self.simulator.starts.pop(key, None) is None else self._batch(key, members)
         half = len(members) // 2
         return self._batch(key, members[:half]) + self._batch(key, members[half:])
 
@@ -284,7 +208,7 @@ class NetworkProblem:
             groups.setdefault(_group((*at.terms, term)), []).append(term)
         found: dict[str, Array] = {}
         for group in groups.values():
-            members = [Member(at.terms, at.unknowns, at.x)]
+            members = [at.member]
             for term in group:
                 for i in range(len(term.unknowns)):
                     x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
@@ -311,42 +235,19 @@ class NetworkProblem:
         start : of a simpler hypothesis that all contain; with ``columns`` of the terms there (:meth:`columns`) no
         derivative is simulated anew.
         """
-        return self._search([self._begin(terms, start, columns or {}) for terms in hypotheses])
+        return self._searched([self._begin(terms, start, columns or {}) for terms in hypotheses])
 
-    def _search(self, searches: list[_Search]) -> list[Fit | None]:
-        """Steps of all searches, one batch after the other, until none has any worth its simulation."""
-        self._derive([s for s in searches if s.J is None])
-        for turn in range(_ROUNDS):
-            active = [s for s in searches if s.proposes()]
-            best = min((s.cost for s in searches if not s.failed), default=np.inf)
-            active = [s for s in active if s.promise < best + _HOPELESS]
-            if not active:
-                break
-            if turn in _FRESH:
-                self._derive(active)
-                active = [s for s in active if s.proposes()]
-            X = self.observe([s.trial() for s in active])
-            for search, x in zip(active, X, strict=True):
-                search.answer(None if x is None else self.residual(x))
+    def _searched(self, searches: Sequence[Search]) -> list[Fit | None]:
+        search(self, searches)
         return [self._fit(s) for s in searches]
 
-    def _derive(self, searches: Sequence[_Search]) -> None:
-        """Residuals and Jacobians of searches, simulated where they are."""
-        points = [(s.member(), s.unknowns) for s in searches]
-        for search, found in zip(searches, self.derivatives(points), strict=True):
-            if found is None:
-                search.failed = True
-            else:
-                search.J = found[1]
-                search.settle(found[0])
-
-    def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array]) -> _Search:
+    def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array]) -> Search:
         unknowns, prior = self.hypothesis(terms)
         before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
         low, high = bounds(unknowns)
         x = np.clip([before.get(u.name, 0.0) for u in unknowns], low, high)
         x = self._started(terms, unknowns, prior, x, start)
-        search = _Search(terms, unknowns, prior, x)
+        search = Search(terms, unknowns, prior, x)
         if not np.array_equal(x, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high)):
             return search
         new = [t for t in terms if start is None or t.label not in {s.label for s in start.terms}]
@@ -363,8 +264,8 @@ class NetworkProblem:
         searches = []
         for f in fits:
             unknowns, prior = self.hypothesis(f.terms)
-            searches.append(_Search(f.terms, unknowns, prior, f.x))
-        return self._search(searches)
+            searches.append(Search(f.terms, unknowns, prior, f.x))
+        return self._searched(searches)
 
     def sharpened(self, fit: Fit) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
@@ -372,7 +273,7 @@ class NetworkProblem:
         Where the error would matter beside the noise, the steps become shorter.
         Raises ArithmeticError if it breaks down.
         """
-        member, problem = Member(fit.terms, fit.unknowns, fit.x), self
+        member, problem = fit.member, self
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
             X, X_finer = problem.observe([member])[0], finer.observe([member])[0]
@@ -396,7 +297,7 @@ class NetworkProblem:
         network = self._rewired(fit.terms)
         nominal = network.parameters()
         at = {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items() if n in nominal}
-        H = _response(network, self.names, self.simulator.T, self.K, at)
+        H = linear_response(network, self.names, self.simulator.T, self.K, at)
         flat = np.where(["offset" in u.name for u in fit.unknowns], 0.0, fit.x)
         H = sense(Member(fit.terms, fit.unknowns, flat), self.names, H, self.simulator.T)
         return replace(self, target=target(self.beats, self.names, H, error), error=error, response=H[: self.K + 1])
@@ -421,7 +322,7 @@ class NetworkProblem:
             x = trials[int(np.argmin(costs))]
         return x
 
-    def _fit(self, s: _Search) -> Fit | None:
+    def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.J is None:
             return None
         m, K = len(self.names), self.K
@@ -430,81 +331,10 @@ class NetworkProblem:
         return Fit(s.terms, s.unknowns, s.x, s.z, s.J, s.prior, order, signal, s.converged)
 
 
-class _Search:
-    """A damped Gauss–Newton search that asks for one simulation at a time."""
-
-    def __init__(self, terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], prior: Array, x: Array) -> None:
-        self.terms, self.unknowns, self.prior, self.x = terms, unknowns, prior, x
-        self.z: Array = np.zeros(0)
-        self.J: Array | None = None
-        self.damping, self.failed, self.converged = 0.0, False, False
-        self.low, self.high = bounds(unknowns)
-        self.cost = self.promise = np.inf
-        self._step: Array = np.zeros_like(x)
-
-    def member(self) -> Member:
-        return Member(self.terms, self.unknowns, self.x)
-
-    def settle(self, z: Array) -> None:
-        self.z, self.cost = z, float(z @ z) + penalty(self.prior, self.x)
-
-    def proposes(self) -> bool:
-        """Whether another step is worth a simulation."""
-        if self.failed or self.converged or self.J is None:
-            return False
-        step = bounded_step(self.J, self.z, self.prior, self.x, self.low, self.high, self.damping)
-        size = np.abs(step).max(initial=0.0)
-        step *= min(1.0, _LARGEST / size) if size > 0.0 else 1.0
-        left = self.z + self.J @ step
-        gain = self.cost - (float(left @ left) + penalty(self.prior, self.x + step))
-        self.promise = self.cost - 3.0 * gain
-        if gain < _SMALL * max(1.0, self.cost / len(self.z)):
-            self.converged = True
-            return False
-        self._step = step
-        return True
-
-    def trial(self) -> Member:
-        return Member(self.terms, self.unknowns, self.x + self._step)
-
-    def answer(self, z: Array | None) -> None:
-        assert self.J is not None
-        step = self._step
-        if z is None:
-            self.damping = max(10.0 * self.damping, 1.0)
-            self.failed = self.damping > 1e7
-            return
-        x = self.x + step
-        cost = float(z @ z) + penalty(self.prior, x)
-        # Broyden: the Jacobian that would have foretold what was found
-        self.J = self.J + np.outer(z - self.z - self.J @ step, step) / float(step @ step)
-        if cost < self.cost:
-            self.x, self.damping = x, self.damping / 5.0 if self.damping > 1e-3 else 0.0
-            self.settle(z)
-        else:
-            self.damping = max(5.0 * self.damping, 0.05)
-            if self.damping > 1e6:
-                self.converged = True
-
-
 def _group(terms: Sequence[Term]) -> str:
     """Hypotheses that share a mesh and outlets run in one batch."""
     own = [t.label if t.rewires else "stenosis" for t in terms if t.rewires or t.effect == "stenosis"]
     return " ".join(sorted(set(own)))
-
-
-def sense(member: Member, names: Sequence[str], X: Array, T: float) -> Array:
-    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m)."""
-    if not any(term.is_sensor for term in member.terms):
-        return X
-    moved = values(member.unknowns, member.x, {f"{name}.gain": 1.0 for name in names})
-    omega, X = 2.0 * np.pi / T * np.arange(len(X)), X.copy()
-    for i, name in enumerate(names):
-        own = {key: float(moved.get(f"{name}.{key}", 0.0)) for key in ("lag", "slow", "resonance")}
-        gain = float(moved.get(f"{name}.gain", 1.0))
-        X[:, i] *= transfer(omega, own["lag"], gain, own["slow"], own["resonance"])
-        X[0, i] += float(moved.get(f"{name}.offset", 0.0))
-    return X
 
 
 def network_problem(
@@ -521,34 +351,7 @@ def network_problem(
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
-    simulator, X = _first(Simulator(network, drive, beats.T, chosen, K, settings, start, tell))
+    simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start, tell))
     error = solver_error(X, simulator.finer().coefficients(network, {}, "")[0], pulses(beats, chosen))
-    H = _response(network, chosen, beats.T, K, {})
+    H = linear_response(network, chosen, beats.T, K, {})
     return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
-
-
-def _first(simulator: Simulator) -> tuple[Simulator, Array]:
-    """The model as given under this inflow, with shorter steps if it needs them.
-
-    Raises NonPhysicalState if none will do.
-    """
-    for _ in range(_SHORTER):
-        try:
-            return simulator, simulator.coefficients(simulator.network, {}, "")[0]
-        except NonPhysicalState:
-            simulator = simulator.halved()
-    return simulator, simulator.coefficients(simulator.network, {}, "")[0]
-
-
-def _response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
-    """The linearised response (K + 1 + neighbours, m) to the inflow; without the terms that the linear solver lacks."""
-    try:
-        return response(network, names, T, K + NEIGHBOURS, parameters)
-    except ValueError:
-        segments = tuple(
-            replace(s, terms={k: v for k, v in s.terms.items() if k not in ("taper", "leak")}) for s in network.segments
-        )
-        plain = replace(network, segments=segments)
-        return response(
-            plain, names, T, K + NEIGHBOURS, {n: v for n, v in parameters.items() if n in plain.parameters()}
-        )

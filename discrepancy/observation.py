@@ -11,6 +11,9 @@ import numpy as np
 
 from fitting.beats import Beats
 
+from .fits import Member
+from .terms import values
+
 Array = np.ndarray
 
 
@@ -23,6 +26,20 @@ def resonance_of(slow: float, resonance: float) -> tuple[float, float]:
     """f_n [Hz] and ζ of a second-order sensor; of one that is only slow, ζ = 50 stands for the overdamped limit."""
     b = max(resonance, (slow / 100.0) ** 2, 1e-12)
     return 1.0 / (2.0 * np.pi * np.sqrt(b)), slow / (2.0 * np.sqrt(b))
+
+
+def sense(member: Member, names: Sequence[str], X: Array, T: float) -> Array:
+    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m)."""
+    if not any(term.is_sensor for term in member.terms):
+        return X
+    moved = values(member.unknowns, member.x, {f"{name}.gain": 1.0 for name in names})
+    omega, X = 2.0 * np.pi / T * np.arange(len(X)), X.copy()
+    for i, name in enumerate(names):
+        own = {key: float(moved.get(f"{name}.{key}", 0.0)) for key in ("lag", "slow", "resonance")}
+        gain = float(moved.get(f"{name}.gain", 1.0))
+        X[:, i] *= transfer(omega, own["lag"], gain, own["slow"], own["resonance"])
+        X[0, i] += float(moved.get(f"{name}.offset", 0.0))
+    return X
 
 
 def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:

@@ -22,9 +22,9 @@ from solver.network import Network
 from solver.report import output_variables
 
 from . import thresholds
-from .fits import Fit
+from .fits import Fit, Member
 from .isolability import isolability
-from .network import Member, NetworkProblem, network_problem
+from .network import NetworkProblem, network_problem
 from .outcome import Isolability
 from .subset import Subset
 from .terms import Term, candidates

@@ -21,8 +21,8 @@ from solver.network import Inlet, Network, Pressure, Site
 
 from .bench import Bench, most_probable
 from .fits import Fit
-from .network import Member, NetworkProblem, sense
-from .observation import mean_wander
+from .network import NetworkProblem
+from .observation import mean_wander, sense
 from .study import Study
 
 Array = np.ndarray
@@ -67,7 +67,7 @@ def drive(study: Study, fit: Fit) -> Array:
     """The wave (N,) that drives the FMU, as the record says it most probably was under a hypothesis."""
     if isinstance(study.problem, Bench):
         return most_probable(study.problem, fit)
-    (X,) = study.problem.observe([Member(fit.terms, fit.unknowns, fit.x)])
+    (X,) = study.problem.observe([fit.member])
     return most_probable_inflow(study.problem, study.fitted, X)
 
 
@@ -142,7 +142,7 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
 
 def sensed(study: Study, fit: Fit, X: Array) -> Array:
     """What the measurement chain of a hypothesis makes of the coefficients."""
-    return sense(Member(fit.terms, fit.unknowns, fit.x), study.problem.signals, X, study.fitted.T)
+    return sense(fit.member, study.problem.signals, X, study.fitted.T)
 
 
 def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:

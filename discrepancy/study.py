@@ -14,7 +14,8 @@ from solver.report import output_variables
 from . import thresholds
 from .bench import Bench, bench
 from .name import Naming, name
-from .network import NetworkProblem, Tell, network_problem
+from .network import NetworkProblem, network_problem
+from .simulator import Tell
 from .terms import Term, candidates
 
 

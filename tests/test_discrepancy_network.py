@@ -15,10 +15,11 @@ import pytest
 from forked import NETWORK, N, T, inflow, record
 
 from discrepancy.add import estimates, extended, sensor_parameters
-from discrepancy.fits import Fit
+from discrepancy.fits import Fit, Member
 from discrepancy.journal import decode_naming, encode_naming
 from discrepancy.name import Naming, name, quantile
-from discrepancy.network import Member, NetworkProblem, network_problem, sense
+from discrepancy.network import NetworkProblem, network_problem
+from discrepancy.observation import sense
 from discrepancy.terms import Term, candidates, followers, nuisances, sensor_terms
 from fitting.beats import Beats
 from solver import Settings, effects, simulate_periodic

@@ -18,7 +18,9 @@ from tests.hidden.plan import REPORTED, plan
 from .row import Line, row
 
 ROOT = Path(__file__).resolve().parents[2]
-JUDGING = ("add", "bench", "fits", "name", "network", "observation", "study", "terms", "thresholds")
+JUDGING = (
+    "add", "bench", "fits", "name", "network", "observation", "search", "simulator", "study", "terms", "thresholds",
+)  # fmt: skip
 JUDGED_BY = (*(f"discrepancy/{module}.py" for module in JUDGING), "fitting", "solver", "tests/hidden")
 
 
