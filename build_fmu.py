@@ -28,6 +28,7 @@ from rich.console import Console
 
 from fmu_src import __version__, document
 from fmu_src.variables import variable_table
+from solver.console import sentences
 from solver.files import dumps, find_network, read_network, write_whole
 from solver.network import Network, to_dict
 from solver.staggered import Settings
@@ -176,11 +177,8 @@ def main(
     ] = True,
 ) -> None:
     """Build the FMU of a network of arteries."""
-    try:
+    with sentences(ValueError):
         target = build(read_network(find_network(network)), out, execution_tool=execution_tool)
-    except ValueError as error:
-        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
-        raise typer.Exit(2) from None
     Console().print(f"wrote {target} ({target.stat().st_size / 1024:.0f} kB)", markup=False, highlight=False)
 
 

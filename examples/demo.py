@@ -27,6 +27,7 @@ from rich.table import Table
 from build_fmu import build
 from fmu_src.run import FMUError, run_fmu
 from solver import Network, load
+from solver.console import sentences
 from solver.files import write_whole
 
 Array = np.ndarray
@@ -163,11 +164,8 @@ def damping_table(elastic: Run, viscoelastic: Run) -> Table:
 
 def main(out: Annotated[Path, typer.Option(help="Directory of the FMU and the figures.")] = Path("dist")) -> None:
     """Build sheep.fmu, run it with elastic and with viscoelastic walls, and show the difference."""
-    try:
+    with sentences(ValueError, FMUError, OSError):
         demo(out, Console())
-    except (ValueError, FMUError, OSError) as error:
-        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
-        raise typer.Exit(2) from None
 
 
 def demo(out: Path, console: Console) -> None:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from solver import NonPhysicalState, NotPeriodic
+from solver.console import PACE, bar, say, say_notes, say_written, sentences, show
 from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
 
 from .beats import Beats, align
@@ -26,6 +23,8 @@ from .regression import WallFit, bootstrap, fit
 from .wall_model import model
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
+
+_ERRORS = (ValueError, NonPhysicalState, NotPeriodic, RunFailed)  # what a user can put right
 
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no tables.")]
@@ -58,7 +57,7 @@ def fit_command(
     quiet: Quiet = False,
 ) -> None:
     """Fit the wall of one site from its pressure and radius."""
-    with _sentences(), _bar(quiet) as progress:
+    with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
         _check_destinations(out, figure, bench, parameters=out)
         if figure is not None and figure.suffix.lower() != ".png":
@@ -90,7 +89,7 @@ def fit_command(
             write_whole(figure, drawn)
     if not quiet:
         _show_fit(fits, kept, found, checked)
-        _say_written(out, figure, bench)
+        say_written(out, figure, bench)
 
 
 @app.command("virtual")
@@ -107,12 +106,12 @@ def virtual_command(
     """Make a cohort of virtual animals: synthetic records with the paper's mean walls and a stated spread."""
     from .virtual_cohort import virtual_cohort, write_cohort
 
-    with _sentences(), _bar(quiet) as progress:
+    with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "making virtual animals")
         made = virtual_cohort(seed, animals=animals, dB=dB, exact_means=exact_means)
         write_cohort(made, out, progress)
     if not quiet:
-        _say_written(out / "cohort.csv")
+        say_written(out / "cohort.csv")
 
 
 @app.command("cohort")
@@ -125,12 +124,12 @@ def cohort_command(
     """Fit many animals at many sites; means, spread, and the paper's claims tested."""
     from .cohort import fit_cohort, read_cohort
 
-    with _sentences(), _bar(quiet) as progress:
+    with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
         written = found.write(out)
     if not quiet:
-        _print(*found.tables())
-        _say_written(*written)
+        show(*found.tables())
+        say_written(*written)
 
 
 @app.command("calibrate")
@@ -155,7 +154,7 @@ def calibrate_command(
     from .network_indices import network_indices
     from .tables import calibration_table, network_indices_table
 
-    with _sentences(), _bar(quiet) as progress:
+    with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
         _check_destinations(out, parameters=out)
         described = read_network(find_network(network))
@@ -169,9 +168,9 @@ def calibrate_command(
             parameters = result.parameter_set(complete=start is not None)
             write_set(_with_indices(parameters, {site: plain(each) for site, each in found.items()}), out)
     if not quiet:
-        _print(calibration_table(result), network_indices_table(result.network, found))
-        _say(result.report)
-        _say_written(out)
+        show(calibration_table(result), network_indices_table(result.network, found))
+        say_notes(result.report)
+        say_written(out)
 
 
 @app.command("check")
@@ -186,7 +185,7 @@ def check_command(
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
     from .check import check
 
-    with _sentences(), _bar(quiet) as progress:
+    with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         report = check(
             read_set(parameters),
             fmu,
@@ -196,37 +195,12 @@ def check_command(
         )
         page = report.write(out)
     if not quiet:
-        Console(soft_wrap=True).print(report.title, markup=False, highlight=False)
-        _say(report.warnings)
-        _say_written(page)
+        say(report.title)
+        say_notes(report.warnings)
+        say_written(page)
 
 
 # --- what the commands share --------------------------------------------------------------------------------------
-
-
-@contextmanager
-def _sentences() -> Iterator[None]:
-    """One sentence and exit code 2 for what a user can put right."""
-    try:
-        yield
-    except (ValueError, NonPhysicalState, NotPeriodic, RunFailed) as error:
-        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
-        raise typer.Exit(2) from None
-
-
-@contextmanager
-def _bar(quiet: bool) -> Iterator[Callable[[float, str], None]]:
-    """A progress bar on the error stream; the callback takes a fraction of the work and what is being done."""
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda fraction, what: bar.update(task, completed=fraction, description=what)
 
 
 def _seconds(text: str | None, name: str) -> float | None:
@@ -271,32 +245,15 @@ def _show_fit(
 ) -> None:
     from .tables import fits_table, indices_table, sensitivity_table
 
-    _print(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found))
+    show(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found))
     if kept.lag[1] == kept.lag[1]:
         lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
         which = "late" if lag > 0.0 else "early"
-        _say([
+        say_notes([
             f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without the lag, "
             "but the record that a check reads still has it."
         ])  # fmt: skip
-    _say(kept.warnings)
-
-
-def _print(*tables: RenderableType) -> None:
-    console = Console()
-    for table in tables:
-        console.print(table)
-
-
-def _say(sentences: list[str] | tuple[str, ...]) -> None:
-    for text in sentences:
-        Console(soft_wrap=True).print(f"Note: {text}", markup=False, highlight=False)
-
-
-def _say_written(*paths: Path | None) -> None:
-    for path in paths:
-        if path is not None:
-            Console(soft_wrap=True).print(f"wrote {path}", markup=False, highlight=False)
+    say_notes(kept.warnings)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,8 @@ import math
 import os
 import re
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -25,8 +26,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2Warning
 from fmpy.model_description import ModelDescription
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from solver.console import bar, sentences
 from solver.files import parse_quantity, write_whole
 
 Array = np.ndarray
@@ -60,54 +61,34 @@ def run_fmu(
     Raises ValueError for a file that is no FMU, an unknown start value or input or times that are not positive, and
     FMUError with the FMU's own sentence when a call fails: a run either reaches its stop time or raises.
     """
+    inputs = inputs or {}
+    time = _communication_points(stop_time, step)
+    Q = _sampled("inflow", inflow, time)
+    description = _read(fmu)
+    variables = {variable.name: variable for variable in description.modelVariables}
+    if "inlet.Q" in inputs:
+        raise ValueError("inlet.Q: it is an input of its own; give it as inflow.")
+    _check_inputs(inputs, variables, fmu)
+    shown = {"inlet.Q": Q} | {name: _sampled(name, u, time) for name, u in inputs.items()}
+    middle = 0.5 * (time[1:] + time[:-1])
+    held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())])
+    starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
+    driven = [variables[name].valueReference for name in shown]
+    outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output"}
+    with _instantiated(fmu, description) as slave:
+        _initialize(slave, variables, starts, driven, [values[0] for values in shown.values()])
+        table = _steps(slave, time, driven, held, list(outputs.values()), progress)
+        slave.terminate()
+    return {"time": time, **shown, **{name: table[:, i].copy() for i, name in enumerate(outputs)}}
+
+
+def _communication_points(stop_time: float, step: float) -> Array:
+    """Times 0, step, … stop_time : (n + 1,) [s]. Raises ValueError unless both are positive."""
     for name, value in (("stop_time", stop_time), ("step", step)):
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} = {value!r} s: must be a positive, finite number.")
     n = max(1, math.ceil(stop_time / step - 1e-9))
-    time = np.minimum(np.arange(n + 1) * step, stop_time)
-    middle = 0.5 * (time[1:] + time[:-1])
-    Q = _sampled("inflow", inflow, time)
-    description = _read(fmu)
-    variables = {variable.name: variable for variable in description.modelVariables}
-    inputs = inputs or {}
-    if "inlet.Q" in inputs:
-        raise ValueError("inlet.Q: it is an input of its own; give it as inflow.")
-    _check_inputs(inputs, variables, fmu)
-    driven = [variables[name].valueReference for name in ("inlet.Q", *inputs)]
-    shown = {name: _sampled(name, u, time) for name, u in inputs.items()}
-    held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())]).tolist()
-    starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
-    outputs = [v for v in description.modelVariables if v.causality == "output"]
-    references = [v.valueReference for v in outputs]
-    messages: list[str] = []
-
-    def log(_environment: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
-        if status > fmi2Warning:
-            messages.append(_sentence(message.decode("utf-8", "replace")))
-
-    table = np.empty((n + 1, len(outputs)))
-    with TemporaryDirectory(prefix="fmu_", ignore_cleanup_errors=True) as folder:
-        fmpy.extract(os.fspath(fmu), folder)
-        try:
-            slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
-        except Exception as error:  # FMPy has no exception of its own for this
-            raise FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}") from None
-        try:
-            _initialize(slave, variables, starts, driven, [Q[0], *(values[0] for values in shown.values())])
-            table[0] = slave.getReal(references)
-            for i in range(n):
-                slave.setReal(driven, held[i])
-                slave.doStep(time[i], time[i + 1] - time[i])
-                table[i + 1] = slave.getReal(references)
-                if progress:
-                    progress((i + 1) / n)
-            slave.terminate()
-        except FMICallException as error:
-            raise FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}") from None
-        finally:
-            slave.freeInstance()
-    values = {v.name: table[:, i].copy() for i, v in enumerate(outputs)}
-    return {"time": time, "inlet.Q": Q, **shown, **values}
+    return np.minimum(np.arange(n + 1) * step, stop_time)
 
 
 def _sampled(name: str, u: Input, time: Array) -> Array:
@@ -154,6 +135,32 @@ def _start_values(
     return result
 
 
+@contextmanager
+def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) -> Iterator[FMU2Slave]:
+    """An instance of the FMU, freed at the end. A call that fails raises FMUError with what the FMU logged."""
+    messages: list[str] = []
+
+    def log(_environment: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+        if status > fmi2Warning:
+            messages.append(_sentence(message.decode("utf-8", "replace")))
+
+    def failed(error: Exception) -> FMUError:
+        return FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}")
+
+    with TemporaryDirectory(prefix="fmu_", ignore_cleanup_errors=True) as folder:
+        fmpy.extract(os.fspath(fmu), folder)
+        try:
+            slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
+        except Exception as error:  # FMPy has no exception of its own for this
+            raise failed(error) from None
+        try:
+            yield slave
+        except FMICallException as error:
+            raise failed(error) from None
+        finally:
+            slave.freeInstance()
+
+
 def _initialize(
     slave: FMU2Slave,
     variables: dict[str, Any],
@@ -171,6 +178,26 @@ def _initialize(
     slave.setReal(driven, first)
     slave.enterInitializationMode()
     slave.exitInitializationMode()
+
+
+def _steps(
+    slave: FMU2Slave,
+    time: Array,
+    driven: list[int],
+    held: Array,
+    outputs: list[int],
+    progress: Callable[[float], None] | None,
+) -> Array:
+    """The outputs at all times : (n + 1, n_outputs), with the inputs held : (n, n_inputs) in each of the n steps."""
+    table = np.empty((len(time), len(outputs)))
+    table[0] = slave.getReal(outputs)
+    for i, values in enumerate(held.tolist()):
+        slave.setReal(driven, values)
+        slave.doStep(time[i], time[i + 1] - time[i])
+        table[i + 1] = slave.getReal(outputs)
+        if progress:
+            progress((i + 1) / len(held))
+    return table
 
 
 def _sentence(message: str) -> str:
@@ -194,13 +221,11 @@ def main(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no message.")] = False,
 ) -> None:
     """Run an FMU of an arterial network from its start to a stop time."""
-    columns = (SpinnerColumn(), TextColumn(fmu.name, markup=False), BarColumn(), TimeElapsedColumn())
-    try:
+    with sentences(ValueError, FMUError):
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         end = parse_quantity(stop_time, "s", "--stop-time")
         known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
-        with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
-            task = bar.add_task("", total=1.0)
+        with bar(quiet, fmu.name) as progress:
             result = run_fmu(
                 fmu,
                 known.pop("inlet.Q", np.zeros_like),
@@ -208,12 +233,9 @@ def main(
                 step=parse_quantity(step, "s", "--step"),
                 start_values=_read_start_values(start_values) if start_values else {},
                 inputs=known,
-                progress=lambda fraction: bar.update(task, completed=fraction),
+                progress=lambda fraction: progress(fraction, fmu.name),
             )
         _write_result(out, result, variables)
-    except (ValueError, FMUError) as error:
-        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
-        raise typer.Exit(2) from None
     if not quiet:
         Console().print(f"wrote {out}", markup=False, highlight=False)
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from .console import bar, sentences
 from .files import find_network, parse_quantity, read_network
 from .network import Network
 from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
@@ -36,7 +36,7 @@ def main(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no table.")] = False,
 ) -> None:
     """Simulate a network of arteries and report pressure, flow and radius at its sites."""
-    try:
+    with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         settings = Settings(
             dt=parse_quantity(dt, "s", "--dt"),
@@ -46,9 +46,6 @@ def main(
         result = _run(model, settings, duration, tolerance, max_beats, quiet)
         if out is not None:
             result.to_csv(out)
-    except (ValueError, NonPhysicalState, NotPeriodic) as error:
-        Console(stderr=True, soft_wrap=True).print(f"Error: {error}", style="red", markup=False, highlight=False)
-        raise typer.Exit(2) from None
     if not quiet:
         _show(model, result, out)
 
@@ -70,13 +67,7 @@ def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
 def _run(
     network: Network, settings: Settings, duration: str | None, tolerance: float, max_beats: int, quiet: bool
 ) -> Waveforms:
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=quiet, transient=True) as bar:
-        task = bar.add_task(network.name, total=1.0)
-
-        def progress(fraction: float, label: str) -> None:
-            bar.update(task, completed=fraction, description=label)
-
+    with bar(quiet, network.name) as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
             return simulate(network, duration=seconds, settings=settings, progress=progress)
