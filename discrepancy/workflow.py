@@ -5,58 +5,42 @@ Everything is made in memory and in ``<out>/.state`` first; the folder gets its 
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fitting.fmu_run import RunFailed
-from fitting.network_data import mean_beat
 from fitting.provenance import software
 from fitting.records import Record, read_record
 from fitting.threads import single_threaded
 from fitting.units import INFLOW
 from solver import Settings
-from solver.effects import BY_NAME
-from solver.files import dumps, write_network
+from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
-from . import thresholds
-from .add import estimates, extended, named
-from .find import Found, find, mass_balances, momentum_balances, wall_balances
+from .add import extended, named
 from .fits import Fit
-from .isolability import isolability, smallest
 from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
 from .name import Naming, name, quantile
 from .network import NetworkProblem
-from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
-from .separating import separating_measurement
-from .show import Gap, Run, bench_of, drive, free_run, parity
+from .outcome import Outcome, Round, verdict_json
+from .show import Run, bench_of, drive, free_run, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
-from .subset import leave_one_site_out
+from .summary import Shown, decided, summary, unusable
 from .terms import values
 from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
-
-_SHOWN = 12  # candidates in the report
-
-
-@dataclass(frozen=True)
-class Discovery:
-    """The outcome, and the files that go with it: model.toml and model.fmu where an effect was added."""
-
-    outcome: Outcome
-    network: Network | None
-    fmu: bytes | None
 
 
 @single_threaded
@@ -90,19 +74,18 @@ def discover(
             raise measured
         check_record(measured)
         journal = Journal(folder, _key(measured, network, model, period))
-        found = _Work(measured, network, Path(model), journal, period, progress).run()
+        outcome, fmu = _Work(measured, network, Path(model), journal, period, progress).run()
     except Unusable as error:
-        found = Discovery(_unusable(str(error), record, model, measured), None, None)
-    outcome = replace(found.outcome, seconds=time.perf_counter() - started)
-    _write(replace(found, outcome=outcome), folder, progress)
+        outcome, fmu = unusable(str(error), record, model, measured), None
+    outcome = replace(outcome, seconds=time.perf_counter() - started)
+    _write(outcome, fmu, folder, progress)
     if journal is not None:
         journal.close()
     return outcome
 
 
 def _key(record: Record, network: Network, model: str | os.PathLike[str], period: float | None) -> list[Any]:
-    decided = {k: v for k, v in vars(thresholds).items() if k.isupper()}
-    return [record.sha256, to_dict(network), os.fspath(model), period, decided, software()]
+    return [record.sha256, to_dict(network), os.fspath(model), period, decided(), software()]
 
 
 def _read(record: str | os.PathLike[str]) -> Record | Unusable:
@@ -127,20 +110,6 @@ def _rising(progress: Progress) -> Progress:
     return tell
 
 
-def _unusable(
-    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
-) -> Outcome:
-    return Outcome(
-        verdict="unusable",
-        sentence="This record cannot be used with this model.",
-        record=os.fspath(record),
-        model=os.fspath(model),
-        kind="bench" if isinstance(measured, Record) and INFLOW not in measured.channels else "network",
-        reason=reason,
-        provenance={"software": software()},
-    )
-
-
 class _Work:
     """One study from its record to its outcome."""
 
@@ -157,14 +126,14 @@ class _Work:
         check_stiffness(self.study)
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
-    def run(self) -> Discovery:
-        """All stages."""
+    def run(self) -> tuple[Outcome, bytes | None]:
+        """All stages: the outcome, and the FMU of the extended network where an effect was added."""
         try:
             return self._run()
         finally:
             shutil.rmtree(self.place, ignore_errors=True)
 
-    def _run(self) -> Discovery:
+    def _run(self) -> tuple[Outcome, bytes | None]:
         study = self.study
         fmu = self._fmu(self.network, "given")
         given = None
@@ -182,15 +151,10 @@ class _Work:
         before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
         if given is None:
             check_waves(study, before.beats)
-        network: Network | None = None
-        archive: bytes | None = None
-        after: Run | None = None
-        difference: float | None = None
-        rounds: tuple[Round, ...] = ()
+        shown = Shown(given, before)
         if added:
-            network, archive, after, difference, rounds = self._add(study, naming, wave, before)
-        outcome = self._outcome(study, naming, given, before, after, network, difference, rounds)
-        return Discovery(outcome, network, archive)
+            shown = self._add(study, naming, wave, shown)
+        return summary(self.record, self.model, study, naming, shown), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -229,11 +193,8 @@ class _Work:
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 
-    def _add(
-        self, study: Study, naming: Naming, wave: Array, before: Run
-    ) -> tuple[Network, bytes, Run, float | None, tuple[Round, ...]]:
-        """The extended network, its FMU, its free run, the FMU's difference from the direct solver (of a network), and
-        the rounds."""
+    def _add(self, study: Study, naming: Naming, wave: Array, shown: Shown) -> Shown:
+        """With the extended network, its FMU and its free run."""
         self.progress(0.82, "rebuilding the FMU")
         best = naming.best.fit
         network = extended(self.network, best)
@@ -251,7 +212,8 @@ class _Work:
             file = self.place / "model.toml"
             write_network(network, file)
             archive = build_fmu(file, self.place / "model").read_bytes()
-        return network, archive, after, difference, self._rounds(study, naming, before, after)
+        rounds = self._rounds(study, naming, shown.before, after)
+        return replace(shown, after=after, network=network, archive=archive, parity=difference, rounds=rounds)
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
@@ -268,120 +230,6 @@ class _Work:
             Round(effects[0], before.gap.total, run.gap.total),
             Round(effects[1], run.gap.total, after.gap.total),
         )
-
-    # --- what it comes to ---------------------------------------------------------------------------------------------
-
-    def _outcome(
-        self,
-        study: Study,
-        naming: Naming,
-        given: Run | None,
-        before: Run,
-        after: Run | None,
-        network: Network | None,
-        difference: float | None,
-        rounds: tuple[Round, ...],
-    ) -> Outcome:
-        half = quantile(naming.problem)
-        located = located_in(study, before)
-        seen = [t for t in naming.terms if t.label in naming.columns]
-        table = isolability(naming.base.fit, naming.columns, seen)
-        best = naming.best
-        effects = tuple(r.added for r in rounds if r.added is not None)
-        members = tuple((t.effect, t.where) for n in naming.members for t in n.fit.terms)
-        least = smallest(naming.base.fit, naming.columns, seen) if naming.verdict == "none" else {}
-        return Outcome(
-            verdict=naming.verdict,
-            sentence=sentence(naming, effects, before.gap, after.gap if after else None),
-            record=self.record.path,
-            model=os.fspath(self.model),
-            kind=study.kind,
-            effects=effects,
-            members=tuple(dict.fromkeys(members)),
-            reason=naming.reason,
-            separating_measurement=separating_measurement(naming, study) if naming.verdict == "ambiguous" else None,
-            located=located.located,
-            balances=_balances(study, before),
-            channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
-            time=study.fitted.time,
-            z_map=located.z,
-            candidates=_candidates(study, naming, half),
-            absorbed=_absorbed(best.fit if after else naming.base.fit),
-            isolability=table,
-            smallest={term.label: term.unknowns[0].estimate(x, 0.0, 1.0) for term, x in least.values()},
-            sites=_left_out(naming, best.fit if after else naming.base.fit),
-            rounds=rounds,
-            gap_before=before.gap.total,
-            gap_after=after.gap.total if after else None,
-            parity=difference,
-            network_before=self.network,
-            network_after=network,
-            warnings=study.fitted.warnings,
-            provenance=self._provenance(given),
-        )
-
-    def _provenance(self, given: Run | None) -> dict[str, Any]:
-        return {
-            "record_sha256": self.record.sha256,
-            "model": os.fspath(self.model),
-            "beats": {"fitted": self.study.fitted.n_beats, "held_out": self.study.held_out.n_beats},
-            "period": {"value": self.study.fitted.T, "unit": "s"},
-            **({"gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]}} if given else {}),
-            "thresholds": {k: v for k, v in vars(thresholds).items() if k.isupper()},
-            "software": software(),
-        }
-
-
-def located_in(study: Study, before: Run) -> Found:
-    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver."""
-    problem = study.problem
-    K = len(before.X) - 1
-    residual = mean_beat(study.fitted, problem.signals, K) - before.X
-    if isinstance(problem, NetworkProblem):
-        return find(problem.signals, residual, problem.target.covariance[: K + 1])
-    covariance = study.fitted.covariance(problem.signals)[: K + 1]
-    return find(problem.signals, residual, covariance)
-
-
-def _balances(study: Study, before: Run) -> tuple[Balance, ...]:
-    """Mass, momentum and wall law where the measured channels tell them."""
-    beats, network, problem = study.fitted, study.network, study.problem
-    if not isinstance(problem, NetworkProblem):
-        return wall_balances(beats, network)
-    K = len(before.X) - 1
-    residual = mean_beat(beats, problem.names, K) - before.X
-    momentum = momentum_balances(problem.names, residual, problem.target.covariance[: K + 1], network)
-    return (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
-
-
-def _left_out(naming: Naming, fit: Fit) -> dict[str, float]:
-    return leave_one_site_out(naming.problem, fit) if isinstance(naming.problem, NetworkProblem) else {}
-
-
-def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
-    """The verdict in one sentence."""
-    gap = (
-        f"the gap to held-out beats falls from {before.total[1]:.3g} to {after.total[1]:.3g} times the noise"
-        if after
-        else ""
-    )
-    labels = " and ".join(f"{e.name.replace('_', ' ')} at {', '.join(e.where)}" for e in effects)
-    match naming.verdict:
-        case "none":
-            return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
-        case "effect":
-            if BY_NAME[effects[0].name].owner == "channel":
-                return f"A sensor explains it, no artery: {labels}; with it {gap}."
-            return f"The model lacks {labels}: with it {gap}."
-        case "several":
-            return f"The model lacks {labels}: with both {gap}."
-        case "ambiguous":
-            others = len(naming.members) - 1
-            return (
-                f"The model lacks something like {labels}: with it {gap}, but {others} other "
-                f"candidate{'s' if others > 1 else ''} cannot be ruled out."
-            )
-    return f"Something is missing that the catalogue does not explain: {naming.reason}."
 
 
 def _nothing() -> Fit:
@@ -405,65 +253,17 @@ def _saturating(label: str) -> float:
     return 1.0 - 0.5 ** (count / 60.0)
 
 
-def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Channel:
-    unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[channel.rpartition(".")[2]]
-    band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    return Channel(
-        channel,
-        unit,
-        study.fitted.mean(channel),
-        band,
-        before.beats[channel],
-        after.beats[channel] if after else None,
-        before.gap.channels[channel],
-        after.gap.channels[channel] if after else None,
-    )
-
-
-def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
-    """What the nuisances took: x times its step, as logarithm of a scale or as a shift."""
-    own = {u.name for term in fit.terms for u in term.unknowns}
-    sd = np.sqrt(np.diag(fit.covariance))
-    return tuple(
-        Absorbed(f"ln {u.name}" if u.kind == "scale" else u.name, float(x) * u.size, float(s) * u.size, u.size, u.unit)
-        for u, x, s in zip(fit.unknowns, fit.x, sd, strict=True)
-        if u.name not in own
-    )
-
-
-def _candidates(study: Study, naming: Naming, half: float) -> tuple[Candidate, ...]:
-    """The best hypotheses, each with what it leaves of the held-out beats."""
-    shown = naming.ranked[:_SHOWN]
-    kept = study.problem.held_out(study.held_out, study.fitted)
-    found = []
-    for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
-        parameters = {name: e for t in n.fit.terms for name, e in estimates(n.fit, t, half).items()}
-        names = " + ".join(t.effect for t in n.fit.terms)
-        where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
-        dof = max(1, len(n.fit.z) - len(n.fit.x))
-        left = float(np.sqrt(chi2 / size))
-        found.append(
-            Candidate(names, where, parameters, n.above_best, n.fit.chi2 / dof, left, n.separation, n in naming.members)
-        )
-    return tuple(found)
-
-
-def _write(found: Discovery, folder: Path, progress: Progress) -> None:
+def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
     """All files of a study; those of an earlier one that this verdict does not have are removed."""
-    import json
-
-    from solver.files import write_whole
-
-    from .outcome import verdict_json
     from .report import write_report  # matplotlib takes a second
 
     progress(0.94, "writing the report")
-    text = json.dumps(verdict_json(found.outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     for stale in ("model.toml", "model.fmu"):
         (folder / stale).unlink(missing_ok=True)
-    if found.network is not None and found.fmu is not None:
-        write_whole(folder / "model.toml", dumps(found.network))
-        write_whole(folder / "model.fmu", found.fmu)
-    write_report(found.outcome, folder)
+    if outcome.network_after is not None and fmu is not None:
+        write_whole(folder / "model.toml", dumps(outcome.network_after))
+        write_whole(folder / "model.fmu", fmu)
+    write_report(outcome, folder)
     write_whole(folder / "verdict.json", text)
     progress(1.0, "done")

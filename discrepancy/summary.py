@@ -1,0 +1,213 @@
+"""The outcome of a study: what find, name and show came to, put together for verdict.json and the report."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.network_data import mean_beat
+from fitting.provenance import software
+from fitting.records import Record
+from fitting.units import INFLOW
+from solver.effects import BY_NAME
+from solver.network import Network
+
+from . import thresholds
+from .add import estimates
+from .find import Found, find, mass_balances, momentum_balances, wall_balances
+from .fits import Fit
+from .isolability import isolability, smallest
+from .name import Naming, quantile
+from .network import NetworkProblem
+from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
+from .separating import separating_measurement
+from .show import Gap, Run
+from .study import Study, Unusable
+from .subset import leave_one_site_out
+
+_SHOWN = 12  # candidates in the report
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Free runs of the FMUs: of the model as given (of a network only), with its nuisances refitted (``before``), and
+    with what was added (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``),
+    the FMU's difference from the direct solver (``parity``, of a network only) and the rounds."""
+
+    given: Run | None
+    before: Run
+    after: Run | None = None
+    network: Network | None = None
+    archive: bytes | None = None
+    parity: float | None = None
+    rounds: tuple[Round, ...] = ()
+
+
+def unusable(
+    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
+) -> Outcome:
+    """The outcome for a record that cannot be used."""
+    return Outcome(
+        verdict="unusable",
+        sentence="This record cannot be used with this model.",
+        record=os.fspath(record),
+        model=os.fspath(model),
+        kind="bench" if isinstance(measured, Record) and INFLOW not in measured.channels else "network",
+        reason=reason,
+        provenance={"software": software()},
+    )
+
+
+def summary(record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: Shown) -> Outcome:
+    """The outcome of all stages."""
+    before, after = shown.before, shown.after
+    located = located_in(study, before)
+    seen = [t for t in naming.terms if t.label in naming.columns]
+    effects = tuple(r.added for r in shown.rounds if r.added is not None)
+    members = tuple((t.effect, t.where) for n in naming.members for t in n.fit.terms)
+    least = smallest(naming.base.fit, naming.columns, seen) if naming.verdict == "none" else {}
+    final = (naming.best if after else naming.base).fit
+    return Outcome(
+        verdict=naming.verdict,
+        sentence=sentence(naming, effects, before.gap, after.gap if after else None),
+        record=record.path,
+        model=os.fspath(model),
+        kind=study.kind,
+        effects=effects,
+        members=tuple(dict.fromkeys(members)),
+        reason=naming.reason,
+        separating_measurement=separating_measurement(naming, study) if naming.verdict == "ambiguous" else None,
+        located=located.located,
+        balances=_balances(study, before),
+        channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
+        time=study.fitted.time,
+        z_map=located.z,
+        candidates=_candidates(study, naming),
+        absorbed=_absorbed(final),
+        isolability=isolability(naming.base.fit, naming.columns, seen),
+        smallest={term.label: term.unknowns[0].estimate(x, 0.0, 1.0) for term, x in least.values()},
+        sites=_left_out(naming, final),
+        rounds=shown.rounds,
+        gap_before=before.gap.total,
+        gap_after=after.gap.total if after else None,
+        parity=shown.parity,
+        network_before=study.network,
+        network_after=shown.network,
+        warnings=study.fitted.warnings,
+        provenance=_provenance(record, model, study, shown.given),
+    )
+
+
+def _provenance(record: Record, model: str | os.PathLike[str], study: Study, given: Run | None) -> dict[str, Any]:
+    return {
+        "record_sha256": record.sha256,
+        "model": os.fspath(model),
+        "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
+        "period": {"value": study.fitted.T, "unit": "s"},
+        **({"gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]}} if given else {}),
+        "thresholds": decided(),
+        "software": software(),
+    }
+
+
+def decided() -> dict[str, Any]:
+    """All thresholds by name."""
+    return {name: value for name, value in vars(thresholds).items() if name.isupper()}
+
+
+def located_in(study: Study, before: Run) -> Found:
+    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver."""
+    problem = study.problem
+    K = len(before.X) - 1
+    residual = mean_beat(study.fitted, problem.signals, K) - before.X
+    if isinstance(problem, NetworkProblem):
+        return find(problem.signals, residual, problem.target.covariance[: K + 1])
+    covariance = study.fitted.covariance(problem.signals)[: K + 1]
+    return find(problem.signals, residual, covariance)
+
+
+def _balances(study: Study, before: Run) -> tuple[Balance, ...]:
+    """Mass, momentum and wall law where the measured channels tell them."""
+    beats, network, problem = study.fitted, study.network, study.problem
+    if not isinstance(problem, NetworkProblem):
+        return wall_balances(beats, network)
+    K = len(before.X) - 1
+    residual = mean_beat(beats, problem.names, K) - before.X
+    momentum = momentum_balances(problem.names, residual, problem.target.covariance[: K + 1], network)
+    return (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
+
+
+def _left_out(naming: Naming, fit: Fit) -> dict[str, float]:
+    return leave_one_site_out(naming.problem, fit) if isinstance(naming.problem, NetworkProblem) else {}
+
+
+def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
+    """The verdict in one sentence."""
+    gap = (
+        f"the gap to held-out beats falls from {before.total[1]:.3g} to {after.total[1]:.3g} times the noise"
+        if after
+        else ""
+    )
+    labels = " and ".join(f"{e.name.replace('_', ' ')} at {', '.join(e.where)}" for e in effects)
+    match naming.verdict:
+        case "none":
+            return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
+        case "effect":
+            if BY_NAME[effects[0].name].owner == "channel":
+                return f"A sensor explains it, no artery: {labels}; with it {gap}."
+            return f"The model lacks {labels}: with it {gap}."
+        case "several":
+            return f"The model lacks {labels}: with both {gap}."
+        case "ambiguous":
+            others = len(naming.members) - 1
+            return (
+                f"The model lacks something like {labels}: with it {gap}, but {others} other "
+                f"candidate{'s' if others > 1 else ''} cannot be ruled out."
+            )
+    return f"Something is missing that the catalogue does not explain: {naming.reason}."
+
+
+def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Channel:
+    unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[channel.rpartition(".")[2]]
+    band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
+    return Channel(
+        channel,
+        unit,
+        study.fitted.mean(channel),
+        band,
+        before.beats[channel],
+        after.beats[channel] if after else None,
+        before.gap.channels[channel],
+        after.gap.channels[channel] if after else None,
+    )
+
+
+def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
+    """What the nuisances took: x times its step, as logarithm of a scale or as a shift."""
+    own = {u.name for term in fit.terms for u in term.unknowns}
+    sd = np.sqrt(np.diag(fit.covariance))
+    return tuple(
+        Absorbed(f"ln {u.name}" if u.kind == "scale" else u.name, float(x) * u.size, float(s) * u.size, u.size, u.unit)
+        for u, x, s in zip(fit.unknowns, fit.x, sd, strict=True)
+        if u.name not in own
+    )
+
+
+def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
+    """The best hypotheses, each with what it leaves of the held-out beats."""
+    shown, half = naming.ranked[:_SHOWN], quantile(naming.problem)
+    kept = study.problem.held_out(study.held_out, study.fitted)
+    found = []
+    for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
+        parameters = {name: e for t in n.fit.terms for name, e in estimates(n.fit, t, half).items()}
+        names = " + ".join(t.effect for t in n.fit.terms)
+        where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
+        dof = max(1, len(n.fit.z) - len(n.fit.x))
+        left = float(np.sqrt(chi2 / size))
+        found.append(
+            Candidate(names, where, parameters, n.above_best, n.fit.chi2 / dof, left, n.separation, n in naming.members)
+        )
+    return tuple(found)
