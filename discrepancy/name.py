@@ -20,7 +20,7 @@ from scipy.stats import t as t_distribution
 
 from . import thresholds as at
 from .fits import Fit, bounded_step, bounds, misfit, penalty
-from .terms import Term
+from .terms import Term, joins
 
 Array = np.ndarray
 
@@ -297,7 +297,7 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
             firsts.append(n)
     for first in firsts:
         there = {t.label for t in first.fit.terms}
-        others = [t for t in terms if t.label not in there and not t.rewires]
+        others = [t for t in terms if t.label not in there and not t.rewires and joins(t, first.fit.terms)]
         others += problem.followers(first.fit, terms)
         (anew,) = problem.refine([first.fit])
         base = first.fit if anew is None else anew

@@ -232,8 +232,8 @@ class NetworkProblem:
               columns: Mapping[str, Array] | None = None) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis, all searched together in batches.
 
-        start : of a simpler hypothesis that all contain; with ``columns`` of the terms there (:meth:`columns`) no
-        derivative is simulated anew.
+        start : of another hypothesis; where it is a simpler one, ``columns`` of the terms there (:meth:`columns`) save
+        the derivatives.
         """
         return self._searched([self._begin(terms, start, columns or {}) for terms in hypotheses])
 
@@ -250,8 +250,10 @@ class NetworkProblem:
         search = Search(terms, unknowns, prior, x)
         if not np.array_equal(x, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high)):
             return search
-        new = [t for t in terms if start is None or t.label not in {s.label for s in start.terms}]
-        if start is not None and all(t.label in columns for t in new) and not any(t.rewires for t in new):
+        old = set() if start is None else {t.label for t in start.terms}
+        new = [t for t in terms if t.label not in old]
+        simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of something more
+        if start is not None and simpler and all(t.label in columns for t in new) and not any(t.rewires for t in new):
             own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
             for t in new:
                 own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}

@@ -104,6 +104,12 @@ class Term:
         return self.effect == "terminal_compliance"
 
 
+def joins(term: Term, others: Sequence[Term]) -> bool:
+    """Whether a term can act beside others: an outlet that one of them rewires no longer has what this one moves."""
+    gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
+    return not any(variable.startswith(gone) for u in term.unknowns for variable, _ in u.moves)
+
+
 def values(unknowns: Sequence[Unknown], x: Array, nominal: Mapping[str, float]) -> dict[str, Array]:
     """Values [SI] of all variables that move; x : (…, p) gives arrays (…,). Scales multiply, shifts add."""
     scale: dict[str, Array] = {}
