@@ -20,9 +20,9 @@ from discrepancy.journal import decode_naming, encode_naming
 from discrepancy.name import Naming, name, quantile
 from discrepancy.network import NetworkProblem, network_problem
 from discrepancy.observation import sense
-from discrepancy.terms import Term, candidates, followers, nuisances, sensor_terms
+from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
 from fitting.beats import Beats
-from solver import Settings, effects, simulate_periodic
+from solver import NonPhysicalState, Settings, effects, simulate_periodic
 from solver.files import dumps, loads
 
 NAMES = ("A.P", "B.P", "B.Q", "C.P", "C.Q", "C.R")
@@ -120,6 +120,24 @@ def test_the_wrong_places_do_not_explain_it(stiff: Naming) -> None:
     assert not stiff.base.explains
 
 
+def test_an_effect_of_a_hundredth_of_its_typical_size() -> None:
+    """1.2 % stiffer (x = 0.04 of a typical size) in noise that shows 0.1 %: an effect, not what "none" absorbs."""
+    naming = name(network_problem(beats(1.012), NETWORK), terms(*EFFECTS))
+    assert naming.best.label == "wall_stiffness at B"
+    assert naming.base.fit.cost > naming.best.fit.cost + 40.0
+
+
+def test_a_simpler_hypothesis_has_its_own_residual(stiff: Naming) -> None:
+    """Searched from where wall_stiffness is, "no effect" comes to what it came to by itself, within 1 %."""
+    problem = stiff.problem
+    assert isinstance(problem, NetworkProblem)
+    (none,) = problem.refit([()], stiff.best.fit)
+    (alone,) = problem.refit([()])
+    assert none is not None and alone is not None
+    assert none.cost == pytest.approx(alone.cost, rel=0.01)
+    assert none.cost > 10.0 * stiff.best.fit.cost
+
+
 def test_nothing_hidden(healthy: NetworkProblem) -> None:
     """The network as it is, on another mesh and step: none, and the residual's mean square is 1 within 3 sd."""
     naming = name(healthy, terms(*EFFECTS))
@@ -168,6 +186,30 @@ def test_a_sensor_needs_no_simulation(healthy: NetworkProblem) -> None:
         ratio = np.ones(len(healthy.names))
         ratio[i] = np.exp(0.03 * x)
         np.testing.assert_allclose(each, X[0] * ratio, rtol=1e-13)
+
+
+def test_a_start_too_far_off_is_left(healthy: NetworkProblem) -> None:
+    """Run on from a periodic state in which the walls are 100 times wider, it breaks down; it then starts from rest."""
+    problem = replace(healthy, simulator=replace(healthy.simulator, starts={}))
+    member = at(problem, [0.0, 0.0, 0.0]).member
+    (expected,) = problem.observe([member])
+    beat = problem.simulator.starts[""]
+    assert beat.end is not None and expected is not None
+    wide = replace(beat.end, state=replace(beat.end.state, A=100.0 * beat.end.state.A))
+    problem.simulator.starts[""] = replace(beat, end=wide)
+    with pytest.raises(NonPhysicalState):
+        problem.simulator.coefficients(NETWORK, {}, "")
+    (found,) = problem.observe([member])
+    assert found is not None
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_an_outlet_that_is_rewired_reflects_no_more() -> None:
+    """Beside terminal_compliance at B no term may move B's reflection, at B or everywhere; that of C may."""
+    compliance = term("terminal_compliance", "B")
+    others = terms("terminal_reflection", "wall_stiffness")
+    assert [t.place for t in others if not joins(t, (compliance,))] == ["all", "B"]
+    assert all(joins(t, (term("wall_stiffness", "B"),)) for t in others)
 
 
 def test_sense_is_the_catalogue() -> None:
