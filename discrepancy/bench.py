@@ -85,8 +85,9 @@ class Bench:
         hypotheses: Sequence[tuple[Term, ...]],
         start: Fit | None = None,
         columns: Mapping[str, Array] | None = None,
+        known: float = np.inf,
     ) -> list[Fit | None]:
-        """The most probable unknowns of every hypothesis; ``start`` : of a simpler one that all contain."""
+        """The most probable unknowns of every hypothesis; ``start`` : of another one."""
         return [_fitted(self, terms, start) for terms in hypotheses]
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:

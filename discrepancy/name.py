@@ -43,8 +43,9 @@ class Problem(Protocol):
         hypotheses: Sequence[tuple[Term, ...]],
         start: Fit | None = None,
         columns: Mapping[str, Array] | None = None,
+        known: float = math.inf,
     ) -> list[Fit | None]:
-        """The most probable unknowns of every hypothesis."""
+        """The most probable unknowns of every hypothesis; those that stay far above a ``known`` cost need not be."""
         ...
 
     def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:
@@ -187,7 +188,9 @@ def name(problem: Problem, terms: Sequence[Term]) -> Naming:
     # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
     rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not none.explains and not (ranked and ranked[0].explains):
-        fits = [n.fit for n in ranked] + [f for f in problem.refit(rewiring) if f is not None]
+        lowest = min((n.fit.cost for n in ranked), default=none.fit.cost)
+        others = problem.refit(rewiring, none.fit, known=lowest)
+        fits = [n.fit for n in ranked] + [f for f in others if f is not None]
         problem, none, ranked = _ranking(problem, none, fits, terms)
     if not ranked or ranked[0].score > none.score - at.BIC_NONE:
         if none.explains:

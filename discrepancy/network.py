@@ -229,16 +229,16 @@ class NetworkProblem:
     # --- search -------------------------------------------------------------------------------------------------------
 
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None,
-              columns: Mapping[str, Array] | None = None) -> list[Fit | None]:  # fmt: skip
+              columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis, all searched together in batches.
 
         start : of another hypothesis; where it is a simpler one, ``columns`` of the terms there (:meth:`columns`) save
-        the derivatives.
+        the derivatives. known : a cost; searches that promise to stay far above it end early.
         """
-        return self._searched([self._begin(terms, start, columns or {}) for terms in hypotheses])
+        return self._searched([self._begin(terms, start, columns or {}) for terms in hypotheses], known)
 
-    def _searched(self, searches: Sequence[Search]) -> list[Fit | None]:
-        search(self, searches)
+    def _searched(self, searches: Sequence[Search], known: float = np.inf) -> list[Fit | None]:
+        search(self, searches, known)
         return [self._fit(s) for s in searches]
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array]) -> Search:

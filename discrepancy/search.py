@@ -96,13 +96,16 @@ class Search:
                 self.converged = True
 
 
-def search(problem: Searched, searches: Sequence[Search]) -> None:
-    """Steps of all searches, one batch after the other, until none has any worth its simulation."""
+def search(problem: Searched, searches: Sequence[Search], known: float = np.inf) -> None:
+    """Steps of all searches, one batch after the other, until none has any worth its simulation.
+
+    known : the cost of a hypothesis found before; a search that promises to stay far above it ends.
+    """
     _derive(problem, [s for s in searches if s.J is None])
     for turn in range(_ROUNDS):
         active = [s for s in searches if s.proposes()]
-        best = min((s.cost for s in searches if not s.failed), default=np.inf)
-        active = [s for s in active if s.promise < best + _HOPELESS]
+        best = min((s.cost for s in searches if not s.failed), default=known)
+        active = [s for s in active if s.promise < min(best, known) + _HOPELESS]
         if not active:
             break
         if turn in _FRESH:
