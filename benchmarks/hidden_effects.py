@@ -49,6 +49,10 @@ def _path(kind: str, seed: int, out: Path | None) -> Path:
     return out or ROOT / "build" / f"hidden_{kind}_{seed}.jsonl"
 
 
+def _fmu_path(kind: str, seed: int) -> Path:
+    return ROOT / "build" / f"hidden_{kind}_{seed}_fmu.jsonl"
+
+
 @app.command()
 def run(
     kind: KindOption,
@@ -74,6 +78,7 @@ def report(
     tuning: Tuning = True,
     kind: Annotated[Kind | None, typer.Option(help="Only these records.")] = None,
     out: Annotated[list[Path] | None, typer.Option(help="Files of lines; may be given twice.")] = None,
+    through: Annotated[list[Path] | None, typer.Option("--fmu", help="Files of the sample through FMUs.")] = None,
     write: Annotated[bool, typer.Option("--write", help="Put the tables into docs/hidden-effects.md.")] = False,
     failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
 ) -> None:
@@ -83,7 +88,8 @@ def report(
     lines = [x for path in paths for x in read(path) if kind is None or x["kind"] == kind.value]
     if not lines:
         raise SystemExit(f"{', '.join(map(str, paths))}: no records; run the bank first.")
-    text = tables(lines, load("sheep"))
+    samples = [x for path in through or [_fmu_path(k.value, seed) for k in Kind] for x in read(path)]
+    text = tables(lines, load("sheep"), samples)
     print(text)
     if write:
         put(text, ROOT / "docs" / "hidden-effects.md")
@@ -101,7 +107,7 @@ def fmu(
 ) -> None:
     """Take a sample of the records through the whole workflow with its rebuilt FMUs, and print the gaps."""
     seed = TUNING_SEED if tuning else REPORTED_SEED
-    path = out or ROOT / "build" / f"hidden_{kind.value}_{seed}_fmu.jsonl"
+    path = out or _fmu_path(kind.value, seed)
     for line in sample(kind.value, seed, every, limit, path):
         named = ", ".join(line["named"]) or "nothing"
         print(f"{line['index']}: hidden {', '.join(line['hidden']) or 'nothing'}; {line['verdict']}, added {named}")

@@ -216,6 +216,27 @@ def test_report_by_hand(tmp_path: Path) -> None:
     assert written.count("## Targets") == 1
 
 
+def test_sample_through_fmus_by_hand() -> None:
+    """Three records: nothing added, 10 -> 1.1 and 4 -> 1.3 on held-out beats; medians are of those two."""
+    rest = {"kind": "network", "seed": 1, "parity": 1e-5, "sites": {"CA": 1.0, "FA": 1.2}}
+    sample = [
+        {
+            **rest,
+            "index": 0,
+            "before": [1.0, 1.0],
+            "after": None,
+            "sites": {"CA": 9.0},
+            "parity": None,
+            "seconds": 20.0,
+        },
+        {**rest, "index": 1, "before": [9.0, 10.0], "after": [1.0, 1.1], "seconds": 40.0},
+        {**rest, "index": 2, "before": [5.0, 4.0], "after": [1.0, 1.3], "seconds": 30.0},
+    ]
+    text = page.report(LINES, load("sheep"), sample)
+    row = "network: 3 | 2 | median 7, 90 % 9.4 | median 1.2, 90 % 1.28 | median 1.1, 90 % 1.2 | median 1e-05, largest 1e-05"
+    assert f"{row} | median 30, largest 40 |" in text.partition("## Through the rebuilt FMUs")[2]
+
+
 def test_confidence_by_hand() -> None:
     """Stated 0.6: 0 of 1 right; stated 0.9: lines 3, 4, 9 of 3, 4, 5, 6, 8, 9. (1·0.6 + 6·0.4)/7."""
     assert calibration_error([x for x in LINES if w.claims(x)]) == pytest.approx((0.6 + 6.0 * 0.4) / 7.0, abs=1e-12)

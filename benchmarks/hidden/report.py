@@ -10,6 +10,7 @@ from solver.files import write_whole
 from solver.network import Network
 
 from . import tables as t
+from . import through_fmu
 from . import words as w
 from .targets import targets
 
@@ -18,8 +19,9 @@ Line = dict[str, Any]
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
 
-def report(lines: Sequence[Line], network: Network) -> str:
-    """All tables that the lines have records for. network : whose junctions say what is adjacent."""
+def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
+    """All tables that the lines have records for. network : whose junctions say what is adjacent. through : the lines
+    of a sample that went through the rebuilt FMUs."""
     made = w.judged(lines)
     parts = [origin(lines), "## Targets", targets(made, network)]
     for kind in ("bench", "network"):
@@ -27,6 +29,8 @@ def report(lines: Sequence[Line], network: Network) -> str:
         if own:
             parts += [f"## {kind.capitalize()}: {len(own)} records", t.verdicts(own)]
             parts += [part for title, table in _sections(kind, own, network) for part in (f"### {title}", table)]
+    if through:
+        parts += ["## Through the rebuilt FMUs", through_fmu.table(through)]
     return "\n\n".join(parts) + "\n"
 
 
