@@ -233,8 +233,11 @@ def test_sample_through_fmus_by_hand() -> None:
         {**rest, "index": 2, "before": [5.0, 4.0], "after": [1.0, 1.3], "seconds": 30.0},
     ]
     text = page.report(LINES, load("sheep"), sample)
-    row = "network: 3 | 2 | median 7, 90 % 9.4 | median 1.2, 90 % 1.28 | median 1.1, 90 % 1.2 | median 1e-05, largest 1e-05"
-    assert f"{row} | median 30, largest 40 |" in text.partition("## Through the rebuilt FMUs")[2]
+    cells = (
+        "network: 3 | 2 | median 7, 90 % 9.4 | median 1.2, 90 % 1.28 | median 1.1, 90 % 1.2 |",
+        "| median 1e-05, largest 1e-05 | median 30, largest 40 |",
+    )
+    assert all(cell in text.partition("## Through the rebuilt FMUs")[2] for cell in cells)
 
 
 def test_confidence_by_hand() -> None:
