@@ -12,9 +12,11 @@ from solver.network import Channel, Network
 from .fits import Fit
 from .observation import resonance_of
 from .outcome import Estimate, NamedEffect
-from .terms import Term, Unknown, rewired, values
+from .terms import SCALE, Term, Unknown, rewired, values
 
 Array = np.ndarray
+
+_SAME = 1e-9  # relative difference of ratios that are the same
 
 
 def extended(network: Network, fit: Fit) -> Network:
@@ -42,21 +44,59 @@ def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
     return moved
 
 
-def named(fit: Fit, term: Term, confidence: float, quantile: float) -> NamedEffect:
+def named(network: Network, fit: Fit, term: Term, confidence: float, quantile: float) -> NamedEffect:
     """The term as verdict.json has it."""
-    return NamedEffect(
-        term.effect, term.where, estimates(fit, term, quantile), confidence, BY_NAME[term.effect].equation
-    )
+    found = estimates(network, fit, term, quantile)
+    return NamedEffect(term.effect, term.where, found, confidence, BY_NAME[term.effect].equation)
 
 
-def estimates(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
-    """Values and 95 % intervals of a term's parameters. Those of a resonance follow from its two coefficients by the
-    corners of their intervals."""
+def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
+    """Values and 95 % intervals of a term's parameters: those of :func:`extended`, with what the nuisances add to them.
+
+    One that acts everywhere is reported once where it is the same everywhere: that of walls as the ratio to their
+    refitted moduli.
+    """
+    if term.is_sensor:
+        return _of_sensor(fit, term, quantile)
+    whole = network
+    for each in fit.terms:
+        whole = rewired(whole, each)
+    found = {v: _variable(whole, fit, v, quantile) for u in term.unknowns for v, _ in u.moves}
+    if term.place != "all":
+        return found
+    (unknown,) = term.unknowns
+    if unknown.ratio is not None:
+        now = extended(network, fit).parameters()
+        ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
+        return {unknown.name: _ratio(fit, unknown, quantile)} if np.ptp(ratios) <= _SAME * np.abs(ratios).max() else found
+    first, *others = found.values()
+    return {unknown.name: first} if all(other == first for other in others) else found
+
+
+def _variable(network: Network, fit: Fit, variable: str, quantile: float) -> Estimate:
+    """A parameter of the extended network; its interval by the derivatives of all unknowns that move it, of its
+    logarithm where they only scale it."""
+    nominal, q = network.parameters()[variable], network.parameter_quantities()[variable]
+    steps = np.array([dict(u.moves).get(variable, 0.0) for u in fit.unknowns])
+    scales = np.array([u.kind == SCALE for u in fit.unknowns])
+    scaled = nominal * np.exp(steps[scales] @ fit.x[scales])
+    value = scaled + steps[~scales] @ fit.x[~scales]
+    slope = np.where(scales, steps * scaled, steps)
+    half = quantile * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
+    if steps[~scales].any() or nominal == 0.0:
+        ends = (value - half, value, value + half)
+    else:
+        ends = (value * np.exp(-half / abs(value)), value, value * np.exp(half / abs(value)))
+    low, value, high = (float(v) for v in np.clip(ends, q.low, q.high))
+    return Estimate(value, q.unit, (low, high))
+
+
+def _of_sensor(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
+    """Those of a measurement chain; of a resonance they follow from its two coefficients, by the corners of their
+    intervals."""
     names, sd = [u.name for u in fit.unknowns], np.sqrt(np.diag(fit.covariance))
     at = {u.name: names.index(u.name) for u in term.unknowns}
     plain = {u.name: u.estimate(float(fit.x[at[u.name]]), float(sd[at[u.name]]), quantile) for u in term.unknowns}
-    if term.place == "all" and term.unknowns[0].ratio is not None:
-        plain = {u.name: _ratio(fit, u, quantile) for u in term.unknowns}
     if term.effect != "catheter_resonance":
         return plain
     slow, ringing = plain[f"{term.place}.slow"], plain[f"{term.place}.resonance"]
@@ -72,9 +112,9 @@ def _ratio(fit: Fit, unknown: Unknown, quantile: float) -> Estimate:
     """A ratio such as φ0/E to the modulus as it was refitted; its interval by the derivatives of all that move it."""
     names = [u.name for u in fit.unknowns]
     slope, i = np.zeros(len(names)), names.index(unknown.name)
-    nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == "scale"}
+    nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == SCALE}
     reference, step = nuisance.get(f"all.{unknown.ratio}", (i, 0.0))
-    if unknown.kind == "scale":  # of the same modulus as the nuisance of that name
+    if unknown.kind == SCALE:  # of the same modulus as the nuisance of that name
         own, own_step = nuisance.get(unknown.name, (i, 0.0))
         value = unknown.nominal * np.exp(unknown.size * fit.x[i] + own_step * fit.x[own] - step * fit.x[reference])
         slope[own] += own_step * value

@@ -202,7 +202,7 @@ def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
     kept = study.problem.held_out(study.held_out, study.fitted)
     found = []
     for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
-        parameters = {name: e for t in n.fit.terms for name, e in estimates(n.fit, t, half).items()}
+        parameters = {name: e for t in n.fit.terms for name, e in estimates(study.network, n.fit, t, half).items()}
         names = " + ".join(t.effect for t in n.fit.terms)
         where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
         dof = max(1, len(n.fit.z) - len(n.fit.x))

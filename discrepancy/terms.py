@@ -50,7 +50,7 @@ TYPICAL: Mapping[str, float] = {
     "resonance": 1e-4,
 }
 _OFFSET: Mapping[str, float] = {"P": 400.0, "Q": 1e-6, "R": 1e-4}
-_SHIFT, _SCALE = "shift", "scale"
+SHIFT, SCALE = "shift", "scale"
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Unknown:
         """The value with its interval in the unit that is reported."""
         ends = np.clip([x - quantile * sd, x, x + quantile * sd], self.low, self.high)
         scaled = self.size * ends
-        values = self.nominal * np.exp(scaled) if self.kind == _SCALE else self.nominal + scaled
+        values = self.nominal * np.exp(scaled) if self.kind == SCALE else self.nominal + scaled
         low, value, high = (float(v) for v in values)
         return Estimate(value, self.unit, (low, high))
 
@@ -115,7 +115,7 @@ def values(unknowns: Sequence[Unknown], x: Array, nominal: Mapping[str, float]) 
     scale: dict[str, Array] = {}
     shift: dict[str, Array] = {}
     for i, unknown in enumerate(unknowns):
-        into = scale if unknown.kind == _SCALE else shift
+        into = scale if unknown.kind == SCALE else shift
         for variable, step in unknown.moves:
             into[variable] = into.get(variable, 0.0) + step * x[..., i]
     names = dict.fromkeys([*scale, *shift])
@@ -150,7 +150,7 @@ def _bounded(name: str, kind: str, moves: Sequence[tuple[str, float]], network: 
         start = present.get(variable, nominal)
         if step <= 0.0:
             continue
-        if kind == _SCALE:
+        if kind == SCALE:
             low = max(low, math.log(quantity.low / start) / step if quantity.low > 0.0 else -5.0 / step)
             high = min(high, math.log(quantity.high / start) / step)
         else:
@@ -187,13 +187,13 @@ def physical_term(network: Network, effect: effects.Effect, place: str) -> Term 
     if scales:
         step = TYPICAL["E_scale"] if key == "phi0" else TYPICAL[key]
         moves = [(v, step) for v in variables]
-        kind, size = _SCALE, step
+        kind, size = SCALE, step
     elif effect.owner == "segment":
         moves = [(v, _wall_step(network, s, key)) for v, s in zip(variables, segments, strict=True)]
-        kind, size = _SHIFT, moves[0][1]
+        kind, size = SHIFT, moves[0][1]
     else:
         moves = [(v, TYPICAL[key]) for v in variables]
-        kind, size = _SHIFT, TYPICAL[key]
+        kind, size = SHIFT, TYPICAL[key]
     where = ("all",) if place == "all" else (place,)
     unit, nominal = quantity.unit, start[0]
     name = variables[0] if place != "all" else f"all.{key}"
@@ -221,7 +221,7 @@ def _windkessel(network: Network, place: str) -> Term | None:
     start = {"R1": 0.5 * min(Z, total), "C": 0.05 / total, "R2": total - 0.5 * min(Z, total)}
     units = effects.BY_NAME["terminal_compliance"].quantities
     unknowns = tuple(
-        Unknown(f"{place}.outlet.{key}", _SCALE, ((f"{place}.outlet.{key}", step),), -6.0 / step, 6.0 / step,
+        Unknown(f"{place}.outlet.{key}", SCALE, ((f"{place}.outlet.{key}", step),), -6.0 / step, 6.0 / step,
                 units[key].unit, step, value)
         for (key, value), step in zip(start.items(), (0.3, 0.7, 0.3), strict=True)
     )  # fmt: skip
@@ -246,15 +246,15 @@ def sensor_terms(channel: str, bench: bool = False) -> tuple[Term, ...]:
     """The measurement chain of one channel. On a bench, where only P against R is known, a sensor can only be late."""
     kind = channel.rpartition(".")[2]
     unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[kind]
-    lag = Unknown(f"{channel}.lag", _SHIFT, ((f"{channel}.lag", TYPICAL["lag"]),),
+    lag = Unknown(f"{channel}.lag", SHIFT, ((f"{channel}.lag", TYPICAL["lag"]),),
                   0.0 if bench else -30.0, 30.0, "s", TYPICAL["lag"])  # fmt: skip
-    gain = Unknown(f"{channel}.gain", _SCALE, ((f"{channel}.gain", TYPICAL["gain"]),),
+    gain = Unknown(f"{channel}.gain", SCALE, ((f"{channel}.gain", TYPICAL["gain"]),),
                    -30.0, 30.0, "1", TYPICAL["gain"], 1.0)  # fmt: skip
-    offset = Unknown(f"{channel}.offset", _SHIFT, ((f"{channel}.offset", _OFFSET[kind]),),
+    offset = Unknown(f"{channel}.offset", SHIFT, ((f"{channel}.offset", _OFFSET[kind]),),
                      -1e3, 1e3, unit, _OFFSET[kind])  # fmt: skip
-    slow = Unknown(f"{channel}.slow", _SHIFT, ((f"{channel}.slow", TYPICAL["slow"]),), 0.0, 100.0, "s",
+    slow = Unknown(f"{channel}.slow", SHIFT, ((f"{channel}.slow", TYPICAL["slow"]),), 0.0, 100.0, "s",
                    TYPICAL["slow"])  # fmt: skip
-    ringing = Unknown(f"{channel}.resonance", _SHIFT, ((f"{channel}.resonance", TYPICAL["resonance"]),), 0.0, 300.0,
+    ringing = Unknown(f"{channel}.resonance", SHIFT, ((f"{channel}.resonance", TYPICAL["resonance"]),), 0.0, 300.0,
                       "s^2", TYPICAL["resonance"])  # fmt: skip
     found = (("channel_lag", (lag,)), ("channel_gain", (gain,)), ("channel_offset", (offset,)),
              ("catheter_resonance", (slow, ringing)))  # fmt: skip
@@ -340,7 +340,7 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
         low = max((-0.998 - o.R_t) / step for o in reflecting)
         high = min((0.999 - o.R_t) / step for o in reflecting)
         moves = tuple((f"{o.segment}.outlet.R_t", step) for o in reflecting)
-        found.append(Unknown("all.outlet.R_t", _SHIFT, moves, low, high, "1", step))
+        found.append(Unknown("all.outlet.R_t", SHIFT, moves, low, high, "1", step))
     for key, kind in (("R2", Windkessel), ("R", Resistance)):
         names = [f"{o.segment}.outlet.{key}" for o in network.outlets if isinstance(o, kind)]
         if names:
@@ -349,4 +349,4 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
 
 
 def _scale(name: str, variables: Sequence[str], sd: float) -> Unknown:
-    return Unknown(name, _SCALE, tuple((v, sd) for v in variables), -5.0 / sd, 5.0 / sd, "1", sd, 1.0)
+    return Unknown(name, SCALE, tuple((v, sd) for v in variables), -5.0 / sd, 5.0 / sd, "1", sd, 1.0)

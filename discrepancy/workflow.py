@@ -218,7 +218,7 @@ class _Work:
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
         half, best = quantile(naming.problem), naming.best
-        effects = [named(best.fit, t, best.probability, half) for t in best.fit.terms]
+        effects = [named(self.network, best.fit, t, best.probability, half) for t in best.fit.terms]
         if len(effects) == 1:
             return (Round(effects[0], before.gap.total, after.gap.total),)
         (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit)

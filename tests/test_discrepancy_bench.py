@@ -106,7 +106,7 @@ def test_recovers_the_generator(base: str, effect: Effect) -> None:
     term = term_of(problem, effect)
     found = fit(problem, (term,))
     assert found.converged and found.chi2 <= 1e-8
-    told = {name: e.value for name, e in estimates(found, term, 2.0).items()}
+    told = {name: e.value for name, e in estimates(problem.network, found, term, 2.0).items()}
     assert told == pytest.approx(truth, rel=1e-6)
 
 
@@ -173,7 +173,9 @@ def test_nonlinear_elasticity_is_named() -> None:
     """E_NL = 2 E in a viscoelastic wall at 40 dB: one name, confidence > 0.9, and the 95 % interval holds the truth."""
     made = make(Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),)), 5)
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
-    (told,) = estimates(naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem)).values()
+    (told,) = estimates(
+        naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem)
+    ).values()
     assert told.ci95[0] <= made.truth["effects"][0]["parameters"][f"{SITE}.ENL"] <= told.ci95[1]
     assert naming.verdict == "effect"
     assert naming.best.label == f"nonlinear_elasticity at {SITE}"
@@ -224,5 +226,5 @@ def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
     made = make(case, (20261121, 0, 136))
     _, naming = judge(Record("synthetic", "", made.time, made.channels, {}), made.base)
     assert (naming.verdict, naming.best.label) == ("effect", "catheter_resonance at MD.P")
-    told = estimates(naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem))
+    told = estimates(naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem))
     assert told["MD.P.f_n"].value == pytest.approx(15.736, rel=0.05)

@@ -26,6 +26,7 @@ from solver import NonPhysicalState, Settings, effects, simulate_periodic
 from solver.files import dumps, loads
 
 NAMES = ("A.P", "B.P", "B.Q", "C.P", "C.Q", "C.R")
+RATIOS = {"wall_viscosity": "E", "nonlinear_wall_viscosity": "phi0", "nonlinear_elasticity": "E"}
 EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
 
 
@@ -103,7 +104,7 @@ def test_viscosity_everywhere_that_is_not_the_same_everywhere() -> None:
     assert naming.verdict == "effect"
     (told,) = naming.best.fit.terms
     assert (told.effect, told.where) == ("wall_viscosity", ("all",))
-    values = estimates(naming.best.fit, told, quantile(naming.problem))
+    values = estimates(elastic, naming.best.fit, told, quantile(naming.problem))
     assert set(values) == set(viscous)
     for variable, phi0 in viscous.items():
         assert values[variable].value == pytest.approx(phi0, rel=0.02)
@@ -275,6 +276,34 @@ def test_extended_has_the_values_of_the_fit() -> None:
     assert [found[n] for n in same] == [before[n] for n in same]
 
 
+@pytest.mark.parametrize("t", candidates(NETWORK, ("A.P", "C.R")), ids=lambda t: t.label)
+def test_verdict_and_model_have_the_same_values(t: Term) -> None:
+    """Every term at x = 0.3 beside nuisances at 0.1, 0.2, -0.3: what verdict.json says is in the extended network."""
+    fit = moved(t)
+    network = extended(NETWORK, fit)
+    found = network.parameters() | {f"{c.name}.{k}": v for c in network.channels for k, v in c.terms.items()}
+    for variable, told in estimates(NETWORK, fit, t, 2.0).items():
+        if variable.startswith("all.") and variable not in found:
+            key = variable.rpartition(".")[2]
+            if t.effect in RATIOS:
+                expected = {found[f"{s}.{key}"] / found[f"{s}.{RATIOS[t.effect]}"] for s in "ABC"}
+            else:
+                expected = {value for name, value in found.items() if name.rpartition(".")[2] == key}
+        else:
+            expected = {found[variable]}
+        assert all(told.value == pytest.approx(value, rel=1e-12) for value in expected), variable
+        assert told.ci95[0] < told.value < told.ci95[1]
+
+
+def moved(t: Term) -> Fit:
+    """The term at 0.3 with the nuisances moved, each known to a hundredth of its unit."""
+    unknowns, x = (*nuisances(NETWORK), *t.unknowns), np.concatenate([[0.1, 0.2, -0.3], np.full(len(t.unknowns), 0.3)])
+    if t.rewires:
+        unknowns, x = (*nuisances(NETWORK)[:2], *t.unknowns), np.delete(x, 2)
+    none = np.zeros(len(x))
+    return Fit((t,), unknowns, x, none, 100.0 * np.eye(len(x)), none, none, none)
+
+
 def test_extended_is_what_was_fitted(stiff: Naming) -> None:
     """The extended network simulated by itself gives the residual of the fit: |Δz| <= 0.05."""
     problem = stiff.problem
@@ -287,11 +316,7 @@ def test_extended_is_what_was_fitted(stiff: Naming) -> None:
 @pytest.mark.parametrize("t", candidates(NETWORK, ("A.P", "C.R")), ids=lambda t: t.label)
 def test_every_term_survives_the_file(t: Term) -> None:
     """Each candidate at x = 0.3 with the nuisances moved: written as TOML and read back, it is the same network."""
-    unknowns = (*nuisances(NETWORK), *t.unknowns)
-    x = np.concatenate([[0.1, 0.2, -0.3], np.full(len(t.unknowns), 0.3)])
-    if t.rewires:
-        unknowns, x = (*nuisances(NETWORK)[:2], *t.unknowns), np.delete(x, 2)
-    network = extended(NETWORK, Fit((t,), unknowns, x, x, x, x, x, x))
+    network = extended(NETWORK, moved(t))
     assert network != NETWORK
     again = loads(dumps(network), "again.toml")
     assert again.parameters() == pytest.approx(network.parameters(), rel=1e-14)

@@ -72,7 +72,7 @@ def verdict_of(study: Study, naming: Naming) -> Line:
         "base_score": naming.base.score,
         "base_misfit": naming.base.misfit,
         "class": [_terms(n) for n in naming.members],
-        "top": [_hypothesis(fresh[n.label], half) for n in naming.ranked[:SHOWN]],
+        "top": [_hypothesis(study, fresh[n.label], half) for n in naming.ranked[:SHOWN]],
         "gap": gap(study, naming),
     }
 
@@ -81,8 +81,8 @@ def _terms(n: Named) -> list[Line]:
     return [{"name": t.effect, "where": list(t.where)} for t in n.fit.terms]
 
 
-def _hypothesis(n: Named, half: float) -> Line:
-    found = {name: e for term in n.fit.terms for name, e in estimates(n.fit, term, half).items()}
+def _hypothesis(study: Study, n: Named, half: float) -> Line:
+    found = {name: e for term in n.fit.terms for name, e in estimates(study.network, n.fit, term, half).items()}
     return {
         "terms": _terms(n),
         "score": n.score,
