@@ -152,7 +152,7 @@ class Beats:
         C = self._scatter_matrices(tuple(names))
         K = len(C) - 1
         pooled = np.empty_like(C)
-        factors = np.sqrt([_serial_factor(self._beat_means(name)) for name in names])
+        factors = np.sqrt(self.serial_factors(names))
         pooled[0] = C[0].real * np.outer(factors, factors)
         for k in range(1, K + 1):
             half = min(_WINDOW, max(1, k - 1)) if self.n_beats >= _MANY else _WINDOW
@@ -160,6 +160,10 @@ class Beats:
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
         return pooled
+
+    def serial_factors(self, names: Sequence[str]) -> Array:
+        """(m,) how many successive beats hold as much of the mean as one that is independent: (1 + r)/(1 - r)."""
+        return np.array([_serial_factor(self._beat_means(name)) for name in names])
 
     def select(self, indices: Sequence[int] | Array) -> Beats:
         """Some of the beats, in that order, repetition allowed."""
