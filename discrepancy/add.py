@@ -34,6 +34,15 @@ def extended(network: Network, fit: Fit) -> Network:
     return replace(network, channels=tuple(Channel(name, terms) for name, terms in channels.items()))
 
 
+def allowed(network: Network, fit: Fit) -> bool:
+    """Whether a network may have the values of a hypothesis: some go by the values of others."""
+    try:
+        extended(network, fit)
+    except ValueError:
+        return False
+    return True
+
+
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect: lag, gain, offset, or f_n and ζ."""
     x = np.array([fit.x[[u.name for u in fit.unknowns].index(u.name)] for u in term.unknowns])
@@ -68,7 +77,8 @@ def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[s
     if unknown.ratio is not None:
         now = extended(network, fit).parameters()
         ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
-        return {unknown.name: _ratio(fit, unknown, quantile)} if np.ptp(ratios) <= _SAME * np.abs(ratios).max() else found
+        same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
+        return {unknown.name: _ratio(fit, unknown, quantile)} if same else found
     first, *others = found.values()
     return {unknown.name: first} if all(other == first for other in others) else found
 

@@ -29,7 +29,7 @@ from fitting.regression import mean_loop
 from solver.network import Network
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
-from .add import extended
+from .add import allowed, extended
 from .fits import Fit, bounded_step, bounds, penalty
 from .observation import mean_wander, transfer
 from .terms import Term, Unknown, followers, nuisances, values
@@ -97,6 +97,10 @@ class Bench:
     def sharpened(self, fit: Fit) -> Bench:
         """The same problem: the law is evaluated without a solver's error."""
         return self
+
+    def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
+        """The same fits: there is one weighting."""
+        return list(fits)
 
     def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label."""
@@ -223,9 +227,10 @@ def _fitted(problem: Bench, terms: Sequence[Term], start: Fit | None) -> Fit | N
     """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind carries the loop."""
     for begin in (start, None):
         try:
-            return fit(problem, terms, begin)
+            found = fit(problem, terms, begin)
         except ArithmeticError:
             continue
+        return found if allowed(problem.network, found) else None
     return None
 
 

@@ -93,19 +93,21 @@ def encode_naming(naming: Naming) -> dict[str, Any]:
     }
 
 
-def _weights(problem: Problem) -> dict[str, Any]:
+def _weights(problem: Problem) -> list[Any]:
     """What a network's problem was weighted with at last; a bench needs nothing."""
     if not isinstance(problem, NetworkProblem):
-        return {}
-    return {"dt": problem.simulator.settings.dt, "error": problem.error.tolist()}
+        return []
+    dt, *arrays = problem.weights
+    return [dt, *([a.real.tolist(), a.imag.tolist()] for a in arrays)]
 
 
 def decode_naming(data: Mapping[str, Any], problem: Problem) -> Naming:
     """The naming of :func:`encode_naming`, about ``problem`` weighted as it was."""
     base, ranked = _unnamed(data["base"]), tuple(_unnamed(each) for each in data["ranked"])
-    best = ranked[0] if ranked and data["verdict"] != "none" else base
     if isinstance(problem, NetworkProblem):
-        problem = problem.restored(best.fit, data["weights"]["dt"], np.array(data["weights"]["error"]))
+        dt, error, *arrays = data["weights"]
+        covariance, response = (np.array(a[0]) + 1j * np.array(a[1]) for a in arrays)
+        problem = problem.restored(dt, np.array(error[0]), covariance, response)
     return Naming(
         data["verdict"],
         problem,

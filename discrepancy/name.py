@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.stats import t as t_distribution
@@ -54,6 +54,10 @@ class Problem(Protocol):
 
     def sharpened(self, fit: Fit) -> Problem:
         """The same record weighted and simulated as a fit needs it."""
+        ...
+
+    def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
+        """Fits under the weights of another problem of this record, where they are, under these."""
         ...
 
     def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
@@ -261,7 +265,7 @@ def _polished(
     base = base if anew is None else anew
     none = _none(sharp, base)
     known = {tuple(t.label for t in f.terms) for f in fits}
-    far = [n.fit for n in ranked if tuple(t.label for t in n.fit.terms) not in known]
+    far = sharp.restated([n.fit for n in ranked if tuple(t.label for t in n.fit.terms) not in known], problem)
     return sharp, none, _ranked(sharp, none, [*fits, *far], terms)
 
 

@@ -28,7 +28,7 @@ from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
 
-from .add import extended
+from .add import allowed, extended
 from .fits import Fit, Member, bounds
 from .observation import mean_wander, sense
 from .search import Search, search
@@ -84,19 +84,19 @@ class NetworkProblem:
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         """Other beats of the same record, with the noise that the fitted ones showed."""
-        covariance = self.target.covariance * (fitted.n_beats / beats.n_beats)
+        at = np.arange(len(self.names))
+        covariance = self.target.covariance.copy()
+        covariance[:, at, at] -= self.error**2  # which more beats do not lower
+        covariance *= fitted.n_beats / beats.n_beats
+        covariance[:, at, at] += self.error**2
         wander = mean_wander(beats, fitted, self.names)
         covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
-        scale = np.sqrt(np.einsum("kii->ki", covariance).real)
-        factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
-        whitener = np.linalg.inv(factor) / scale[:, None, :]
-        X = mean_beat(beats, self.names, self.K)
         drive = inflow(beats, self.simulator.settings.dt)
         return replace(
             self,
             beats=beats,
             simulator=replace(self.simulator, drive=drive, starts={}),
-            target=Target(self.names, X, covariance, whitener),
+            target=Target.of(self.names, mean_beat(beats, self.names, self.K), covariance),
         )
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -289,10 +289,27 @@ class NetworkProblem:
             problem = replace(problem, simulator=problem.simulator.halved())
         return problem.weighted(fit, error)
 
-    def restored(self, fit: Fit, dt: float, error: Array) -> NetworkProblem:
-        """The problem as :meth:`sharpened` left it, from the step [s] and the error that it found."""
-        simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt), starts={})
-        return replace(self, simulator=simulator).weighted(fit, error)
+    def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
+        """Fits to the same record under its earlier weights, where they are, under these."""
+        own, old = self.target, before.target
+        return [
+            replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
+        ]
+
+    @property
+    def weights(self) -> tuple[float, Array, Array, Array]:
+        """What :meth:`restored` makes the same problem of: dt [s], error, covariance and response."""
+        return self.simulator.settings.dt, self.error, self.target.covariance, self.response
+
+    def restored(self, dt: float, error: Array, covariance: Array, response: Array) -> NetworkProblem:
+        """The problem with given weights."""
+        simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt))
+        own = Target.of(self.names, self.target.X, covariance)
+        return replace(self, simulator=simulator, target=own, error=error, response=response).rested()
+
+    def rested(self) -> NetworkProblem:
+        """The same problem whose simulations begin from rest, whatever was simulated before."""
+        return replace(self, simulator=replace(self.simulator, starts={}))
 
     def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
@@ -330,7 +347,8 @@ class NetworkProblem:
         m, K = len(self.names), self.K
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         signal = np.tile(np.arange(m), 2 * K + 1)
-        return Fit(s.terms, s.unknowns, s.x, s.z, s.J, s.prior, order, signal, s.converged)
+        found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, s.prior, order, signal, s.converged)
+        return found if allowed(self.network, found) else None
 
 
 def _group(terms: Sequence[Term]) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from fitting.network_data import Target
+
 from .fits import Fit, bounded_step, bounds, precision
 from .network import NetworkProblem
 
@@ -17,19 +19,12 @@ class Subset:
     """
 
     def __init__(self, problem: NetworkProblem, keep: Array) -> None:
-        self.m, self.K, self.keep = len(problem.names), problem.K, keep
-        self.back = np.linalg.inv(problem.target.whitener)
-        C = problem.target.covariance[:, keep[:, None], keep]
-        scale = np.sqrt(np.einsum("kii->ki", C).real)
-        factor = np.linalg.cholesky(C / (scale[:, :, None] * scale[:, None, :]))
-        self.white = np.linalg.inv(factor) / scale[:, None, :]
+        self.whole, self.keep = problem.target, keep
+        names = [problem.names[i] for i in keep]
+        self.part = Target.of(names, self.whole.X[:, keep], self.whole.covariance[:, keep[:, None], keep])
 
     def __call__(self, z: Array) -> Array:
-        mean, rest = z[: self.m], z[self.m :].reshape(2, self.K, self.m, -1) / np.sqrt(2.0)
-        whole = np.concatenate([mean[None] + 0j, rest[0] + 1j * rest[1]])
-        part = self.white @ (self.back @ whole)[:, self.keep]
-        parts = [part[:1].real, np.sqrt(2.0) * part[1:].real, np.sqrt(2.0) * part[1:].imag]
-        return np.concatenate([p.reshape(-1, z.shape[1]) for p in parts])
+        return self.part.whiten(self.whole.unwhiten(z)[:, self.keep])
 
 
 def leave_one_site_out(problem: NetworkProblem, fit: Fit) -> dict[str, float]:

@@ -47,12 +47,31 @@ class Target:
     covariance: Array
     whitener: Array
 
+    @classmethod
+    def of(cls, names: Sequence[str], X: Array, covariance: Array) -> Target:
+        """With the whitener of a covariance, by Cholesky."""
+        # pascals and cubic metres per second: scaled before the factorisation
+        scale = np.sqrt(np.einsum("kii->ki", covariance).real)
+        factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
+        return cls(tuple(names), X, covariance, np.linalg.inv(factor) / scale[:, None, :])
+
     def residual(self, X: Array) -> Array:
         """Whitened residual of simulated coefficients X : (B, K+1, m) -> (B, m (2K+1)), each N(0, 1) if all is well."""
-        white = np.einsum("kij,bkj->bki", self.whitener, X - self.X)
+        return self.whiten(np.moveaxis(X - self.X, 0, -1)).T
+
+    def whiten(self, D: Array) -> Array:
+        """(m (2K+1), q) real and of unit variance, of differences D : (K+1, m, q) of coefficients."""
+        white = self.whitener @ D
         # a complex coefficient of unit variance has 1/2 in its real and 1/2 in its imaginary part
-        parts = [white[:, :1].real, np.sqrt(2.0) * white[:, 1:].real, np.sqrt(2.0) * white[:, 1:].imag]
-        return np.concatenate([part.reshape(len(X), -1) for part in parts], axis=1)
+        parts = [white[:1].real, np.sqrt(2.0) * white[1:].real, np.sqrt(2.0) * white[1:].imag]
+        return np.concatenate([part.reshape(-1, D.shape[-1]) for part in parts])
+
+    def unwhiten(self, z: Array) -> Array:
+        """The D : (K+1, m, q) of :meth:`whiten`."""
+        m, K = len(self.names), len(self.X) - 1
+        rest = z[m:].reshape(2, K, m, -1) / np.sqrt(2.0)
+        white = np.concatenate([z[None, :m] + 0j, rest[0] + 1j * rest[1]])
+        return np.linalg.solve(self.whitener, white)
 
     def channel_rms(self, X: Array) -> dict[str, float]:
         """RMS of each channel's residual over its own standard deviation (1 = noise); X : (K+1, m)."""
@@ -86,11 +105,7 @@ def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Ar
     at = np.arange(len(names))
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
     covariance[0] = covariance[0].real
-    # pascals and cubic metres per second: scaled before the factorisation
-    scale = np.sqrt(np.einsum("kii->ki", covariance).real)
-    factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
-    whitener = np.linalg.inv(factor) / scale[:, None, :]
-    return Target(tuple(names), mean_beat(beats, names, K), covariance, whitener)
+    return Target.of(names, mean_beat(beats, names, K), covariance)
 
 
 def mean_beat(beats: Beats, names: Sequence[str], K: int) -> Array:

@@ -148,13 +148,14 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
 
 
 def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
-    """Through JSON and about a problem made anew: the same step, and the same weights to 1 % of any channel's noise."""
+    """Through JSON and about a problem made anew: the same step and weights, bit by bit."""
     data = json.loads(json.dumps(encode_naming(stiff)))
     again = decode_naming(data, network_problem(beats(1.25), NETWORK))
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
-    old, new = (np.einsum("kii->ki", p.target.covariance).real for p in (stiff.problem, again.problem))
-    np.testing.assert_allclose(new, old, rtol=0.02)
+    for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
+        assert np.array_equal(old, new)
+    assert np.array_equal(stiff.problem.target.whitener, again.problem.target.whitener)
     assert again.best.label == stiff.best.label
     assert np.array_equal(again.best.fit.z, stiff.best.fit.z)
 
@@ -242,13 +243,30 @@ def test_sharpened_shortens_steps_where_they_matter(noise: float, halvings: int)
     assert np.all(sharp.error > 0.0)
 
 
+def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
+    """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
+    before = network_problem(beats(1.25), NETWORK)
+    after = before.restored(2.5e-3, before.error, 1.7 * healthy.target.covariance, before.response)
+    (old,) = before.refit([()])
+    assert old is not None
+    (new,) = after.restated([old], before)
+    X = before.target.X[..., None] + before.target.unwhiten(old.z[:, None])
+    np.testing.assert_allclose(new.z, after.target.residual(X[None, ..., 0])[0], atol=1e-9 * np.abs(new.z).max())
+    (back,) = before.restated([new], after)
+    np.testing.assert_allclose(back.z, old.z, atol=1e-9 * np.abs(old.z).max())
+    np.testing.assert_allclose(back.J, old.J, atol=1e-9 * np.abs(old.J).max())
+
+
 def test_held_out_beats_are_weighted_by_their_number(healthy: NetworkProblem) -> None:
-    """5 beats have 3 times the variance of 15, their means no less; whitened it is 1, and the mean is their own."""
+    """5 beats have 3 times the variance of 15, their means no less; that of the solver's error stays. Whitened it is 1,
+    and the mean is their own."""
     kept = beats(noise=0.02).select(range(5))
     other = healthy.held_out(kept, healthy.beats)
     C, W = other.target.covariance, other.target.whitener
-    np.testing.assert_allclose(C[1:], 3.0 * healthy.target.covariance[1:], rtol=1e-12)
-    assert np.all(np.diag(C[0]).real >= 3.0 * np.diag(healthy.target.covariance[0]).real * (1.0 - 1e-12))
+    solver = np.array([np.diag(e) for e in healthy.error[1:] ** 2])
+    np.testing.assert_allclose(C[1:] - solver, 3.0 * (healthy.target.covariance[1:] - solver), rtol=1e-12)
+    first = np.diag(healthy.target.covariance[0]).real - healthy.error[0] ** 2
+    assert np.all(np.diag(C[0]).real >= (3.0 * first + healthy.error[0] ** 2) * (1.0 - 1e-12))
     unit = W @ C @ W.conj().swapaxes(1, 2)
     np.testing.assert_allclose(unit, np.broadcast_to(np.eye(len(healthy.names)), unit.shape), atol=1e-9)
     assert other.target.X[0, 0] == pytest.approx(kept.mean(healthy.names[0]).mean())
