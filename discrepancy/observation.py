@@ -45,6 +45,13 @@ def sense(member: Member, names: Sequence[str], X: Array, T: float) -> Array:
 def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     """Variance (m,) by which the mean of one part of a record may be off that of the other: what means drift a beat.
 
-    A slow drift is alike in neighbouring beats, so that averaging over few of them leaves it as it is.
+    A slow drift is alike in neighbouring beats, so that averaging over few of them leaves it as it is. A beat with gaps
+    counts by what it has, against the mean beat; one without a sample does not count.
     """
-    return np.array([np.var(np.nanmean(np.concatenate([other.values[n], part.values[n]]), axis=1)) for n in names])
+
+    def of(name: str) -> float:
+        beats = np.concatenate([other.values[name], part.values[name]])
+        beats = beats[~np.isnan(beats).all(axis=1)]
+        return float(np.var(np.nanmean(beats - np.nanmean(beats, axis=0), axis=1)))
+
+    return np.array([of(name) for name in names])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -43,7 +44,8 @@ class Candidate:
     """One hypothesis that was refitted.
 
     delta_bic : BIC over that of the best (0 for the best). chi2_per_dof : of the fitted beats. held_out : whitened RMS
-    on the held-out beats. separation : d' by which the data tell it from the best. in_class : cannot be ruled out.
+    on the held-out beats, NaN where it cannot be simulated with their inflow. separation : d' by which the data tell it
+    from the best. in_class : cannot be ruled out.
     """
 
     name: str
@@ -179,8 +181,17 @@ class Outcome:
         return self.isolability.invisible if self.isolability else ()
 
 
+def _plain(value: Any) -> Any:
+    """The same data, null for what is not a finite number: JSON has neither NaN nor infinity."""
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
-    """The plain content of verdict.json."""
+    """The plain content of verdict.json; null where a number could not be told."""
 
     def estimate(e: Estimate) -> dict[str, Any]:
         return {"value": e.value, "unit": e.unit, "ci95": list(e.ci95)}
@@ -196,7 +207,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         c.name: {"before": c.gap_before[1], "after": None if c.gap_after is None else c.gap_after[1]}
         for c in outcome.channels
     }
-    return {
+    content = {
         "verdict": outcome.verdict,
         "effects": [effect(e) for e in outcome.effects],
         "class": [{"name": name, "where": list(where)} for name, where in outcome.members],
@@ -217,3 +228,4 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "model": outcome.model,
         "provenance": dict(outcome.provenance),
     }
+    return dict(_plain(content))

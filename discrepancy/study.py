@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from fitting.beats import Beats, align
 from fitting.records import Record
@@ -18,6 +21,8 @@ from .network import NetworkProblem, network_problem
 from .simulator import Tell
 from .terms import Term, candidates
 
+_SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
+
 
 class Unusable(ValueError):
     """The record cannot be compared with this model; the message says why and what to do."""
@@ -25,7 +30,10 @@ class Unusable(ValueError):
 
 @dataclass(frozen=True)
 class Study:
-    """kind : "bench" (P and R of one ``site``) or "network". fitted, held_out : beats. problem : of the fitted ones."""
+    """kind : "bench" (P and R of one ``site``) or "network". fitted, held_out : beats. problem : of the fitted ones.
+
+    warnings : what to know of the record, one sentence each.
+    """
 
     kind: str
     site: str | None
@@ -34,6 +42,7 @@ class Study:
     held_out: Beats
     problem: Bench | NetworkProblem
     terms: tuple[Term, ...]
+    warnings: tuple[str, ...] = ()
 
 
 def prepare(record: Record, network: Network, period: float | None = None, tell: Tell = lambda _: None) -> Study:
@@ -45,25 +54,64 @@ def prepare(record: Record, network: Network, period: float | None = None, tell:
         beats = align(record, period)
     except ValueError as error:
         raise Unusable(str(error)) from None
-    if beats.n_beats < thresholds.FEWEST_BEATS:
-        raise Unusable(
-            f"{record.path}: {beats.n_beats} beats are too few; record at least {thresholds.FEWEST_BEATS}, so that "
-            f"some can be kept apart to judge by."
-        )
-    held = max(2, math.floor(thresholds.HELD_OUT * beats.n_beats))
-    fitted, kept = beats.select(range(beats.n_beats - held)), beats.select(range(beats.n_beats - held, beats.n_beats))
+    fitted, kept, warnings = parts(beats)
     try:
         if INFLOW in record.channels:
             problem: Bench | NetworkProblem = network_problem(fitted, network, channels(record, network), tell)
             terms = candidates(network, problem.signals)
-            return Study("network", None, network, fitted, kept, problem, terms)
+            return Study("network", None, network, fitted, kept, problem, terms, warnings)
         site = bench_site(record, network)
         problem = bench(fitted, network, site)
-        return Study("bench", site, network, fitted, kept, problem, candidates(network, problem.signals, site))
+        terms = candidates(network, problem.signals, site)
+        return Study("bench", site, network, fitted, kept, problem, terms, warnings)
     except Unusable:
         raise
     except (ValueError, ArithmeticError) as error:
         raise Unusable(str(error)) from None
+
+
+def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
+    """The beats that are fitted, the last quarter that is kept apart, and what to know of them.
+
+    Beats that a channel has hardly a sample of serve in neither. Raises Unusable if too few are left, or if a channel
+    was measured in no beat of a part at some phase.
+    """
+    if beats.n_beats < thresholds.FEWEST_BEATS:
+        raise Unusable(
+            f"{beats.source}: {beats.n_beats} beats are too few; record at least {thresholds.FEWEST_BEATS}, so that "
+            f"some can be kept apart to judge by."
+        )
+    there = {channel: (~np.isnan(values)).mean(axis=1) for channel, values in beats.values.items()}
+    serves = {channel: share >= _SERVES * share.max() for channel, share in there.items()}
+    whole = np.flatnonzero(np.all(list(serves.values()), axis=0))
+    if len(whole) < thresholds.FEWEST_BEATS:
+        worst = min(serves, key=lambda channel: int(serves[channel].sum()))
+        raise Unusable(
+            f"{beats.source}: {worst} lacks {1.0 - there[worst].mean():.0%} of its samples, and only {len(whole)} of "
+            f"{beats.n_beats} beats have all channels, which is too few (at least {thresholds.FEWEST_BEATS}); cut the "
+            f"record to where all were measured, record more beats, or leave the channel out."
+        )
+    held = max(2, math.floor(thresholds.HELD_OUT * len(whole)))
+    fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
+    for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
+        _check_phases(part, what, there)
+    if len(whole) == beats.n_beats:
+        return fitted, kept, fitted.warnings
+    gaps = ", ".join(channel for channel, serving in serves.items() if not serving.all())
+    left_out = f"{beats.n_beats - len(whole)} of {beats.n_beats} beats were left out for the gaps of {gaps}."
+    return fitted, kept, (*beats.warnings, left_out)
+
+
+def _check_phases(part: Beats, what: str, there: Mapping[str, np.ndarray]) -> None:
+    """Raise Unusable unless every channel was measured at every phase in some beat of a part of the record."""
+    for channel, values in part.values.items():
+        lost = float(np.isnan(values).all(axis=0).mean())
+        if lost > 0.0:
+            raise Unusable(
+                f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the {part.n_beats} "
+                f"beats that are {what} have none of it over {lost:.0%} of a beat; cut the record to where it was "
+                f"measured, record more beats, or leave the channel out."
+            )
 
 
 def judge(

@@ -96,7 +96,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         parity=shown.parity,
         network_before=study.network,
         network_after=shown.network,
-        warnings=study.fitted.warnings,
+        warnings=study.warnings,
         provenance=_provenance(record, model, study, shown.given),
     )
 

@@ -6,6 +6,7 @@ All outcomes here are synthetic: beats and numbers are made up, so that every pa
 from __future__ import annotations
 
 import base64
+import json
 import os
 import re
 import shutil
@@ -31,11 +32,12 @@ from discrepancy.outcome import (
     NamedEffect,
     Outcome,
     Round,
+    verdict_json,
 )
 from discrepancy.places import marks
 from discrepancy.report import write_report
 from discrepancy.scales import Z
-from discrepancy.tables import beats, estimate_text, number
+from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number
 from fitting.units import MMHG
 from solver import Network
 
@@ -337,3 +339,16 @@ def test_page_without_an_addition_runs_in_a_browser(reports: Callable[[str], Pat
     dom = browse(reports("none"), tmp_path, "--dump-dom").stdout
     assert re.findall('data-curve="([a-z]+)"', dom) == ["measured", "before"]
     assert re.search('<input type="checkbox" id="show-after"[^>]* disabled', dom)
+
+
+def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
+    """A hypothesis that held-out beats cannot be simulated with has no gap there, and a channel may have none: null in
+    verdict.json, a dash on the page."""
+    outcome = synthetic("effect", sheep)
+    lost = replace(outcome.candidates[2], held_out=np.nan)
+    channel = replace(outcome.channels[0], gap_before=(1.2, np.nan))
+    outcome = replace(outcome, candidates=(lost,), channels=(channel, *outcome.channels[1:]), gap_after=(1.0, np.inf))
+    content = json.loads(json.dumps(verdict_json(outcome), allow_nan=False))
+    assert content["gap"]["after"] == {"fit": 1.0, "held_out": None}
+    assert content["gap"]["channels"]["AA.P"] == {"before": None, "after": 1.04}
+    assert candidate_row(lost)["held_out"] == "–" and channel_row(channel)["before_held"] == "–"

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import NETWORK, SETTINGS, N, T, inflow
-from hidden.records import Case, make, write
+from hidden.hide import Effect
+from hidden.records import Case, Made, make, write
 
 from build_fmu import build
-from discrepancy.study import Unusable, bench_site, channels, prepare
+from discrepancy.observation import mean_wander
+from discrepancy.study import Unusable, bench_site, channels, judge, prepare
 from discrepancy.usable import check_beats, check_record, check_waves
 from discrepancy.workflow import discover
+from fitting.beats import Beats
 from fitting.records import Record, write_record
 from solver import load, simulate_periodic
 from solver.files import write_network
@@ -213,3 +216,73 @@ def test_a_bench_in_the_wrong_unit(tmp_path: Path, channel: str, factor: float, 
     assert (outcome.verdict, outcome.kind) == ("unusable", "bench")
     assert outcome.reason is not None and said in outcome.reason
     assert not (tmp_path / "out" / "model.fmu").exists()
+
+
+# --- gaps ------------------------------------------------------------------------------------------------------------
+
+
+def bench_record(gap: float) -> tuple[Made, Made]:
+    """A bench record with a hidden E_NL of 4 E, whole and with the last part of CA.R missing."""
+    made = make(Case("bench", "CA", 40.0, (Effect("nonlinear_elasticity", ("CA",), 4.0),)), 5)
+    R = made.channels["CA.R"].copy()
+    R[round((1.0 - gap) * len(R)) :] = np.nan
+    return made, replace(made, channels=dict(made.channels) | {"CA.R": R})
+
+
+@pytest.mark.parametrize(("gap", "whole"), [(0.15, 17), (0.3, 14)])
+def test_a_channel_that_ends_early(tmp_path: Path, gap: float, whole: int) -> None:
+    """CA.R lacks the last 15 or 30 %: beats without it are left out, and said so; no number of the verdict is missing,
+    and the value is that of the whole record within its interval."""
+    made, cut = bench_record(gap)
+    write(cut, tmp_path / "record.csv")
+    write_network(made.base, tmp_path / "sheep.toml")
+    outcome = discover(tmp_path / "record.csv", tmp_path / "sheep.toml", tmp_path / "out")
+    assert outcome.verdict == "effect" and outcome.effects[0].name == "nonlinear_elasticity"
+    assert outcome.provenance["beats"] == {"fitted": whole - whole // 4, "held_out": whole // 4}
+    assert f"{20 - whole} of 20 beats were left out for the gaps of CA.R." in outcome.warnings
+    text = (tmp_path / "out" / "verdict.json").read_text(encoding="utf-8")
+    written = json.loads(text)
+    (low, high), (_, naming) = outcome.effects[0].parameters["CA.ENL"].ci95, judge(as_made(made), made.base)
+    assert low < naming.best.fit.terms[0].unknowns[0].estimate(float(naming.best.fit.x[-1]), 0.0, 1.0).value < high
+    assert all(np.isfinite(list(gap.values())).all() for gap in (written["gap"]["before"], written["gap"]["after"]))
+    assert 0.5 < written["gap"]["after"]["held_out"] < 2.0
+    assert not (tmp_path / "out" / ".state").exists()
+
+
+def test_a_channel_that_is_hardly_there() -> None:
+    """CA.R lacks 65 %: seven beats have both channels; the sentence names it, how much is missing and what to do."""
+    made, cut = bench_record(0.65)
+    with pytest.raises(Unusable, match=r"CA\.R lacks 65% of its samples, and only 7 of 20 beats .* leave the channel"):
+        judge(as_made(cut), made.base)
+
+
+def test_a_phase_that_the_held_out_beats_lack() -> None:
+    """A fifth of every one of the last five beats of B.P is missing: said, as nothing can be judged there."""
+    waves = healthy()
+    waves["B.P"].reshape(20, N)[15:, : N // 5] = np.nan
+    said = r"B\.P lacks 5% of its samples, and the 5 beats that are kept apart to judge by have none of it over 20%"
+    with pytest.raises(Unusable, match=said):
+        prepare(as_record(waves), NETWORK)
+
+
+def test_gaps_here_and_there_cost_nothing() -> None:
+    """A tenth of all samples of B.P is missing at random: all beats serve."""
+    waves = healthy()
+    waves["B.P"][np.random.default_rng(2).random(20 * N) < 0.1] = np.nan
+    study = prepare(as_record(waves), NETWORK)
+    assert (study.fitted.n_beats, study.held_out.n_beats) == (15, 5)
+
+
+def test_wander_of_means_with_gaps() -> None:
+    """Beats with gaps count by what they have against the mean beat, empty ones not: the variance of their levels."""
+    rng = np.random.default_rng(4)
+    level, wave = rng.normal(size=400), 50.0 * np.sin(2.0 * np.pi * np.arange(N) / N)
+    values = level[:, None] + wave
+    values[::3, : N // 2] = np.nan
+    values[5::50] = np.nan
+    part, other = (Beats("", "", T, {"A.P": v}, np.zeros(len(v))) for v in (values[:100], values[100:]))
+    assert mean_wander(part, other, ("A.P",))[0] == pytest.approx(np.var(level), rel=0.1)
+
+
+def as_made(made: Made) -> Record:
+    return Record("made", "", made.time, made.channels, {})
