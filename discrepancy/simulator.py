@@ -90,14 +90,11 @@ def started(simulator: Simulator) -> tuple[Simulator, Array]:
 
 
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
-    """The linearised response (K + 1 + neighbours, m) to the inflow; without the terms that the linear solver lacks."""
+    """The linearised response (K + 1 + neighbours, m) to the inflow; where the linear solver lacks a term of a wall,
+    that of the walls without terms."""
     try:
         return response(network, names, T, K + NEIGHBOURS, parameters)
     except ValueError:
-        segments = tuple(
-            replace(s, terms={k: v for k, v in s.terms.items() if k not in ("taper", "leak")}) for s in network.segments
-        )
-        plain = replace(network, segments=segments)
-        return response(
-            plain, names, T, K + NEIGHBOURS, {n: v for n, v in parameters.items() if n in plain.parameters()}
-        )
+        plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
+        known = {n: v for n, v in parameters.items() if n in plain.parameters()}
+        return response(plain, names, T, K + NEIGHBOURS, known)

@@ -24,11 +24,11 @@ from .outcome import Estimate
 
 Array = np.ndarray
 
-# what an animal may differ in from the network file without being a discovery (ours; discrepancy.md: the paper's
-# spread)
+# what an animal may differ in from the network file without being a discovery: ours, of the size of the paper's spread
 NUISANCE_SD: Mapping[str, float] = {"E": 0.2, "phi0": 0.2, "R_t": 0.2, "R2": 0.3, "R": 0.3, "R0": 0.01}
 
-# sizes of x = 1. Those of the wall are relative: phi0 to E [s], phiNL to phi0 [s], ENL to E [-]
+# sizes of x = 1; of a number that is not here its nominal value. Those of the wall are relative: phi0 to E [s], phiNL
+# to phi0 [s], ENL to E [-]
 TYPICAL: Mapping[str, float] = {
     "phi0": 0.017,
     "phiNL": 0.5,
@@ -122,20 +122,19 @@ def values(unknowns: Sequence[Unknown], x: Array, nominal: Mapping[str, float]) 
     return {n: nominal.get(n, 0.0) * np.exp(scale.get(n, 0.0)) + shift.get(n, 0.0) for n in names}
 
 
-def _wall_step(network: Network, segment: str, key: str) -> float:
-    """The step of a wall's term at a segment: relative to that wall."""
+def _wall_step(network: Network, segment: str, key: str, size: float) -> float:
+    """The step of a wall's number at a segment: that of a stress is relative to that wall."""
     s = network.segment(segment)
-    if key == "phi0":
-        return TYPICAL[key] * s.E
-    if key == "phiNL":
-        return TYPICAL[key] * s.phi0
-    if key == "ENL":
-        return TYPICAL[key] * s.E
-    if key == "leak":
-        # part of the flow of a progressive wave that is lost over the segment: g L Z = part
-        c = math.sqrt(s.E * s.h / (1.0 - network.eta**2) / s.R0 / 2.0 / network.fluid.rho)
-        return TYPICAL[key] * math.pi * s.R0**2 / (network.fluid.rho * c * s.L)
-    return TYPICAL[key]
+    match key:
+        case "phi0" | "ENL":
+            return size * s.E
+        case "phiNL":
+            return size * s.phi0
+        case "leak":
+            # part of the flow of a progressive wave that is lost over the segment: g L Z = part
+            c = math.sqrt(s.E * s.h / (1.0 - network.eta**2) / s.R0 / 2.0 / network.fluid.rho)
+            return size * math.pi * s.R0**2 / (network.fluid.rho * c * s.L)
+    return size
 
 
 _RELATIVE = {"phi0": ("E", "s"), "phiNL": ("phi0", "s"), "ENL": ("E", "1")}  # how "all" is reported
@@ -171,42 +170,42 @@ def physical_term(network: Network, effect: effects.Effect, place: str) -> Term 
     """The term of an effect of wall, fluid, junction or outlet; None where the network leaves it nothing to act on."""
     if effect.name == "terminal_compliance":
         return _windkessel(network, place)
-    ((key, variables),) = effect.variables(network, place).items()
+    moved = effect.variables(network, place).items()
+    unknowns = tuple(u for u in (_unknown(network, effect, place, key, names) for key, names in moved) if u is not None)
+    where = ("all",) if place == "all" else (place,)
+    return Term(effect.name, place, where, unknowns, _STARTS.get(effect.name, ())) if unknowns else None
+
+
+def _unknown(
+    network: Network, effect: effects.Effect, place: str, key: str, variables: Sequence[str]
+) -> Unknown | None:
+    """One number of an effect at a place; None where it would move nothing."""
     quantity, present = effect.quantities[key], network.parameters()
+    if key in ("phiNL", "tau"):  # what bends or delays a viscous stress needs one
+        variables = [v for v in variables if network.segment(v.rpartition(".")[0]).phi0 > 0.0]
+        if not variables:
+            return None
     start = [present.get(v, effect.neutral[key]) for v in variables]
     segments = [v.rpartition(".")[0] for v in variables]
     scales = key in ("E_scale", "friction_scale") or (key == "phi0" and all(value > 0.0 for value in start))
-    if key in ("phiNL", "tau"):  # what bends or delays a viscous stress needs one
-        kept = [i for i, s in enumerate(segments) if network.segment(s).phi0 > 0.0]
-        variables, segments = tuple(variables[i] for i in kept), [segments[i] for i in kept]
-        start = [start[i] for i in kept]
-        if not kept:
-            return None
     if key == "phi0" and not scales and any(value > 0.0 for value in start) and place == "all":
         return None
-    if scales:
-        step = TYPICAL["E_scale"] if key == "phi0" else TYPICAL[key]
-        moves = [(v, step) for v in variables]
-        kind, size = SCALE, step
-    elif effect.owner == "segment":
-        moves = [(v, _wall_step(network, s, key)) for v, s in zip(variables, segments, strict=True)]
-        kind, size = SHIFT, moves[0][1]
-    else:
-        moves = [(v, TYPICAL[key]) for v in variables]
-        kind, size = SHIFT, TYPICAL[key]
-    where = ("all",) if place == "all" else (place,)
+    size = TYPICAL["E_scale"] if scales and key == "phi0" else TYPICAL.get(key, quantity.nominal)
+    kind = SCALE if scales else SHIFT
+    moves = [(v, size) for v in variables]
+    if effect.owner == "segment" and not scales:
+        moves = [(v, _wall_step(network, s, key, size)) for v, s in zip(variables, segments, strict=True)]
+        size = moves[0][1]
     unit, nominal = quantity.unit, start[0]
     name = variables[0] if place != "all" else f"all.{key}"
+    ratio = None
     if place == "all" and key in _RELATIVE:
-        reference, unit = _RELATIVE[key]
+        ratio, unit = _RELATIVE[key]
         if scales:
             nominal = float(np.mean([network.segment(s).phi0 / network.segment(s).E for s in segments]))
         else:
-            size, nominal = TYPICAL[key], start[0] / getattr(network.segment(segments[0]), reference)
-    unknown = _bounded(name, kind, moves, network, quantity, unit, size, nominal)
-    if place == "all" and key in _RELATIVE:
-        unknown = replace(unknown, ratio=_RELATIVE[key][0])
-    return Term(effect.name, place, where, (unknown,), _STARTS.get(effect.name, ()))
+            size, nominal = TYPICAL[key], start[0] / getattr(network.segment(segments[0]), ratio)
+    return replace(_bounded(name, kind, moves, network, quantity, unit, size, nominal), ratio=ratio)
 
 
 def _windkessel(network: Network, place: str) -> Term | None:
@@ -237,9 +236,8 @@ def rewired(network: Network, term: Term) -> Network:
         return effect.add(network, term.place, {u.name.rpartition(".")[2]: u.nominal for u in term.unknowns})
     present = network.parameters()
     # the term's own variables: on this network, without the terms beside it, the effect might have nothing to act on
-    (key,) = effect.quantities
     variables = [v for u in term.unknowns for v, _ in u.moves]
-    return network.with_terms({v: effect.neutral[key] for v in variables if v not in present})
+    return network.with_terms({v: effect.neutral[v.rpartition(".")[2]] for v in variables if v not in present})
 
 
 def sensor_terms(channel: str, bench: bool = False) -> tuple[Term, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -23,7 +24,10 @@ from discrepancy.observation import sense
 from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
 from fitting.beats import Beats
 from solver import NonPhysicalState, Settings, effects, simulate_periodic
+from solver.effect import Effect, Values
 from solver.files import dumps, loads
+from solver.quantity import Quantity
+from solver.wall import Wall
 
 NAMES = ("A.P", "B.P", "B.Q", "C.P", "C.Q", "C.R")
 RATIOS = {"wall_viscosity": "E", "nonlinear_wall_viscosity": "phi0", "nonlinear_elasticity": "E"}
@@ -137,6 +141,45 @@ def test_a_simpler_hypothesis_has_its_own_residual(stiff: Naming) -> None:
     assert none is not None and alone is not None
     assert none.cost == pytest.approx(alone.cost, rel=0.01)
     assert none.cost > 10.0 * stiff.best.fit.cost
+
+
+class Toy(Effect):
+    """A wall that is stiffer toward its end, by two numbers."""
+
+    name = "toy"
+    equation = "K becomes K (1 + linear x/L + square (x/L)²)"
+    owner = "segment"
+    places = ("segment",)
+    terms: ClassVar[dict[str, Quantity]] = {
+        "linear": Quantity("1", "linear part", 0.0, 10.0, nominal=0.3),
+        "square": Quantity("1", "quadratic part", 0.0, 10.0, nominal=0.3),
+    }
+    neutral: ClassVar[dict[str, float]] = {"linear": 0.0, "square": 0.0}
+    at_rest = True
+    signature = "none"
+    confusable = ("taper",)
+    separator = "none"
+
+    def wall(self, wall: Wall, values: Values, x: np.ndarray) -> Wall:
+        return replace(wall, K=wall.K * (1.0 + values["linear"] * x + values["square"] * x * x))
+
+
+def test_a_new_effect_is_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One class of two numbers, appended to the catalogue, is named where it is hidden: B, K (1 + x/L)."""
+    monkeypatch.setattr(effects, "ALL", (*effects.ALL, Toy()))
+    monkeypatch.setitem(effects.BY_NAME, "toy", Toy())
+    hidden = NETWORK.with_terms({"B.linear": 1.0, "B.square": 0.0})
+    settings = Settings(dt=T / 200, tolerance=1e-7)
+    beat = simulate_periodic(hidden, inflow, T, settings=settings, tolerance=1e-6)
+    X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
+    beats_ = record({n: np.fft.irfft(x, N, norm="forward") for n, x in X.items()}, 15, 0.01)
+    found = tuple(t for t in candidates(NETWORK, NAMES) if t.effect in ("toy", "channel_gain"))
+    naming = name(network_problem(beats_, NETWORK), found)
+    assert (naming.verdict, naming.best.label) == ("effect", "toy at B")
+    told = estimates(NETWORK, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem))
+    assert set(told) == {"B.linear", "B.square"}
+    at_end = 1.0 + told["B.linear"].value + told["B.square"].value
+    assert at_end == pytest.approx(2.0, rel=0.05)
 
 
 def test_nothing_hidden(healthy: NetworkProblem) -> None:
