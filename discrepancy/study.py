@@ -22,6 +22,7 @@ from .simulator import Tell
 from .terms import Term, candidates
 
 _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
+_SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
 
 
 class Unusable(ValueError):
@@ -73,8 +74,8 @@ def prepare(record: Record, network: Network, period: float | None = None, tell:
 def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     """The beats that are fitted, the last quarter that is kept apart, and what to know of them.
 
-    Beats that a channel has hardly a sample of serve in neither. Raises Unusable if too few are left, or if a channel
-    was measured in no beat of a part at some phase.
+    Beats that a channel has hardly a sample of serve in neither. Raises Unusable if too few are left, if a channel was
+    measured in no beat of a part at some phase, or if its beats are all the same.
     """
     if beats.n_beats < thresholds.FEWEST_BEATS:
         raise Unusable(
@@ -95,6 +96,7 @@ def parts(beats: Beats) -> tuple[Beats, Beats, tuple[str, ...]]:
     fitted, kept = beats.select(whole[:-held]), beats.select(whole[-held:])
     for part, what in ((fitted, "fitted"), (kept, "kept apart to judge by")):
         _check_phases(part, what, there)
+    check_scatter(fitted)
     if len(whole) == beats.n_beats:
         return fitted, kept, fitted.warnings
     gaps = ", ".join(channel for channel, serving in serves.items() if not serving.all())
@@ -108,9 +110,24 @@ def _check_phases(part: Beats, what: str, there: Mapping[str, np.ndarray]) -> No
         lost = float(np.isnan(values).all(axis=0).mean())
         if lost > 0.0:
             raise Unusable(
-                f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the {part.n_beats} "
-                f"beats that are {what} have none of it over {lost:.0%} of a beat; cut the record to where it was "
-                f"measured, record more beats, or leave the channel out."
+                f"{part.source}: {channel} lacks {1.0 - there[channel].mean():.0%} of its samples, and the "
+                f"{part.n_beats} beats that are {what} have none of it over {lost:.0%} of a beat; cut the record to "
+                f"where it was measured, record more beats, or leave the channel out."
+            )
+
+
+def check_scatter(beats: Beats) -> None:
+    """Raise Unusable if the beats of a channel are all the same: no noise to judge a disagreement by.
+
+    The inflow may be the command of a pump, which is known without noise.
+    """
+    for channel in beats.values:
+        alike = beats.noise(channel) / float(np.ptp(beats.mean(channel)))
+        if channel != INFLOW and not alike > _SCATTER:
+            raise Unusable(
+                f"{beats.source}: the beats of {channel} are all the same to {max(alike, 1e-16):.0e} of its pulse, so "
+                f"there is no scatter to judge by; give the record as it was measured, not an averaged beat that is "
+                f"repeated, nor a simulation without noise."
             )
 
 

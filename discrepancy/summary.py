@@ -33,11 +33,11 @@ _SHOWN = 12  # candidates in the report
 
 @dataclass(frozen=True)
 class Shown:
-    """Free runs of the FMUs: of the model as given (of a network only), with its nuisances refitted (``before``), and
-    with what was added (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``),
-    the FMU's difference from the direct solver (``parity``, of a network only) and the rounds."""
+    """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
+    (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
+    from the direct solver (``parity``, of a network only) and the rounds."""
 
-    given: Run | None
+    given: Run
     before: Run
     after: Run | None = None
     network: Network | None = None
@@ -101,13 +101,13 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     )
 
 
-def _provenance(record: Record, model: str | os.PathLike[str], study: Study, given: Run | None) -> dict[str, Any]:
+def _provenance(record: Record, model: str | os.PathLike[str], study: Study, given: Run) -> dict[str, Any]:
     return {
         "record_sha256": record.sha256,
         "model": os.fspath(model),
         "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
         "period": {"value": study.fitted.T, "unit": "s"},
-        **({"gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]}} if given else {}),
+        "gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]},
         "thresholds": decided(),
         "software": software(),
     }

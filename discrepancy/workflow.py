@@ -27,6 +27,7 @@ from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
 from .add import extended, named
+from .bench import Bench
 from .fits import Fit
 from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
 from .name import Naming, name, quantile
@@ -136,11 +137,11 @@ class _Work:
     def _run(self) -> tuple[Outcome, bytes | None]:
         study = self.study
         fmu = self._fmu(self.network, "given")
-        given = None
-        if study.site is None:  # a network's record may be of another one: seen before the long search
-            self.progress(0.1, "running the model as given")
-            given = self._free(fmu, "given", _nothing(), study.fitted.mean(INFLOW), {})
-            check_waves(study, given.beats)
+        # a record may be of another network, or its channels of two clocks: seen before the long search
+        self.progress(0.1, "running the model as given")
+        wave = study.problem.P if isinstance(study.problem, Bench) else study.fitted.mean(INFLOW)
+        given = self._free(fmu, "given", _nothing(), wave, {})
+        check_waves(study, given.beats)
         naming = self._name()
         study = replace(study, problem=naming.problem)  # type: ignore[arg-type]
         added = naming.verdict in ("effect", "ambiguous", "several")
@@ -149,8 +150,6 @@ class _Work:
         wave = drive(study, best)
         base = naming.base.fit
         before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
-        if given is None:
-            check_waves(study, before.beats)
         shown = Shown(given, before)
         if added:
             shown = self._add(study, naming, wave, shown)

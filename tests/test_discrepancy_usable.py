@@ -16,8 +16,9 @@ from hidden.hide import Effect
 from hidden.records import Case, Made, make, write
 
 from build_fmu import build
+from discrepancy import workflow
 from discrepancy.observation import mean_wander
-from discrepancy.study import Unusable, bench_site, channels, judge, prepare
+from discrepancy.study import Unusable, bench_site, channels, check_scatter, judge, prepare
 from discrepancy.usable import check_beats, check_record, check_waves
 from discrepancy.workflow import discover
 from fitting.beats import Beats
@@ -126,7 +127,7 @@ def test_waves_of_another_network(model: Path, tmp_path: Path) -> None:
     waves = healthy()
     for name in ("A.P", "B.P", "C.Q"):
         wave = sum(np.cos(k * phase - rng.uniform(0.0, 6.0)) for k in (3, 4, 5))
-        waves[name] = waves[name].mean() + waves[name].std() * wave
+        waves[name] = waves[name].mean() + waves[name].std() * (wave + 0.01 * rng.normal(size=20 * N))
     assert "its waves do not resemble those of network fork" in refused(waves, model, tmp_path)
 
 
@@ -282,6 +283,42 @@ def test_wander_of_means_with_gaps() -> None:
     values[5::50] = np.nan
     part, other = (Beats("", "", T, {"A.P": v}, np.zeros(len(v))) for v in (values[:100], values[100:]))
     assert mean_wander(part, other, ("A.P",))[0] == pytest.approx(np.var(level), rel=0.1)
+
+
+# --- no noise, and two clocks ----------------------------------------------------------------------------------------
+
+
+def test_beats_that_are_all_the_same() -> None:
+    """A simulated beat repeated: no scatter says what a disagreement is. The inflow alone may be without noise."""
+    waves = {name: np.tile(x, 20) for name, x in beat().items()}
+    with pytest.raises(Unusable, match=r"the beats of A\.P are all the same to .* give the record as it was measured"):
+        prepare(as_record(waves), NETWORK)
+    assert prepare(as_record(healthy() | {"inlet.Q": waves["inlet.Q"]}), NETWORK).fitted.n_beats == 15
+
+
+@pytest.mark.parametrize(("noise", "step"), [(1e-5, 1e-5), (3e-4, 1e-3)])
+def test_beats_that_are_nearly_the_same(noise: float, step: float) -> None:
+    """Noise of 100 or 70 dB below the steps of a converter of 17 or 10 bits: used."""
+    rng, waves = np.random.default_rng(6), {}
+    for name, x in beat().items():
+        noisy = np.tile(x, 20) + noise * x.std() * rng.normal(size=20 * N)
+        waves[name] = step * np.ptp(x) * np.round(noisy / (step * np.ptp(x)))
+    check_scatter(prepare(as_record(waves), NETWORK).fitted)
+
+
+@pytest.mark.parametrize("part", [-0.3, -0.12, 0.107, 0.145, 0.3, 0.5])
+def test_a_bench_of_two_clocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: float) -> None:
+    """CA.R rolled by a tenth to half of a beat: refused before anything is named, with the delay (± 20 ms)."""
+    monkeypatch.setattr(workflow, "name", pytest.fail)
+    made, _ = bench_record(0.0)
+    shift = round(part * made.base.inlet.T / (made.time[1] - made.time[0]))
+    rolled = replace(made, channels=dict(made.channels) | {"CA.R": np.roll(made.channels["CA.R"], shift)})
+    write(rolled, tmp_path / "record.csv")
+    write_network(made.base, tmp_path / "sheep.toml")
+    reason = discover(tmp_path / "record.csv", tmp_path / "sheep.toml", tmp_path / "out").reason or ""
+    assert f"ms too {'late' if part > 0 else 'early'}" in reason and "not synchronised" in reason
+    delay = float(reason.split("CA.R comes ")[1].split(" ms")[0])
+    assert delay == pytest.approx(abs(part) * 1e3 * made.base.inlet.T, abs=20.0)
 
 
 def as_made(made: Made) -> Record:

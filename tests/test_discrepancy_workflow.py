@@ -80,7 +80,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 def test_a_killed_study_goes_on(study: Study) -> None:
     """Nothing but its state is there after Ctrl-C; the second run does not name again; then the state is gone."""
-    assert study.kept == [".state", "naming.json", "run_before.json"]
+    assert study.kept == [".state", "naming.json", "run_before.json", "run_given.json"]
     assert study.namings == 1
     assert not (study.folder / "out" / ".state").exists()
     assert not [p for p in (study.folder / "out").rglob("*") if p.suffix in (".part", ".tmp")]
