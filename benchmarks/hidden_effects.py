@@ -61,12 +61,13 @@ def run(
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Out = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
+    nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
 ) -> None:
     """Judge the records of the plan that are not yet in the file."""
     seed = TUNING_SEED if tuning else REPORTED_SEED
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its processes end with it
     try:
-        Bank(_path(kind, seed, out), kind.value, seed, sources_hash()).run(limit, jobs, mixed)
+        Bank(_path(kind, seed, out), kind.value, seed, sources_hash()).run(limit, jobs, mixed, nulls)
     except NotThisBank as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:

@@ -58,14 +58,18 @@ class Bank:
             )
         return found
 
-    def run(self, limit: int | None, jobs: int, mixed: bool = False, console: Console | None = None) -> None:
-        """Judge the first ``limit`` records of the plan that are not yet in the file."""
+    def run(
+        self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, console: Console | None = None
+    ) -> None:
+        """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
+        hidden effect only."""
         done = {x["index"] for x in self.lines(mixed)}
         cases = plan(self.kind, REPORTED[self.kind], self.seed)[:limit]
-        todo = [i for i in range(len(cases)) if i not in done]
+        wanted = [i for i, case in enumerate(cases) if not (nulls and case.effects)]
+        todo = [i for i in wanted if i not in done]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("a", encoding="utf-8") as file, _bar(console) as bar:
-            task = bar.add_task(f"{self.kind} records", total=len(cases), completed=len(cases) - len(todo))
+            task = bar.add_task(f"{self.kind} records", total=len(wanted), completed=len(wanted) - len(todo))
             for line in _each([(self.kind, self.seed, i, cases[i]) for i in todo], jobs):
                 file.write(json.dumps(line | {"sources": self.sources}) + "\n")
                 file.flush()
