@@ -1,6 +1,6 @@
 """The loop: find where model and record disagree, name the missing effect, add it, show that the gap shrinks.
 
-Everything is made in memory and in ``<out>/.state`` first; the folder gets its files when all of them are there.
+Everything is made in ``<out>/.state`` first; the folder gets its files when all of them are there, the verdict last.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,9 @@ from .usable import check_beats, check_pressures, check_radii, check_record, che
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
+_STATE = ".state"  # the journal's folder
+_FILES = ("model.toml", "model.fmu", "report.html", "verdict.json")  # of a study, in the order that they are written
+
 
 @single_threaded
 def discover(
@@ -65,10 +69,7 @@ def discover(
     network = read_model(model)
     measured = _read(record)
     progress = _rising(progress)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    _check_folder(folder)
     journal = None
     try:
         if isinstance(measured, Unusable):
@@ -83,6 +84,20 @@ def discover(
     if journal is not None:
         journal.close()
     return outcome
+
+
+def _check_folder(folder: Path) -> None:
+    """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    for path in (folder / _STATE, folder / "figures"):
+        if path.exists() and not path.is_dir():
+            raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
+    for path in (folder / file for file in _FILES):
+        if path.is_dir():
+            raise ValueError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
 
 
 def _key(record: Record, network: Network, model: str | os.PathLike[str], period: float | None) -> list[Any]:
@@ -253,16 +268,40 @@ def _saturating(label: str) -> float:
 
 
 def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
-    """All files of a study; those of an earlier one that this verdict does not have are removed."""
-    from .report import write_report  # matplotlib takes a second
+    """All files of a study; those of an earlier one that this verdict does not have are removed.
+
+    All are made aside first. Then the earlier verdict goes, the new files come, and the new verdict last: whatever
+    happens, a folder with a verdict.json has what belongs to it.
+    """
+    from . import report  # matplotlib takes a second
 
     progress(0.94, "writing the report")
-    text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    for stale in ("model.toml", "model.fmu"):
-        (folder / stale).unlink(missing_ok=True)
-    if outcome.network_after is not None and fmu is not None:
-        write_whole(folder / "model.toml", dumps(outcome.network_after))
-        write_whole(folder / "model.fmu", fmu)
-    write_report(outcome, folder)
-    write_whole(folder / "verdict.json", text)
+    aside = folder / _STATE / "out"
+    try:
+        shutil.rmtree(aside, ignore_errors=True)
+        aside.mkdir(parents=True)
+        if outcome.network_after is not None and fmu is not None:
+            write_whole(aside / "model.toml", dumps(outcome.network_after))
+            write_whole(aside / "model.fmu", fmu)
+        report.write_report(outcome, aside)
+        text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        write_whole(aside / "verdict.json", text)
+        _move(aside, folder)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+        with suppress(OSError):  # not empty: the stages of a study
+            aside.parent.rmdir()
     progress(1.0, "done")
+
+
+def _move(aside: Path, folder: Path) -> None:
+    """The files of a study to their folder, whole, in the order of _FILES, the verdict last."""
+    from .figures import NAMES
+
+    (folder / "verdict.json").unlink(missing_ok=True)
+    (folder / "figures").mkdir(exist_ok=True)
+    for file in (*(f"figures/{figure}.png" for figure in NAMES), *_FILES):
+        if (aside / file).is_file():
+            write_whole(folder / file, (aside / file).read_bytes())
+        else:
+            (folder / file).unlink(missing_ok=True)

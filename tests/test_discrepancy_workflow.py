@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from fmpy import read_model_description
 from hidden.hide import Effect
 from hidden.records import Case, Made, make, write
 
-from discrepancy import workflow
+from discrepancy import report, workflow
 from discrepancy.journal import Journal, decode_naming, decode_run, encode_naming, encode_run
 from discrepancy.name import Naming
 from discrepancy.outcome import VERDICTS, Outcome
@@ -168,6 +169,49 @@ def test_report_and_figures_are_there(study: Study) -> None:
     names = {p.name for p in (study.folder / "out").iterdir()}
     assert names == {"verdict.json", "report.html", "figures", "model.toml", "model.fmu"}
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("stage", ["report", "moving"])
+def test_an_interrupt_while_files_are_written(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    """Over an earlier study: until all is made, that is untouched; later no verdict is there that others contradict.
+    The state stays, and the study ends as it would have."""
+    out = tmp_path / "out"
+    shutil.copytree(study.folder / "out", out)
+    before = {p.relative_to(out): p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    made = make(Case("bench", SITE, 40.0), 6)
+    write(made, tmp_path / "record.csv")
+    arguments = (tmp_path / "record.csv", study.folder / "base.toml", out)
+
+    def killed(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        if stage == "report":
+            patch.setattr(report, "write_report", killed)
+        else:
+            real = workflow.write_whole
+            patch.setattr(
+                workflow, "write_whole", lambda path, x: (killed if path == out / "report.html" else real)(path, x)
+            )
+        with pytest.raises(KeyboardInterrupt):
+            discover(*arguments)
+    after = {p.relative_to(out): p.read_bytes() for p in out.rglob("*") if p.is_file() and ".state" not in p.parts}
+    assert after == before if stage == "report" else not (out / "verdict.json").exists()
+    assert "naming.json" in {p.name for p in (out / ".state").iterdir()} and not (out / ".state" / "out").exists()
+    verdict = discover(*arguments).verdict
+    assert verdict == json.loads((out / "verdict.json").read_text(encoding="utf-8"))["verdict"] == "none"
+    assert {p.name for p in out.iterdir()} == {"verdict.json", "report.html", "figures"}
+
+
+@pytest.mark.parametrize(("name", "folder"), [(".state", False), ("figures", False), ("model.fmu", True)])
+def test_something_in_the_way(study: Study, tmp_path: Path, name: str, folder: bool) -> None:
+    """A file where a study has a folder, or the other way round: one sentence, before any work; it stays as it was."""
+    (tmp_path / name).mkdir() if folder else (tmp_path / name).write_text("mine")
+    with pytest.raises(ValueError, match=rf"{name}: is a .* move it, or give another --out"):
+        discover(study.folder / "record.csv", study.folder / "base.toml", tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
 def test_bench_of_a_site() -> None:
