@@ -82,8 +82,7 @@ def check_pressures(study: Study) -> None:
         if name.endswith(".P") and abs(mean) > _PRESSURE:
             raise Unusable(
                 f"{study.fitted.source}: the mean of {name} is {mean / MMHG:.4g} mmHg, beyond any artery's: a wrong "
-                f"unit; "
-                "check the column's title."
+                f"unit; check the column's title."
             )
 
 
@@ -98,8 +97,7 @@ def check_stiffness(study: Study) -> None:
     if not 1.0 / _SIZE["P"] < ratio < _SIZE["P"]:
         raise Unusable(
             f"{study.fitted.source}: the pressure of {study.site} rises {ratio:.3g} times as steeply with the radius "
-            f"as in "
-            "the model: a wrong unit, or another artery; check the columns' units and the network file."
+            f"as in the model: a wrong unit, or another artery; check the columns' units and the network file."
         )
 
 
@@ -117,8 +115,7 @@ def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
     if study.kind == "network" and middle < _STRANGE:
         raise Unusable(
             f"{study.fitted.source}: its waves do not resemble those of network {study.network.name} (correlation "
-            f"about "
-            f"{middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."
+            f"about {middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."
         )
 
 
@@ -143,8 +140,7 @@ def _check_time(study: Study, fits: Mapping[str, tuple[float, float, float]]) ->
     others = f", and so do {len(late) - 1} more channels" if len(late) > 1 else ""
     raise Unusable(
         f"{study.fitted.source}: {name} comes {abs(lag) * 1e3:.0f} ms too {'late' if lag > 0.0 else 'early'} against "
-        f"what "
-        f"drives the model{others}: the channels are not synchronised; shift them onto one clock."
+        f"what drives the model{others}: the channels are not synchronised; shift them onto one clock."
     )
 
 
