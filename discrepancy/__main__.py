@@ -62,7 +62,8 @@ def discover_command(
     """
     from .workflow import discover  # takes a second
 
-    with _sentences(), bar(quiet, pace=_PACE) as progress:
+    kept = "finished stages are kept, the one under way begins anew; run again to go on."
+    with _sentences(kept), bar(quiet, pace=_PACE) as progress:
         seconds = None if period is None else parse_quantity(period, "s", "--period")
         progress(0.0, "reading")
         outcome = discover(record, model, out, period=seconds, progress=progress)
@@ -86,7 +87,7 @@ def isolability_command(
     from .sensor_plan import plan_json, plan_sensors
     from .source import read_model
 
-    with _sentences(), bar(quiet, pace=_PACE) as progress:
+    with _sentences("nothing was written."), bar(quiet, pace=_PACE) as progress:
         if out is not None and not out.parent.is_dir():
             raise ValueError(f"{out}: cannot be written (no folder {out.parent}); make the folder or give another.")
         names = [name.strip() for name in channels.split(",") if name.strip()]
@@ -99,13 +100,13 @@ def isolability_command(
 
 
 @contextmanager
-def _sentences() -> Iterator[None]:
+def _sentences(interrupted: str) -> Iterator[None]:
     """One sentence and an exit code for what a user can put right, and for one who has had enough."""
     try:
         with sentences(ValueError, ArithmeticError, NonPhysicalState, NotPeriodic):
             yield
     except KeyboardInterrupt:
-        complain("Interrupted: what is done is kept; run again to go on.")
+        complain(f"Interrupted: {interrupted}")
         raise typer.Exit(_INTERRUPTED) from None
 
 

@@ -149,7 +149,9 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
     found(KeyboardInterrupt())
     done = run(*STUDY)
     assert done.exit_code == 130
-    assert done.stderr.strip() == "Interrupted: what is done is kept; run again to go on."
+    assert done.stderr.strip() == (
+        "Interrupted: finished stages are kept, the one under way begins anew; run again to go on."
+    )
 
 
 @pytest.mark.parametrize(
