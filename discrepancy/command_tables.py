@@ -65,9 +65,12 @@ def plan_table(plan: SensorPlan) -> Table:
 
 def invisible_text(plan: SensorPlan) -> str:
     """What these sensors do not see."""
-    if not plan.table.invisible:
-        return "Nothing of typical size is invisible."
-    return f"Invisible (d′ below {thresholds.INVISIBLE:g}): {', '.join(map(plain, plan.table.invisible))}."
+    said = "Nothing of typical size is invisible."
+    if plan.table.invisible:
+        said = f"Invisible (d′ below {thresholds.INVISIBLE:g}): {', '.join(map(plain, plan.table.invisible))}."
+    if plan.table.not_judged:
+        said += f" Not judged (the model breaks down with it): {', '.join(map(plain, plan.table.not_judged))}."
+    return said
 
 
 def gain_text(plan: SensorPlan) -> str:

@@ -14,46 +14,66 @@ import numpy as np
 from . import thresholds
 from .fits import Fit, precision, projected
 from .outcome import Isolability
-from .terms import Term
+from .terms import Term, Unknown
 
 Array = np.ndarray
 
 
 def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> Isolability:
-    """Of every effect the most visible place, against every other effect wherever that comes nearest."""
-    effects = list(dict.fromkeys(t.effect for t in terms))
+    """Of every effect the most visible place, against every other effect wherever that comes nearest.
+
+    Effects without a column at any place, as another kind of outlet in a study, are not judged.
+    """
+    effects = list(dict.fromkeys(t.effect for t in terms if t.label in columns))
+    not_judged = tuple(dict.fromkeys(t.effect for t in terms if t.effect not in effects))
     left = {
         t.label: projected(base.J, precision(base.prior, base.x), columns[t.label]) for t in terms if t.label in columns
     }
     places = {e: [t for t in terms if t.effect == e and t.label in left] for e in effects}
     size = {label: float(np.linalg.norm(_typical(x))) for label, x in left.items()}
-    best = {e: max((t.label for t in there), key=lambda label: size[label]) for e, there in places.items() if there}
-    visibility = np.array([size[best[e]] if e in best else 0.0 for e in effects])
+    best = {e: max((t.label for t in there), key=lambda label: size[label]) for e, there in places.items()}
+    visibility = np.array([size[best[e]] for e in effects])
     separation = np.zeros((len(effects), len(effects)))
     for i, a in enumerate(effects):
         for j, b in enumerate(effects):
-            if i != j and a in best and b in best:
+            if i != j:
                 separation[i, j] = min(_apart(_typical(left[best[a]]), left[t.label]) for t in places[b])
     invisible = tuple(e for e, d in zip(effects, visibility, strict=True) if d < thresholds.INVISIBLE)
-    return Isolability(tuple(effects), separation, visibility, invisible, _classes(effects, separation, invisible))
+    classes = _classes(effects, separation, invisible)
+    return Isolability(tuple(effects), separation, visibility, invisible, classes, not_judged)
 
 
-def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, tuple[Term, float]]:
-    """Per effect, where it is most visible, the size x that would have d' = DETECTABLE there."""
-    found: dict[str, tuple[Term, float]] = {}
+def smallest(
+    base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]
+) -> dict[str, tuple[Term, Unknown, float | None]]:
+    """Per effect, where it shows at the smallest size: the term, its unknown and the x that has d' = DETECTABLE.
+
+    x is of either sign, within the range that is allowed; None where no size in it would show at any place.
+    """
+    found: dict[str, tuple[Term, Unknown, float | None]] = {}
     for term in terms:
         if term.label not in columns:
             continue
-        d = float(np.linalg.norm(_typical(projected(base.J, precision(base.prior, base.x), columns[term.label]))))
+        left = projected(base.J, precision(base.prior, base.x), columns[term.label])
+        i = _strongest(left)
+        unknown, d = term.unknowns[i], float(np.linalg.norm(left[:, i]))
         x = thresholds.DETECTABLE / d if d > 0.0 else np.inf
-        if term.effect not in found or x < found[term.effect][1]:
-            found[term.effect] = (term, x)
+        allowed = next((size for size in (x, -x) if unknown.low <= size <= unknown.high and np.isfinite(size)), None)
+        known = found.get(term.effect)
+        least = known[2] if known else None
+        if known is None or (allowed is not None and (least is None or abs(allowed) < abs(least))):
+            found[term.effect] = (term, unknown, allowed)
     return found
+
+
+def _strongest(left: Array) -> int:
+    """Which unknown of an effect shows most at its typical size."""
+    return int(np.argmax((left**2).sum(axis=0)))
 
 
 def _typical(left: Array) -> Array:
     """The change of an effect of typical size: of its first unknown, or of the strongest one."""
-    return left[:, int(np.argmax((left**2).sum(axis=0)))]
+    return left[:, _strongest(left)]
 
 
 def _apart(a: Array, b: Array) -> float:

@@ -114,9 +114,10 @@ class Channel:
 class Isolability:
     """What a sensor set can tell apart, before any data.
 
-    labels : "effect at place". separation : (n, n) d' of the effect of a row, of typical size, after the best
-    refit of that of a column (0 on the diagonal). visibility : (n,) d' of each after the nuisance refit. invisible :
-    names of effects. classes : groups of labels that cannot be told apart.
+    labels : names of effects, each at the place where it shows most. separation : (n, n) d' of the effect of a row, of
+    typical size, after the best refit of that of a column, wherever it comes nearest (0 on the diagonal). visibility :
+    (n,) d' of each after the nuisance refit. invisible : those that do not show. classes : groups that cannot be told
+    apart. not_judged : effects that have no derivative, as another kind of outlet.
     """
 
     labels: tuple[str, ...]
@@ -124,6 +125,7 @@ class Isolability:
     visibility: Array
     invisible: tuple[str, ...]
     classes: tuple[tuple[str, ...], ...]
+    not_judged: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -140,10 +142,11 @@ class Outcome:
     """Everything that verdict.json and report.html say.
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
-    ``channels``. candidates : best first. smallest : smallest detectable size per "effect at place", with its unit,
-    where the verdict is ``none``. sites : whitened RMS of each site as the others foretell it. gap_before, gap_after :
-    whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest
-    difference of the rebuilt FMU from the direct solver, of a channel's pulse.
+    ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable size per "effect
+    at place", with its unit, where the verdict is ``none``; NaN where none in the allowed range would show. sites :
+    whitened RMS of each site as the others foretell it. gap_before, gap_after : whitened RMS by the sensors' noise
+    alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from
+    the direct solver, of a channel's pulse: under the record's inflow, or, of a bench, under the network's own.
     """
 
     verdict: str
@@ -219,6 +222,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "invisible": list(outcome.invisible),
         "reason": outcome.reason,
         "seconds": round(outcome.seconds, 1),
+        "not_judged": list(outcome.isolability.not_judged) if outcome.isolability else [],
         "sentence": outcome.sentence,
         "held_out_sites": dict(outcome.sites),
         "smallest_detectable": {name: estimate(e) for name, e in outcome.smallest.items()},

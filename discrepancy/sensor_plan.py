@@ -189,4 +189,5 @@ def plan_json(plan: SensorPlan) -> dict[str, Any]:
         effects.append({"name": effect, "visibility": float(visibility), "nearest": rival, "separation": separation,
                         "cannot_be_told_from": list(confused(plan, effect))})  # fmt: skip
     gains = [{"channel": g.channel, "shows": list(g.visible), "separates": g.separable} for g in plan.gains]
-    return {"channels": list(plan.channels), "effects": effects, "invisible": list(plan.table.invisible), "add": gains}
+    return {"channels": list(plan.channels), "effects": effects, "invisible": list(plan.table.invisible),
+            "not_judged": list(plan.table.not_judged), "add": gains}  # fmt: skip

@@ -65,10 +65,9 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
     located = located_in(study, before)
-    seen = [t for t in naming.terms if t.label in naming.columns]
     effects = tuple(r.added for r in shown.rounds if r.added is not None)
     members = tuple((t.effect, t.where) for n in naming.members for t in n.fit.terms)
-    least = smallest(naming.base.fit, naming.columns, seen) if naming.verdict == "none" else {}
+    least = smallest(naming.base.fit, naming.columns, naming.terms) if naming.verdict == "none" else {}
     final = (naming.best if after else naming.base).fit
     return Outcome(
         verdict=naming.verdict,
@@ -87,8 +86,8 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         z_map=located.z,
         candidates=_candidates(study, naming),
         absorbed=_absorbed(final),
-        isolability=isolability(naming.base.fit, naming.columns, seen),
-        smallest={term.label: term.unknowns[0].estimate(x, 0.0, 1.0) for term, x in least.values()},
+        isolability=isolability(naming.base.fit, naming.columns, naming.terms),
+        smallest={t.label: u.estimate(np.nan if x is None else x, 0.0, 1.0) for t, u, x in least.values()},
         sites=_left_out(naming, final),
         rounds=shown.rounds,
         gap_before=before.gap.total,

@@ -18,6 +18,7 @@ from .scales import Z
 Array = np.ndarray
 
 DASH = "–"
+_NOT_DETECTABLE = "not detectable in its allowed range"
 _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
@@ -240,7 +241,10 @@ def round_rows(outcome: Outcome) -> list[dict[str, str]]:
 def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
     """The smallest detectable size of every effect and place."""
     return [
-        {"name": label_text(label), "size": estimate_text(_key(label), size)[0]}
+        {
+            "name": label_text(label),
+            "size": estimate_text(_key(label), size)[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
+        }
         for label, size in outcome.smallest.items()
     ]
 

@@ -184,9 +184,42 @@ def test_isolability_of_columns_made_by_hand() -> None:
     assert table.separation[0, 2] == pytest.approx(20.0, rel=1e-6)
     assert np.all(np.diag(table.separation) == 0.0)
     assert table.classes == (("a", "b"),)
-    assert {name: x for name, (_, x) in smallest(fit, columns, terms).items()} == pytest.approx(
+    assert {name: x for name, (_, _, x) in smallest(fit, columns, terms).items()} == pytest.approx(
         {name: thresholds.DETECTABLE / d for name, d in zip("abcd", table.visibility, strict=True)}
     )
+
+
+def test_smallest_sizes_are_within_what_is_allowed() -> None:
+    """d' of 20, 4 and 10 per x: x = 5/d'. a may only be negative; b, up to 1, would need 1.25 and shows nowhere; of c
+    place A would need 0.5 of 0.2 allowed, place B 1. The second unknown of d shows more, and is the one that is told.
+    """
+    e = np.eye(50)
+    columns = {
+        "a at A": 20.0 * e[:, :1],
+        "b at A": 4.0 * e[:, :1],
+        "c at A": 10.0 * e[:, :1],
+        "c at B": 5.0 * e[:, :1],
+        "d at A": np.stack([2.0 * e[0], 25.0 * e[1]], axis=1),
+    }
+    ranges = {"a at A": (-9.0, 0.0), "b at A": (0.0, 1.0), "c at A": (0.0, 0.2), "c at B": (0.0, 9.0)}
+    terms = []
+    for label in columns:
+        made = term(*label.split(" at "))
+        low, high = ranges.get(label, (-9.0, 9.0))
+        terms.append(replace(made, unknowns=(replace(made.unknowns[0], low=low, high=high),)))
+    second = replace(terms[-1].unknowns[0], name="A.second")
+    terms[-1] = replace(terms[-1], unknowns=(*terms[-1].unknowns, second))
+    found = smallest(base(np.zeros((50, 0)), 1.0), columns, terms)
+    sizes = {name: (t.place, x) for name, (t, _, x) in found.items()}
+    assert sizes == {"a": ("A", -0.25), "b": ("A", None), "c": ("B", 1.0), "d": ("A", 0.2)}
+    assert found["d"][1] is second
+
+
+def test_effects_without_a_column_are_said_not_to_be_judged() -> None:
+    """b breaks down everywhere, a at one of its places: b is no row, nor among the invisible."""
+    columns = {"a at A": 20.0 * np.eye(50)[:, :1]}
+    table = isolability(base(np.zeros((50, 0)), 1.0), columns, (term("a"), term("a", "B"), term("b")))
+    assert (table.labels, table.invisible, table.not_judged) == (("a",), (), ("b",))
 
 
 def test_isolability_takes_the_nearest_place() -> None:
