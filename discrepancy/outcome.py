@@ -172,6 +172,7 @@ class Outcome:
     gap_before: tuple[float, float] | None = None
     gap_after: tuple[float, float] | None = None
     parity: float | None = None
+    p_value: float | None = None
     network_before: Network | None = None
     network_after: Network | None = None
     warnings: tuple[str, ...] = ()
@@ -217,6 +218,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "located": [
             {"site": at.site, "signal": at.signal, "harmonic": at.harmonic, "z": at.z} for at in outcome.located
         ],
+        "global_p_value": outcome.p_value,
         "gap": {"before": gap(outcome.gap_before), "after": gap(outcome.gap_after), "channels": channels},
         "separating_measurement": outcome.separating_measurement,
         "invisible": list(outcome.invisible),
@@ -228,6 +230,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "smallest_detectable": {name: estimate(e) for name, e in outcome.smallest.items()},
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),
+        "fmu_against_solver": outcome.parity,
         "record": outcome.record,
         "model": outcome.model,
         "provenance": dict(outcome.provenance),

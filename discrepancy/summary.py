@@ -29,13 +29,14 @@ from .study import Study, Unusable
 from .subset import leave_one_site_out
 
 _SHOWN = 12  # candidates in the report
+_PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
 
 
 @dataclass(frozen=True)
 class Shown:
     """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
     (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
-    from the direct solver (``parity``, of a network only) and the rounds."""
+    from the direct solver (``parity``) or why that could not be told (``failure``), and the rounds."""
 
     given: Run
     before: Run
@@ -43,6 +44,7 @@ class Shown:
     network: Network | None = None
     archive: bytes | None = None
     parity: float | None = None
+    failure: str | None = None
     rounds: tuple[Round, ...] = ()
 
 
@@ -95,9 +97,22 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         parity=shown.parity,
         network_before=study.network,
         network_after=shown.network,
-        warnings=study.warnings,
+        p_value=located.p_value,
+        warnings=(*study.warnings, *fmu_warnings(shown)),
         provenance=_provenance(record, model, study, shown.given),
     )
+
+
+def fmu_warnings(shown: Shown) -> tuple[str, ...]:
+    """What to know of the delivered FMU."""
+    if shown.failure is not None:
+        return (f"model.fmu does not run with its network's own inflow: {shown.failure}",)
+    if shown.parity is not None and not shown.parity <= _PARITY:
+        return (
+            f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "
+            f"{_PARITY:g}): do not rely on it; report this as an error.",
+        )
+    return ()
 
 
 def _provenance(record: Record, model: str | os.PathLike[str], study: Study, given: Run) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from fitting.provenance import software
 from fitting.records import Record, read_record
 from fitting.threads import single_threaded
 from fitting.units import INFLOW
-from solver import Settings
+from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
@@ -34,7 +34,7 @@ from .journal import Journal, decode_naming, decode_run, encode_naming, encode_r
 from .name import Naming, name, quantile
 from .network import NetworkProblem
 from .outcome import Outcome, Round, verdict_json
-from .show import Run, bench_of, drive, free_run, parity
+from .show import Run, bench_of, drive, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable
@@ -215,7 +215,7 @@ class _Work:
         fmu = self._fmu(network, "extended")
         self.progress(0.88, "running the extended FMU")
         after = self._free(fmu, "after", best, wave, {}, study)
-        difference = None
+        difference = failure = None
         if study.site is None:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
@@ -225,9 +225,14 @@ class _Work:
         else:
             file = self.place / "model.toml"
             write_network(network, file)
-            archive = build_fmu(file, self.place / "model").read_bytes()
+            fmu = build_fmu(file, self.place / "model")
+            archive = fmu.read_bytes()
+            try:
+                difference = own_parity(fmu, network)
+            except (RunFailed, NonPhysicalState) as error:
+                failure = str(error)
         rounds = self._rounds(study, naming, shown.before, after)
-        return replace(shown, after=after, network=network, archive=archive, parity=difference, rounds=rounds)
+        return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds)
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""

@@ -18,9 +18,10 @@ from discrepancy import report, workflow
 from discrepancy.journal import Journal, decode_naming, decode_run, encode_naming, encode_run
 from discrepancy.name import Naming
 from discrepancy.outcome import VERDICTS, Outcome
-from discrepancy.show import Gap, Run, bench_of
+from discrepancy.show import Gap, Run, bench_of, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import judge
+from discrepancy.summary import Shown, fmu_warnings
 from discrepancy.workflow import discover
 from fitting.records import Record
 from solver import load
@@ -127,7 +128,8 @@ def test_verdict_json(study: Study) -> None:
     zs = [at["z"] for at in v["located"]]
     assert zs == sorted(zs, reverse=True) and zs[0] > 4.0
     assert v["separating_measurement"] is None and v["reason"] is None
-    assert isinstance(v["invisible"], list) and v["seconds"] > 0.0
+    assert isinstance(v["invisible"], list) and v["not_judged"] == [] and v["seconds"] > 0.0
+    assert 0.0 <= v["global_p_value"] < 1e-6
     text = (study.folder / "out" / "verdict.json").read_text(encoding="utf-8")
     assert "NaN" not in text and "Infinity" not in text
 
@@ -162,6 +164,20 @@ def test_model_fmu_has_the_parameter(study: Study) -> None:
     told = study.verdict["effects"][0]["parameters"][f"{SITE}.ENL"]["value"]
     assert float(variables[f"{SITE}.ENL"].start) == pytest.approx(told, rel=1e-6)
     assert read_model(path).parameters() == read_network(study.folder / "out" / "model.toml").parameters()
+
+
+def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
+    """model.fmu, which no bench record drives, over two beats under its network's own inflow: the solver to round-off.
+    That of another network differs, and more than a thousandth is warned about, as is one that does not run."""
+    assert study.verdict["fmu_against_solver"] < 1e-9 and study.verdict["warnings"] == []
+    page = (study.folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "over two beats under the network’s own inflow" in page
+    other = own_parity(study.folder / "out" / "model.fmu", study.made.base)
+    assert other > 1e-3
+    run = Run(np.zeros((1, 1)), {}, Gap((1.0, 1.0), {}))
+    assert "differs from the direct solver by" in fmu_warnings(Shown(run, run, parity=other))[0]
+    assert fmu_warnings(Shown(run, run, parity=1e-9)) == fmu_warnings(Shown(run, run)) == ()
+    assert "does not run with its network's own inflow: why" in fmu_warnings(Shown(run, run, failure="why"))[0]
 
 
 def test_report_and_figures_are_there(study: Study) -> None:
