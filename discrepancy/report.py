@@ -56,7 +56,13 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"plain": plain, "number": tables.number, "places": tables.places_text, "label": label_text}
+    environment.filters |= {
+        "plain": plain,
+        "number": tables.number,
+        "p": tables.p_text,
+        "places": tables.places_text,
+        "label": label_text,
+    }
     return environment.get_template("report.html.j2").render(
         outcome=outcome,
         heading=heading(outcome),

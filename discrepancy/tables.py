@@ -106,6 +106,11 @@ def _to_digits(value: float, width: float) -> str:
     return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
 
 
+def p_text(value: float) -> str:
+    """A p-value, with the least that is worth telling apart."""
+    return "p < 1e-16" if value < 1e-16 else f"p = {number(value, 2)}"
+
+
 def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
     """Gap on (fitted, held-out) beats."""
     return (DASH, DASH) if pair is None else (_gap(pair[0]), _gap(pair[1]))

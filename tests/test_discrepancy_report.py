@@ -35,9 +35,9 @@ from discrepancy.outcome import (
     verdict_json,
 )
 from discrepancy.places import marks
-from discrepancy.report import write_report
+from discrepancy.report import page, write_report
 from discrepancy.scales import Z
-from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number
+from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number, smallest_rows
 from fitting.units import MMHG
 from solver import Network
 
@@ -352,3 +352,28 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     assert content["gap"]["after"] == {"fit": 1.0, "held_out": None}
     assert content["gap"]["channels"]["AA.P"] == {"before": None, "after": 1.04}
     assert candidate_row(lost)["held_out"] == "–" and channel_row(channel)["before_held"] == "–"
+
+
+def test_sizes_that_cannot_show(sheep: Network, tmp_path: Path) -> None:
+    """An effect that shows at no size that it may have: said on the page, and null in verdict.json."""
+    outcome = synthetic("none", sheep)
+    nowhere = Estimate(np.nan, "1", (np.nan, np.nan))
+    outcome = replace(outcome, smallest={**outcome.smallest, "junction_loss at all": nowhere})
+    assert smallest_rows(outcome)[-1] == {
+        "name": "junction loss at all places",
+        "size": "not detectable in its allowed range",
+    }
+    told = verdict_json(outcome)["smallest_detectable"]["junction_loss at all"]
+    assert told == {"value": None, "unit": "1", "ci95": [None, None]}
+
+
+def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> None:
+    """Another kind of outlet has no place among the invisible; the p-value of the global χ² stands under the z map."""
+    outcome = synthetic("ambiguous", sheep)
+    assert outcome.isolability is not None
+    table = replace(outcome.isolability, not_judged=("terminal_compliance",))
+    html = page(replace(outcome, isolability=table, p_value=0.0), {})
+    assert "<b>Not judged before data:</b> terminal compliance" in html and "χ² has p &lt; 1e-16" in html
+    assert "χ² has p = 0.032" in page(replace(outcome, p_value=0.0321), {})
+    content = verdict_json(replace(outcome, isolability=table, p_value=0.0321))
+    assert (content["not_judged"], content["global_p_value"]) == (["terminal_compliance"], 0.0321)
