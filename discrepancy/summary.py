@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2 as chi2_distribution
 
 from fitting.network_data import mean_beat
 from fitting.provenance import software
@@ -97,10 +98,22 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         parity=shown.parity,
         network_before=study.network,
         network_after=shown.network,
-        p_value=located.p_value,
+        p_value=global_p(study, naming, located.p_value),
         warnings=(*study.warnings, *fmu_warnings(shown)),
         provenance=_provenance(record, model, study, shown.given),
     )
+
+
+def global_p(study: Study, naming: Naming, of_map: float) -> float:
+    """p-value of the global χ² before anything is added; of_map : that of the z map.
+
+    The pressure drives a bench, so that its channel has no residual there: that of the wall law, with the errors of
+    both, is judged.
+    """
+    if study.kind == "network":
+        return of_map
+    base = naming.base.fit
+    return float(chi2_distribution.sf(base.chi2, max(1, len(base.z) - len(base.x))))
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:

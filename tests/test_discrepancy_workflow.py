@@ -13,6 +13,7 @@ import pytest
 from fmpy import read_model_description
 from hidden.hide import Effect
 from hidden.records import Case, Made, make, write
+from scipy.stats import kstest
 
 from discrepancy import report, workflow
 from discrepancy.journal import Journal, decode_naming, decode_run, encode_naming, encode_run
@@ -21,7 +22,7 @@ from discrepancy.outcome import VERDICTS, Outcome
 from discrepancy.show import Gap, Run, bench_of, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import judge
-from discrepancy.summary import Shown, fmu_warnings
+from discrepancy.summary import Shown, fmu_warnings, global_p
 from discrepancy.workflow import discover
 from fitting.records import Record
 from solver import load
@@ -164,6 +165,16 @@ def test_model_fmu_has_the_parameter(study: Study) -> None:
     told = study.verdict["effects"][0]["parameters"][f"{SITE}.ENL"]["value"]
     assert float(variables[f"{SITE}.ENL"].start) == pytest.approx(told, rel=1e-6)
     assert read_model(path).parameters() == read_network(study.folder / "out" / "model.toml").parameters()
+
+
+def test_the_global_p_value_of_healthy_benches() -> None:
+    """Twelve records that nothing is missing in: p-values of the global χ² as a uniform number has them."""
+    values = []
+    for seed in range(1, 13):
+        made = make(Case("bench", SITE, 40.0), seed)
+        study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
+        values.append(global_p(study, naming, np.nan))
+    assert kstest(values, "uniform").pvalue > 0.01
 
 
 def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
