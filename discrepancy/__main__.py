@@ -71,6 +71,8 @@ def discover_command(
         _show(outcome)
         say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))
     if outcome.verdict == "unusable":
+        if quiet:
+            complain(f"Unusable: {outcome.reason}")
         raise typer.Exit(_UNUSABLE)
 
 
@@ -90,7 +92,7 @@ def isolability_command(
     with _sentences("nothing was written."), bar(quiet, pace=_PACE) as progress:
         if out is not None and not out.parent.is_dir():
             raise ValueError(f"{out}: cannot be written (no folder {out.parent}); make the folder or give another.")
-        names = [name.strip() for name in channels.split(",") if name.strip()]
+        names = channels.replace(",", " ").split()
         plan = plan_sensors(read_model(network), names, dB, beats, progress)
         if out is not None:
             write_whole(out, json.dumps(plan_json(plan), indent=2, ensure_ascii=False, allow_nan=False) + "\n")

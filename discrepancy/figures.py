@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from fitting.panels import BAND, DASHED, Drawing, by_place, drawing, legend, shown
 from fitting.style import BLACK, BLUE, ORANGE, STYLE, VERMILION
@@ -133,8 +134,8 @@ def _colour(here: Sequence[Mark]) -> str | None:
 
 def _network_legend(figure: Figure, marked: Sequence[Mark]) -> None:
     handles = [
-        Line2D([], [], marker="o", ls="", ms=9, mfc=Z.colour(z), mec=_TEXT, label=label)
-        for z, label in ((0.0, "site: |z| below 2"), (5.0, "4 to 8"), (20.0, "16 to 32"), (100.0, "above 64"))
+        Line2D([], [], marker="o", ls="", ms=9, mfc=colour, mec=_TEXT, label=text if i else f"site: |z| {text}")
+        for i, (colour, text) in enumerate(zip(Z.colours, Z.texts, strict=True))
     ]
     if any(mark.named for mark in marked):
         handles.append(Line2D([], [], color=VERMILION, lw=6, label="missing effect"))
@@ -159,7 +160,7 @@ def _z_map(outcome: Outcome) -> Drawing:
     shown_harmonics = harmonics_shown(outcome)
     names = [channel.name for channel in outcome.channels[: outcome.z_map.shape[1]]]
     z = np.abs(outcome.z_map[:shown_harmonics]).T
-    size = (min(13.0, 2.4 + 0.3 * shown_harmonics), 1.3 + 0.24 * len(names))
+    size = (float(np.clip(2.4 + 0.3 * shown_harmonics, 7.2, 13.0)), 1.3 + 0.24 * len(names))
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.add_subplot()
     _classes(axes, z, Z)
@@ -170,7 +171,8 @@ def _z_map(outcome: Outcome) -> Drawing:
     for at in outcome.located:
         name = f"{at.site}.{at.signal}"
         if name in names and at.harmonic < shown_harmonics:
-            axes.plot([at.harmonic], [names.index(name)], "s", ms=10, mfc="none", mec=BLACK, mew=1.4)
+            corner = (at.harmonic - 0.5, names.index(name) - 0.5)
+            axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, ec=BLACK, lw=1.6, zorder=3, clip_on=False))
     _scale(figure, Z)
     return drawing(
         figure,

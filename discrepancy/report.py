@@ -11,7 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from solver.files import write_whole
 
-from . import tables
+from . import tables, thresholds
 from .outcome import VERDICTS, Outcome
 from .places import label_text, plain
 from .scales import APART, Z
@@ -70,6 +70,9 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         next_steps=next_steps(outcome),
         drawings=drawings,
         scales={"z": Z, "apart": APART},
+        ceiling=f"{100 / (1 + thresholds.SOMETHING_ELSE):.0f} %",
+        inseparable=f"{thresholds.INSEPARABLE:g}",
+        united=any(row["unit"] for row in tables.absorbed_rows(outcome)),
         **_rows(outcome),
     )
 

@@ -93,6 +93,11 @@ def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: 
             raise ValueError(
                 f"channel {name}: network {network.name} has no such output; use some of {', '.join(known)}."
             )
+    if network.inlet.Q_max <= 0.0:
+        raise ValueError(
+            f"network {network.name}: its inlet flow inlet.Q_max is {network.inlet.Q_max:g} m^3/s, and without flow no "
+            "sensor sees anything; give the network that the artery is in, with the inflow of the experiment."
+        )
     if not channels:
         raise ValueError(f"channels: none given; name some outputs of network {network.name}, such as {known[0]}.")
     if not (math.isfinite(dB) and _DB[0] <= dB <= _DB[1]):

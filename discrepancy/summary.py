@@ -24,6 +24,7 @@ from .isolability import isolability, smallest
 from .name import Naming, quantile
 from .network import NetworkProblem
 from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
+from .places import plain
 from .separating import separating_measurement
 from .show import Gap, Run
 from .study import Study, Unusable
@@ -80,8 +81,8 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         kind=study.kind,
         effects=effects,
         members=tuple(dict.fromkeys(members)),
-        reason=naming.reason,
-        separating_measurement=separating_measurement(naming, study) if naming.verdict == "ambiguous" else None,
+        reason=plain(naming.reason) if naming.reason else None,
+        separating_measurement=separating_measurement(naming, study),
         located=located.located,
         balances=_balances(study, before),
         channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
@@ -178,7 +179,8 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
         if after
         else ""
     )
-    labels = " and ".join(f"{e.name.replace('_', ' ')} at {', '.join(e.where)}" for e in effects)
+    others = len(naming.members) - 1
+    labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     match naming.verdict:
         case "none":
             return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
@@ -186,15 +188,19 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
             if BY_NAME[effects[0].name].owner == "channel":
                 return f"A sensor explains it, no artery: {labels}; with it {gap}."
             return f"The model lacks {labels}: with it {gap}."
-        case "several":
+        case "several" if not others:
             return f"The model lacks {labels}: with both {gap}."
+        case "several":
+            return (
+                f"The model lacks two effects, most likely {labels}: with both {gap}, but {others} other "
+                f"pair{'s' if others > 1 else ''} cannot be ruled out."
+            )
         case "ambiguous":
-            others = len(naming.members) - 1
             return (
                 f"The model lacks something like {labels}: with it {gap}, but {others} other "
                 f"candidate{'s' if others > 1 else ''} cannot be ruled out."
             )
-    return f"Something is missing that the catalogue does not explain: {naming.reason}."
+    return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Channel:

@@ -11,6 +11,7 @@ import numpy as np
 from fitting.units import DISPLAY, MMHG
 from solver.effects import BY_NAME
 
+from . import thresholds
 from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
 from .places import label_text, place_text, plain
 from .scales import Z
@@ -268,8 +269,7 @@ def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
                 "visibility": number(float(isolability.visibility[i])),
                 "rival": DASH if alone else label_text(isolability.labels[nearest]),
                 "separation": DASH if alone else number(float(separation[i, nearest])),
-                "together": not alone
-                and any({label, isolability.labels[nearest]} <= set(c) for c in isolability.classes),
+                "together": not alone and separation[i, nearest] < thresholds.INSEPARABLE,
             }
         )
     return rows

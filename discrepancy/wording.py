@@ -22,11 +22,11 @@ _MEANINGS: Mapping[str, str] = {
     "none": "The model meets the record to its noise. An effect may still be there, but smaller than the size given "
     "below, or one that these sensors cannot see.",
     "effect": "The model and the record disagree by more than noise. One effect of the catalogue at one place explains "
-    "it, and every other candidate was ruled out by this record.",
+    "it. Every other candidate was ruled out: refitted in full, or by a first test that promised too little.",
     "ambiguous": "The model and the record disagree by more than noise. The candidates of the class below all explain "
     "it; the record does not tell them apart. The first is only the best of them, not a finding.",
     "several": "The model and the record disagree by more than noise, and one effect does not explain it. The effects "
-    "below do so together, strongest first.",
+    "below do so together, strongest first; other pairs that would do as well are in the class.",
     "unknown": "The model and the record disagree by more than noise, and no effect of the catalogue explains it. "
     "Nothing was added to the model.",
     "unusable": "Nothing was compared and nothing was added to the model, because the record or its use is at fault, "

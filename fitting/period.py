@@ -45,6 +45,11 @@ def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
     Raises ValueError if nothing repeats, or not twice.
     """
     span = len(next(iter(channels.values()))) * dt
+    if span < 2.0 * SHORTEST:
+        raise ValueError(
+            f"{source}: {span:.3g} s of record cannot hold two beats of {SHORTEST:g} s, the shortest; check the unit "
+            f"of its time column, or record longer."
+        )
     screened = {name: _search(_excerpt(values, dt), dt) for name, values in channels.items()}
     best = max(screened, key=lambda name: screened[name][1])
     T, correlation = screened[best]

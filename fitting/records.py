@@ -43,6 +43,7 @@ _TIME = Kind("time", "s", "s")
 
 _LONGEST_HEADER = 1 << 20  # bytes
 _SHORTEST = 8  # samples
+_ZIP = b"PK\x03\x04"  # how an archive begins
 _LATEST = 1e10  # [s], times since 1970 included
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 
@@ -194,6 +195,8 @@ def _decode(data: bytes, source: str) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if data.startswith(_ZIP):
+            raise ValueError(f"{source}: not a recording but an FMU or another archive; give a CSV file.") from None
         raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
 
 

@@ -61,7 +61,7 @@ def model(name: str, elastic: str = "regression") -> WallModel:
     E_NL.
     """
     laws = {
-        "linear": ("quadratic", _LINEAR),
+        "linear": ("monotone", _LINEAR),  # without phiNL the two laws are one
         "nonlinear": ("quadratic", _NONLINEAR),
         "extended": ("quadratic", (*_NONLINEAR, "ENL")),
         "monotone": ("monotone", _NONLINEAR),

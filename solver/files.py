@@ -50,6 +50,10 @@ def loads(text: str, name: str) -> Network:
     try:
         return _network(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
+        if text.lstrip("\ufeff").startswith("time"):
+            raise ValueError(
+                f"{name}: not a network file but a recording (CSV); give the network that it is of."
+            ) from None
         reason = str(error).replace("at end of document", f"at line {text.count(chr(10)) + 1}, the end of the file")
         raise ValueError(
             f'{name}: not valid TOML: {reason}; correct that line (a value with a unit stands in quotes: "4 cm").'

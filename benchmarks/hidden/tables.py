@@ -170,9 +170,9 @@ def parameters(lines: Sequence[Line]) -> str:
 def outside(lines: Sequence[Line]) -> str:
     """What effects outside the catalogue are taken for."""
     rows = []
-    for name in sorted({w.truths(x)[0] for x in w.of(lines, "outside")}):
+    for name in sorted({w.beyond(x) for x in w.of(lines, "outside")}):
         for low, high in ((6.0, 30.0), (30.0, np.inf)):
-            own = [x for x in w.of(lines, "outside", low) if w.truths(x)[0] == name and w.d_prime(x) < high]
+            own = [x for x in w.of(lines, "outside", low) if w.beyond(x) == name and w.d_prime(x) < high]
             if own:
                 taken = Counter(w.told(x) for x in own if w.claims(x))
                 verdict = Counter(x["verdict"] for x in own)

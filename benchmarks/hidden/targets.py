@@ -62,6 +62,8 @@ def targets(lines: Sequence[Line], network: Network) -> str:
         pairs = w.of(own, "pair", 30.0)
         at_least(f"{kind}, two effects, both d′ ≥ 30: both named", 0.80, share(pairs, w.both_named))
         at_least("– one, and more remains", 0.95, share(pairs, w.one_and_more))
+        alone = [x for x in own if w.pair_alone(x)]
+        add(f"{kind}, two names without rivals, not both of them hidden", "–", share(alone, w.wrong_pair), None)
     for kind, own in (("bench", bench), ("network", net)):
         _gap_targets(add, kind, own)
     for kind, own in (("bench", bench), ("network", net)):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from fitting.units import INFLOW
 from solver.network import Network
 from tests.hidden.hide import OUTSIDE
 
@@ -24,11 +25,17 @@ def judged(lines: Iterable[Line]) -> list[Line]:
 
 
 def group(line: Line) -> str:
-    """ "null", "single", "pair" of the catalogue, or "outside" it."""
-    names = truths(line)
-    if any(name in OUTSIDE for name in names):
+    """ "null", "single", "pair" of the catalogue, or "outside" it, as a wrong inlet flow is in whatever way."""
+    effects = line["effects"]
+    if any(e["name"] in OUTSIDE or e["where"][0] == INFLOW for e in effects):
         return "outside"
-    return ("null", "single", "pair")[len(names)]
+    return ("null", "single", "pair")[len(effects)]
+
+
+def beyond(line: Line) -> str:
+    """What of a line is outside the catalogue."""
+    e = next(e for e in line["effects"] if e["name"] in OUTSIDE or e["where"][0] == INFLOW)
+    return str(e["name"]) if e["name"] in OUTSIDE else f"{e['name']} at {INFLOW}"
 
 
 def of(lines: Iterable[Line], wanted: str, least: float = 0.0) -> list[Line]:
@@ -101,6 +108,16 @@ def in_class(line: Line) -> bool:
 def both_named(line: Line) -> bool:
     """Two effects, and these two names top the class."""
     return line["verdict"] == "several" and sorted(top(line)) == sorted(truths(line))
+
+
+def pair_alone(line: Line) -> bool:
+    """Two names are given, without another pair in the class."""
+    return line["verdict"] == "several" and len(line.get("class", ())) < 2
+
+
+def wrong_pair(line: Line) -> bool:
+    """Two names are given without another pair, and one of them is not hidden."""
+    return pair_alone(line) and sorted(top(line)) != sorted(truths(line))
 
 
 def one_and_more(line: Line) -> bool:
