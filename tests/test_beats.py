@@ -127,6 +127,13 @@ def test_noise_has_no_period(seed: int) -> None:
         align(record(time, P=values))
 
 
+def test_a_record_shorter_than_two_heart_beats() -> None:
+    """Times in ms that hold seconds: 1000 samples in 5 ms. The time column is named, nothing is searched."""
+    time = np.arange(1000) * DT
+    with pytest.raises(ValueError, match=r"^bench\.csv: 0\.005 s of record cannot hold two beats .* unit of its time"):
+        align(record(time / 1000.0, P=pressure(time / 0.8)))
+
+
 @pytest.mark.parametrize("n_beats", [1.4, 1.6, 1.9])
 def test_one_beat_only(n_beats: float) -> None:
     """Fewer than two beats are told, or found to have no period; never fitted."""

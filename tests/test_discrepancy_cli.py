@@ -17,6 +17,7 @@ from discrepancy import workflow
 from discrepancy.__main__ import app
 from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
+from discrepancy.show import bench_of
 from fitting.records import write_record
 from fitting.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
@@ -42,6 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_record(path / "virtual_AA.csv", np.arange(BEATS * SAMPLES) * T / SAMPLES, channels)
     sheep = load("sheep")
     write_network(sheep.with_parameters({f"{s.name}.phi0": 0.0 for s in sheep.segments}), path / "elastic.toml")
+    write_network(bench_of(sheep, "AA"), path / "bench.toml")
     return path
 
 
@@ -141,7 +143,8 @@ def test_unusable_is_exit_code_3(found: Callable[[Any], None]) -> None:
     done = run(*STUDY)
     assert done.exit_code == 3
     assert "too short." in done.stdout
-    assert run(*STUDY, "-q").exit_code == 3
+    quiet = run(*STUDY, "-q")
+    assert quiet.exit_code == 3 and "Unusable: too short." in quiet.stderr and quiet.stdout == ""
 
 
 def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
@@ -158,12 +161,14 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
     ("arguments", "sentence"),
     [
         (("virtual_AA.csv", "--model", "nosuch", "--out", "o"), "nosuch"),
-        (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv"),
+        (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv: not a network file but a rec"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "cannot be made"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
         (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
         (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),
         (("isolability", "sheep", "--channels", "XX.P"), "channel XX.P"),
+        (("isolability", "sheep", "--channels", "AA.P XX.R"), "channel XX.R"),
+        (("isolability", "bench.toml", "--channels", "AA.P"), "without flow no sensor sees anything"),
         (("isolability", "sheep", "--channels", ","), "none given"),
         (("isolability", "sheep", "--channels", "AA.P", "--dB", "nan"), "dB = nan"),
         (("isolability", "sheep", "--channels", "AA.P", "--beats", "3"), "beats = 3"),

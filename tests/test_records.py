@@ -267,6 +267,7 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         ("time [s],AA.P [mmHg]\n0,1\n1,2\n", "2 samples are too few"),
         ("time [s]\n0\n1\n", "line 1: there is no channel beside the time"),
         ("time [s],AA.P [µ]\n".encode("latin-1"), "not UTF-8 text (byte 15)"),
+        (b"PK\x03\x04\x14\x00\xff\xfe", "not a recording but an FMU or another archive; give a CSV file."),
         ("time [s];AA.P [mmHg]\n0,0;1,5\n", "line 1: the fields are separated by semicolons"),
         ("time [s]\tAA.P [mmHg]\n0\t1\n", "line 1: the fields are separated by tabs"),
         ("0,1\n1,2\n", "line 1, column '0': the first column must be the time"),
