@@ -18,7 +18,7 @@ endif
 
 help:
 	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
-	@echo "make discover  find what is missing in a model: two synthetic records, two minutes"
+	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
 	@echo "make test      run the tests"
 	@echo "make check     formatting, lint, types"
 	@echo "make bench     measure speed and memory, and the accuracy of the fits"
