@@ -409,7 +409,7 @@ def test_the_mean_set_is_a_start_for_the_network(fitted: Cohort, sheep: Network)
     assert means.provenance["n"]["DD"] == 3 and len(means.provenance["records"]) == 27
     assert "DD.R is missing" in means.provenance["failures"][0]
     linear = fitted.mean_set("linear")
-    assert linear.texts["network.viscous_law"] == "quadratic" and linear.values["CA.phiNL"].value == 0.0
+    assert linear.texts["network.viscous_law"] == "monotone" and linear.values["CA.phiNL"].value == 0.0
     with pytest.raises(ValueError, match="model 'extended' was not fitted; use one of linear, nonlinear, monotone"):
         fitted.mean_set("extended")
 
