@@ -251,12 +251,7 @@ def _polished(
 ) -> tuple[Problem, Named, tuple[Named, ...]]:
     """The problem as the best hypothesis needs it, and those near the best refitted with fresh derivatives."""
     best = ranked[0].fit if ranked else base
-    try:
-        sharp = problem.sharpened(best)
-    except ArithmeticError:  # what only coarse steps can carry explains nothing
-        if not ranked:
-            raise
-        return _polished(problem, base, ranked[1:], terms)
+    sharp = problem.sharpened(best)
     near = [n.fit for n in ranked if n.score < ranked[0].score + at.NEAR][: at.SHORTLIST // 2]
     if sharp is problem:
         return problem, _none(problem, base), tuple(ranked)

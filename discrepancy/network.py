@@ -272,15 +272,15 @@ class NetworkProblem:
     def sharpened(self, fit: Fit) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
 
-        Where the error would matter beside the noise, the steps become shorter.
-        Raises ArithmeticError if it breaks down.
+        Where the error would matter beside the noise, the steps become shorter; where shorter steps break down, as those
+        of a quadratic viscosity near its turn do, the problem stays as it is.
         """
         member, problem = fit.member, self
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
             X, X_finer = problem.observe([member])[0], finer.observe([member])[0]
             if X is None or X_finer is None:
-                raise ArithmeticError(f"{fit.terms[-1].label if fit.terms else 'the model'}: shorter steps break down")
+                return self
             error = solver_error(X, X_finer, pulses(self.beats, self.names))
             own = np.einsum("kii->ki", self.target.covariance).real - self.error**2
             weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from discrepancy.journal import decode_naming, encode_naming
 from discrepancy.name import Naming, name, quantile
 from discrepancy.network import NetworkProblem, network_problem
 from discrepancy.observation import sense
+from discrepancy.simulator import Simulator
 from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
 from fitting.beats import Beats
 from solver import NonPhysicalState, Settings, effects, simulate_periodic
@@ -231,6 +232,21 @@ def test_a_sensor_needs_no_simulation(healthy: NetworkProblem) -> None:
         ratio = np.ones(len(healthy.names))
         ratio[i] = np.exp(0.03 * x)
         np.testing.assert_allclose(each, X[0] * ratio, rtol=1e-13)
+
+
+def test_shorter_steps_that_break_down_are_not_taken(healthy: NetworkProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where half the step cannot be simulated, the problem is the same, after one attempt."""
+    real, tried = Simulator.coefficients, []
+
+    def breaks(self: Simulator, *given: Any) -> np.ndarray:
+        if self.settings.element_length < healthy.simulator.settings.element_length:
+            tried.append(self.settings.dt)
+            raise NonPhysicalState("the step did not converge")
+        return real(self, *given)
+
+    monkeypatch.setattr(Simulator, "coefficients", breaks)
+    assert healthy.sharpened(at(healthy, [0.0, 0.0, 0.0])) is healthy
+    assert len(tried) == 1
 
 
 def test_a_start_too_far_off_is_left(healthy: NetworkProblem) -> None:
