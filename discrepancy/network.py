@@ -272,8 +272,8 @@ class NetworkProblem:
     def sharpened(self, fit: Fit) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
 
-        Where the error would matter beside the noise, the steps become shorter; where shorter steps break down, as those
-        of a quadratic viscosity near its turn do, the problem stays as it is.
+        Where the error would matter beside the noise, the steps become shorter; where shorter steps break down, as
+        those of a quadratic viscosity near its turn do, the problem stays as it is.
         """
         member, problem = fit.member, self
         for _ in range(_SHARPER):

@@ -241,7 +241,7 @@ def test_shorter_steps_that_break_down_are_not_taken(healthy: NetworkProblem, mo
     def breaks(self: Simulator, *given: Any) -> np.ndarray:
         if self.settings.element_length < healthy.simulator.settings.element_length:
             tried.append(self.settings.dt)
-            raise NonPhysicalState("the step did not converge")
+            raise NonPhysicalState("it did not converge", "A", 0.0, 0.0, "shorten the step")
         return real(self, *given)
 
     monkeypatch.setattr(Simulator, "coefficients", breaks)
