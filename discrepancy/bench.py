@@ -98,6 +98,10 @@ class Bench:
         """The same problem: the law is evaluated without a solver's error."""
         return self
 
+    def rested(self) -> Bench:
+        """The same problem: nothing is simulated."""
+        return self
+
     def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
         """The same fits: there is one weighting."""
         return list(fits)

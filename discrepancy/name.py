@@ -56,6 +56,10 @@ class Problem(Protocol):
         """The same record weighted and simulated as a fit needs it."""
         ...
 
+    def rested(self) -> Problem:
+        """The same problem, whose answers depend on nothing that was simulated before."""
+        ...
+
     def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
         """Fits under the weights of another problem of this record, where they are, under these."""
         ...

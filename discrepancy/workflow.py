@@ -177,12 +177,14 @@ class _Work:
         problem = self.study.problem
         if isinstance(problem, NetworkProblem):
             problem.simulator.tell = lambda label: self.progress(0.2 + 0.5 * _saturating(label), f"naming, {label}")
-        return self.journal.stage(
+        naming = self.journal.stage(
             "naming",
             lambda: name(problem, self.study.terms),
             encode_naming,
             lambda data: decode_naming(data, problem),
         )
+        # what follows is the same whether naming was done now or before an interruption
+        return replace(naming, problem=naming.problem.rested())
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""

@@ -204,6 +204,16 @@ def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
     assert np.array_equal(again.best.fit.z, stiff.best.fit.z)
 
 
+def test_a_rested_problem_forgets_what_was_simulated(stiff: Naming) -> None:
+    """After naming and read back, rested: the most probable beats are the same bit by bit."""
+    data = json.loads(json.dumps(encode_naming(stiff)))
+    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    one, other = (n.problem.rested() for n in (stiff, again))
+    assert isinstance(one, NetworkProblem) and isinstance(other, NetworkProblem)
+    (X,), (Y,) = one.observe([stiff.best.fit.member]), other.observe([again.best.fit.member])
+    assert X is not None and Y is not None and np.array_equal(X, Y)
+
+
 # --- the residual ----------------------------------------------------------------------------------------------------
 
 
