@@ -22,14 +22,14 @@ import numpy as np
 import typer
 
 from benchmarks.table import Row, best, show
-from fitting.beats import Beats, align
 from fitting.calibrate import Calibration, calibrate
-from fitting.cohort import MODELS, fit_cohort
-from fitting.cohort_file import read_cohort
-from fitting.records import Record, read_record
-from fitting.regression import bootstrap, fit
-from fitting.virtual import measured
-from fitting.virtual_cohort import virtual_cohort, write_cohort
+from fitting.cohort.file import read_cohort
+from fitting.cohort.fits import MODELS, fit_cohort
+from fitting.cohort.virtual import virtual_cohort, write_cohort
+from fitting.records.beats import Beats, align
+from fitting.records.record import Record, read_record
+from fitting.records.virtual import measured
+from fitting.wall import bootstrap, fit
 from solver import load, simulate_periodic
 
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")

@@ -3,8 +3,8 @@
     python benchmarks/hidden_effects.py run    --kind bench --tuning --jobs 2
     python benchmarks/hidden_effects.py report --tuning [--write]
 
-The records come from ``tests/hidden``, which shares no numerical code with the solver; what they hide is known to the
-report only. The plan, the sizes and the seeds are fixed in ``tests/hidden/plan.py``, the thresholds in
+The records come from ``tests/truth``, which shares no numerical code with the solver; what they hide is known to the
+report only. The plan, the sizes and the seeds are fixed in ``tests/truth/plan.py``, the thresholds in
 ``discrepancy/thresholds.py``; the reported seed is not run while they are tuned. One JSON line a record, appended as it
 finishes: a killed run goes on where it was.
 """
@@ -30,7 +30,7 @@ from benchmarks.hidden.report import report as tables
 from benchmarks.hidden.report import write as put
 from benchmarks.hidden.through_fmu import sample, table
 from solver import load
-from tests.hidden.plan import REPORTED_SEED, TUNING_SEED
+from tests.truth.plan import REPORTED_SEED, TUNING_SEED
 
 app = typer.Typer(add_completion=False, help="Records with hidden effects: judge them, and report.")
 

@@ -32,11 +32,11 @@ from rich.progress import Progress
 from rich.table import Table
 from scipy.stats import norm
 
-from fitting.beats import align
-from fitting.errors_in_variables import Loop, solve
-from fitting.records import Record
-from fitting.regression import fit
-from fitting.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.inference.errors_in_variables import Loop, solve
+from fitting.records.beats import align
+from fitting.records.record import Record
+from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.wall import fit
 from fitting.wall_model import PARAMETERS, model
 from solver.files import write_whole
 
@@ -51,7 +51,7 @@ PHI_NL_TARGETS = {"FA": 0.10, "CA": np.inf}  # CA is only reported: its loop har
 
 @dataclass(frozen=True)
 class Case:
-    """How recordings are made: noise, period [s], drift, bits, as :func:`fitting.virtual.measured` has them; sites."""
+    """How recordings are made (:func:`fitting.records.virtual.measured`): noise, period [s], drift, bits; sites."""
 
     dB: float
     T: float = 0.5
@@ -83,7 +83,7 @@ class Accuracy:
 
 
 def series(wall: VirtualWall, T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fourier coefficients of P and R, as :func:`fitting.virtual.pressure_at` takes them."""
+    """Fourier coefficients of P and R, as :func:`fitting.records.virtual.pressure_at` takes them."""
     p = jarvik_pressure(T)
     c = 2.0 * np.fft.rfft(solve_radius(wall, p, T, POINTS), norm="forward")[: POINTS // 2]
     c[0] *= 0.5

@@ -10,7 +10,7 @@ most probable r,
 
     u = P̄ - G(r) - A (r̄ - r),    A = dG/dr,    V = C_PP - A C_RP - C_PR Aᵀ + A C_RR Aᵀ
 
-is whitened by V: errors in variables as in :mod:`fitting.errors_in_variables` (Britt and Luecke 1973), for every effect
+is whitened by V: errors in variables (Britt and Luecke 1973), for every effect
 that a bench can show.
 """
 
@@ -23,9 +23,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular, toeplitz
 
-from fitting import spectral
-from fitting.beats import Beats
-from fitting.regression import mean_loop
+from fitting.records import spectral
+from fitting.records.beats import Beats
+from fitting.wall import mean_loop
 from solver.network import Network
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 

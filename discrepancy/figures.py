@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from fitting.panels import BAND, DASHED, Drawing, by_place, drawing, legend, shown
-from fitting.style import BLACK, BLUE, ORANGE, STYLE, VERMILION
+from fitting.pages.panels import BAND, DASHED, Drawing, by_place, drawing, legend, shown
+from fitting.pages.style import BLACK, BLUE, ORANGE, STYLE, VERMILION
 from solver.layout import Lane, lanes
 from solver.network import Network
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import norm
 
-from fitting.beats import Beats
+from fitting.records.beats import Beats
 from solver.network import Network
 
 from . import thresholds

@@ -1,6 +1,6 @@
 """The network: inlet flow in, P, Q and R at some sites compared, hypotheses refitted by batches of the solver.
 
-The residual is that of :mod:`fitting.network_data`: whitened Fourier coefficients of the mean beats, with the noise of
+The residual is that of :mod:`fitting.records.noise`: whitened Fourier coefficients of the mean beats, with the noise of
 the inflow, which all channels share, and the solver's own error in their covariance. Hypotheses are re-simulated, not
 linearised: each has its own unknowns, and all are members of one batch.
 """
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.beats import Beats
-from fitting.network_data import (
+from fitting.records.beats import Beats
+from fitting.records.noise import (
     MAX_HARMONICS,
     Target,
     harmonics_above_noise,

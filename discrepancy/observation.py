@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.beats import Beats
+from fitting.records.beats import Beats
 
 from .fits import Member
 from .terms import values

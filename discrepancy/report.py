@@ -18,7 +18,7 @@ from .scales import APART, Z
 from .wording import heading, meaning, next_steps
 
 if TYPE_CHECKING:
-    from fitting.panels import Drawing
+    from fitting.pages.panels import Drawing
 
 
 def write_report(outcome: Outcome, folder: Path) -> None:

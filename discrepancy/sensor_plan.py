@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from fitting.beats import Beats
+from fitting.records.beats import Beats
+from fitting.records.virtual import measured
 from fitting.threads import single_threaded
 from fitting.units import INFLOW
-from fitting.virtual import measured
 from solver import simulate_periodic
 from solver.network import Network
 from solver.report import output_variables

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.beats import Beats
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
-from fitting.network_data import mean_beat
+from fitting.records.beats import Beats
+from fitting.records.noise import mean_beat
 from fitting.units import INFLOW
 from solver import Settings, simulate, simulate_periodic
 from solver.network import Inlet, Network, Pressure, Site

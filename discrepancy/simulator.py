@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fitting.network_data import NEIGHBOURS, response
+from fitting.records.noise import NEIGHBOURS, response
 from solver import NonPhysicalState, Settings, simulate_periodic
 from solver.network import Network
 from solver.simulate import Waveforms

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.beats import Beats, align
-from fitting.records import Record
+from fitting.records.beats import Beats, align
+from fitting.records.record import Record
 from fitting.units import INFLOW
 from solver.network import Network
 from solver.report import output_variables

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.network_data import Target
+from fitting.records.noise import Target
 
 from .fits import Fit, bounded_step, bounds, precision
 from .network import NetworkProblem

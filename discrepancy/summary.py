@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from fitting.network_data import mean_beat
 from fitting.provenance import software
-from fitting.records import Record
+from fitting.records.noise import mean_beat
+from fitting.records.record import Record
 from fitting.units import INFLOW
 from solver.effects import BY_NAME
 from solver.network import Network

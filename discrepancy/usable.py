@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fitting.period import find_period
-from fitting.records import Record
+from fitting.records.period import find_period
+from fitting.records.record import Record
 from fitting.units import MMHG
 
 from .study import Study, Unusable

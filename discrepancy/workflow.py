@@ -20,7 +20,7 @@ import numpy as np
 
 from fitting.fmu_run import RunFailed
 from fitting.provenance import software
-from fitting.records import Record, read_record
+from fitting.records.record import Record, read_record
 from fitting.threads import single_threaded
 from fitting.units import INFLOW
 from solver import NonPhysicalState, Settings

@@ -24,8 +24,8 @@ from rich.progress import Progress
 from discrepancy import discover
 from discrepancy.command_tables import effects_table, gap_text
 from discrepancy.observation import transfer
-from fitting.records import write_record
-from fitting.virtual import measured
+from fitting.records.record import write_record
+from fitting.records.virtual import measured
 from solver import Network, Settings, load, simulate_periodic
 from solver.files import write_network
 

@@ -24,10 +24,10 @@ from rich.table import Table
 
 from build_fmu import build
 from fitting.check import CheckReport, check
-from fitting.cohort import fit_cohort, read_cohort
+from fitting.cohort.fits import fit_cohort, read_cohort
+from fitting.cohort.virtual import virtual_cohort, write_cohort
 from fitting.parameter_set import write_set
-from fitting.records import read_record, write_record
-from fitting.virtual_cohort import virtual_cohort, write_cohort
+from fitting.records.record import read_record, write_record
 from solver import Network, load, simulate_periodic
 
 SEED = 1

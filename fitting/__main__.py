@@ -12,14 +12,14 @@ from solver import NonPhysicalState, NotPeriodic
 from solver.console import PACE, bar, say, say_notes, say_written, sentences, show
 from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
 
-from .beats import Beats, align
 from .bench import bench_network
-from .errors_in_variables import NoFit
 from .fmu_run import RunFailed
 from .indices import Estimate, indices, plain
+from .inference.errors_in_variables import NoFit
 from .parameter_set import ParameterSet, read_set, set_format, write_set
-from .records import read_record
-from .regression import WallFit, bootstrap, fit
+from .records.beats import Beats, align
+from .records.record import read_record
+from .wall import WallFit, bootstrap, fit
 from .wall_model import model
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
@@ -104,7 +104,7 @@ def virtual_command(
     quiet: Quiet = False,
 ) -> None:
     """Make a cohort of virtual animals: synthetic records with the paper's mean walls and a stated spread."""
-    from .virtual_cohort import virtual_cohort, write_cohort
+    from .cohort.virtual import virtual_cohort, write_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "making virtual animals")
@@ -122,7 +122,7 @@ def cohort_command(
     quiet: Quiet = False,
 ) -> None:
     """Fit many animals at many sites; means, spread, and the paper's claims tested."""
-    from .cohort import fit_cohort, read_cohort
+    from .cohort.fits import fit_cohort, read_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
@@ -152,7 +152,7 @@ def calibrate_command(
     """Find parameters of a network from a record of it."""
     from .calibrate import calibrate
     from .network_indices import network_indices
-    from .tables import calibration_table, network_indices_table
+    from .pages.tables import calibration_table, network_indices_table
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
@@ -218,8 +218,8 @@ def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFi
 
 
 def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
-    from .figures import loop_figure  # matplotlib takes a second
-    from .style import png
+    from .pages.figures import loop_figure  # matplotlib takes a second
+    from .pages.style import png
 
     return png(loop_figure(fits, beats))
 
@@ -243,7 +243,7 @@ def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> 
 def _show_fit(
     fits: list[WallFit], kept: WallFit, found: dict[str, Estimate], checked: dict[str, tuple[float, float]]
 ) -> None:
-    from .tables import fits_table, indices_table, sensitivity_table
+    from .pages.tables import fits_table, indices_table, sensitivity_table
 
     show(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found))
     if kept.lag[1] == kept.lag[1]:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .beats import Beats
 from .indices import loop_area
-from .spectral import coefficients
+from .records.beats import Beats
+from .records.spectral import coefficients
 from .units import UNITS
 
 Array = np.ndarray

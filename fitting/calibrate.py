@@ -1,6 +1,6 @@
 """Network calibration: parameters of a whole network from a record of its inflow and of P, Q and R at some sites.
 
-Gauss–Newton on the whitened harmonics of :mod:`fitting.network_data`. With the residual z(x), unknowns x counted from
+Gauss–Newton on the whitened harmonics of :mod:`fitting.records.noise`. With the residual z(x), unknowns x counted from
 the network's own values and Gaussian priors of standard deviation s, it minimises
 
     |z(x)|² + Σ (x_i/s_i)²
@@ -24,15 +24,15 @@ from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
 
-from .beats import Beats
-from .identifiability import Determined, determined, sentences
-from .network_data import MAX_HARMONICS, harmonics_above_noise, pulses, solver_error
-from .network_problem import DERIVATIVE_ERROR, Meter, Point, Problem, Progress
+from .inference.identify import Determined, determined, sentences
+from .inference.network import DERIVATIVE_ERROR, Meter, Point, Problem, Progress
+from .inference.unknown import Unknown, parameter_intervals, parameter_values, parse_unknowns, quantile
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
+from .records.beats import Beats
+from .records.noise import MAX_HARMONICS, harmonics_above_noise, pulses, solver_error
 from .threads import single_threaded
 from .units import INFLOW
-from .unknowns import Unknown, parameter_intervals, parameter_values, parse_unknowns, quantile
 
 Array = np.ndarray
 
@@ -46,7 +46,7 @@ _POOLED = 4.0  # degrees of freedom of the noise for each beat but one: neighbou
 
 @dataclass(frozen=True)
 class Calibration:
-    """The result. Covariances are of x (:class:`~fitting.unknowns.Unknown`), data and prior together.
+    """The result. Covariances are of x (:class:`~fitting.inference.unknown.Unknown`), data and prior together.
 
     values, ci95 : SI, by FMU variable name. shrinkage : posterior over prior standard deviation, None without a prior.
     chi2, dof : of the data; where chi2/dof > 1 the data's covariance is multiplied by it. channels : whitened RMS per

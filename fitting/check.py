@@ -24,12 +24,12 @@ import numpy as np
 from solver.files import write_whole
 
 from .agreement import Channel, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
-from .beats import Beats, align
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
-from .records import Record
-from .spectral import coefficients
+from .records.beats import Beats, align
+from .records.record import Record
+from .records.spectral import coefficients
 from .units import INFLOW
 
 Array = np.ndarray
@@ -98,7 +98,7 @@ class CheckReport:
 
         Raises ValueError if the directory cannot be written.
         """
-        from .report import figures, page  # matplotlib takes a second
+        from .pages.check_page import figures, page  # matplotlib takes a second
 
         folder = Path(directory)
         try:

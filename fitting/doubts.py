@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import chi2, norm
 
-from .errors_in_variables import Loop
+from .inference.errors_in_variables import Loop
 from .wall_model import relative_viscosity
 
 if TYPE_CHECKING:
-    from .regression import WallFit
+    from .wall import WallFit
 
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously

@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 import fmpy
 import numpy as np
 
-from .spectral import resample
+from .records.spectral import resample
 from .threads import ENVIRONMENT
 from .units import INFLOW
 

@@ -16,10 +16,10 @@ from scipy.stats import t as t_distribution
 
 from solver.wall import Wall
 
-from .beats import Beats
-from .regression import WallFit, without_lag
-from .spectral import coefficients
+from .records.beats import Beats
+from .records.spectral import coefficients
 from .units import READ
+from .wall import WallFit, without_lag
 
 Array = np.ndarray
 Values = Mapping[str, float]

@@ -8,13 +8,13 @@ from solver import Settings, simulate_periodic
 from solver.mesh import coefficients
 from solver.network import Network
 
-from .beats import Beats
 from .calibrate import Calibration
 from .indices import Estimate, estimates, loop_area, measured_estimate, of_wall
-from .network_data import inflow
-from .network_problem import STEP
+from .inference.network import STEP
+from .inference.unknown import parameter_values
+from .records.beats import Beats
+from .records.noise import inflow
 from .threads import single_threaded
-from .unknowns import parameter_values
 
 Array = np.ndarray
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from fitting.beats import Beats
+from fitting.records.beats import Beats
 from solver import Inlet, Junction, Network, Reflection, Segment, Settings, Site, simulate_periodic
 
 Array = np.ndarray

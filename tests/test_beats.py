@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from fitting.beats import Beats, align
-from fitting.period import find_period
-from fitting.records import Record
+from fitting.records.beats import Beats, align
+from fitting.records.period import find_period
+from fitting.records.record import Record
 
 DT = 1.0 / 200.0
 HARMONICS = 20

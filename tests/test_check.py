@@ -23,8 +23,8 @@ from fitting.bench import LENGTH, bench_network
 from fitting.check import CheckReport, check
 from fitting.fmu_run import RunFailed, fourier
 from fitting.parameter_set import ParameterSet, Value, read_set
-from fitting.records import Record, read_record, write_record
-from fitting.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.records.record import Record, read_record, write_record
+from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import Inlet, Network, Segment, Settings, Site, Windkessel, load, simulate_periodic
 
 Array = np.ndarray
@@ -279,7 +279,7 @@ def test_written_report(tmp_path: Path, report: CheckReport) -> None:
 
 def test_page_escapes(report: CheckReport) -> None:
     """A script in the provenance of the set is text on the page, not markup."""
-    from fitting.report import page
+    from fitting.pages.check_page import page
 
     sources = json.loads(json.dumps(report.sources))
     sources["parameter_set"]["provenance"] = {"source": "<script>alert(1)</script>"}

@@ -11,8 +11,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import minimize
 
-from fitting.cohort import MODELS, Cohort, Summary, fit_cohort, read_cohort
-from fitting.cohort_claims import (
+from fitting.cohort.claims import (
     constant_relaxation_time,
     holm,
     negligible_elastic_bend,
@@ -20,12 +19,13 @@ from fitting.cohort_claims import (
     same_in_both_models,
     same_radius,
 )
-from fitting.figures_cohort import cohort_figures
-from fitting.mixed_model import RandomIntercept, random_intercept
+from fitting.cohort.figures import cohort_figures
+from fitting.cohort.fits import MODELS, Cohort, Summary, fit_cohort, read_cohort
+from fitting.cohort.mixed_model import RandomIntercept, random_intercept
+from fitting.cohort.virtual import VirtualCohort, virtual_cohort, write_cohort
 from fitting.parameter_set import read_set
-from fitting.records import write_record
-from fitting.virtual import table_wall
-from fitting.virtual_cohort import VirtualCohort, virtual_cohort, write_cohort
+from fitting.records.record import write_record
+from fitting.records.virtual import table_wall
 from solver import Network
 
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
@@ -456,7 +456,7 @@ def test_nothing_is_written_if_a_part_cannot_be_made(
     fitted: Cohort, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last figure fails: no folder, no file."""
-    monkeypatch.setattr("fitting.figures_cohort._bend", lambda *_: 1 / 0)
+    monkeypatch.setattr("fitting.cohort.figures._bend", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         fitted.write(tmp_path / "out")
     assert not list(tmp_path.iterdir())

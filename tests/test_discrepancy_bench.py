@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden.anatomy import anatomy
-from hidden.beat import Beat
-from hidden.hide import Effect, parameters
-from hidden.records import Case, Nuisance, hidden_model, make, truth_channels
-from hidden.sensors import pulsatile
-from hidden.shapes import arterial_pressure
+from truth.anatomy import anatomy
+from truth.beat import Beat
+from truth.hide import Effect, parameters
+from truth.records import Case, Nuisance, hidden_model, make, truth_channels
+from truth.sensors import pulsatile
+from truth.shapes import arterial_pressure
 
 from discrepancy.add import estimates
 from discrepancy.bench import Bench, fit
@@ -20,7 +20,7 @@ from discrepancy.name import Naming, quantile
 from discrepancy.observation import resonance_of, transfer
 from discrepancy.study import judge
 from discrepancy.terms import Term, candidates
-from fitting.records import Record
+from fitting.records.record import Record
 from solver import effects
 
 SITE = "CA"

@@ -18,8 +18,8 @@ from discrepancy.__main__ import app
 from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from discrepancy.show import bench_of
-from fitting.records import write_record
-from fitting.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.records.record import write_record
+from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
 from solver.effects import ALL
 from solver.files import write_network

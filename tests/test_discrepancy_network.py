@@ -23,7 +23,7 @@ from discrepancy.network import NetworkProblem, network_problem
 from discrepancy.observation import sense
 from discrepancy.simulator import Simulator
 from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
-from fitting.beats import Beats
+from fitting.records.beats import Beats
 from solver import NonPhysicalState, Settings, effects, simulate_periodic
 from solver.effect import Effect, Values
 from solver.files import dumps, loads

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import NETWORK, SETTINGS, N, T, inflow
-from hidden.hide import Effect
-from hidden.records import Case, Made, make, write
+from truth.hide import Effect
+from truth.records import Case, Made, make, write
 
 from build_fmu import build
 from discrepancy import workflow
@@ -21,8 +21,8 @@ from discrepancy.observation import mean_wander
 from discrepancy.study import Unusable, bench_site, channels, check_scatter, judge, prepare
 from discrepancy.usable import check_beats, check_record, check_waves
 from discrepancy.workflow import discover
-from fitting.beats import Beats
-from fitting.records import Record, write_record
+from fitting.records.beats import Beats
+from fitting.records.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.files import write_network
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from fmpy import read_model_description
-from hidden.hide import Effect
-from hidden.records import Case, Made, make, write
 from scipy.stats import kstest
+from truth.hide import Effect
+from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
 from discrepancy.journal import Journal, decode_naming, decode_run, encode_naming, encode_run
@@ -24,7 +24,7 @@ from discrepancy.source import read_model
 from discrepancy.study import judge
 from discrepancy.summary import Shown, fmu_warnings, global_p
 from discrepancy.workflow import discover
-from fitting.records import Record
+from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
 

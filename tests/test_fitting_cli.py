@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 from build_fmu import build
 from fitting.__main__ import app
-from fitting.figures import loop_figure
+from fitting.pages.figures import loop_figure
 from fitting.parameter_set import read_set, write_set
-from fitting.records import read_record, write_record
-from fitting.regression import fit
-from fitting.spectral import coefficients
-from fitting.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.records.record import read_record, write_record
+from fitting.records.spectral import coefficients
+from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.wall import fit
 from solver import load, read_network, simulate_periodic
 
 T = 0.4724  # s, no whole number of samples
@@ -172,7 +172,7 @@ def test_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: 
 
 def test_loop_figure(folder: Path) -> None:
     """A panel a model and the spectrum, every axis with its unit."""
-    from fitting.beats import align
+    from fitting.records.beats import align
 
     beats = align(read_record(folder / "AA.csv"))
     figure = loop_figure([fit(beats, "AA", WALL.h, name) for name in ("linear", "monotone")], beats)

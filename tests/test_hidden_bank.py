@@ -17,11 +17,11 @@ from benchmarks.hidden import words as w
 from benchmarks.hidden.counts import Share
 from benchmarks.hidden.row import row
 from benchmarks.hidden.tables import calibration_error
-from fitting.records import Record
+from fitting.records.record import Record
 from solver import load
-from tests.hidden.hide import OUTSIDE, Effect
-from tests.hidden.plan import REPORTED, TUNING_SEED, plan
-from tests.hidden.records import Case, make
+from tests.truth.hide import OUTSIDE, Effect
+from tests.truth.plan import REPORTED, TUNING_SEED, plan
+from tests.truth.records import Case, make
 
 Line = dict[str, Any]
 

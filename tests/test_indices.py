@@ -10,11 +10,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fitting.beats import Beats
 from fitting.indices import OF_LAW, Estimate, indices, loop_area, measured_loss
-from fitting.regression import WallFit, fit
+from fitting.records.beats import Beats
+from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from fitting.units import MMHG
-from fitting.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.wall import WallFit, fit
 
 T, N, BEATS = 0.5, 100, 15
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, N, T, clean, inflow, record
 
-from fitting import network_data
-from fitting.beats import Beats
-from fitting.identifiability import determined
-from fitting.unknowns import parameter_values, parse_unknowns
+from fitting.inference.identify import determined
+from fitting.inference.unknown import parameter_values, parse_unknowns
+from fitting.records import noise as network_data
+from fitting.records.beats import Beats
 from solver import Settings, linear, load, simulate_periodic
 
 K = 12

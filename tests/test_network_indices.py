@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, T, clean, record
 
-from fitting.beats import Beats
 from fitting.calibrate import Calibration, calibrate
 from fitting.indices import OF_LAW, Estimate, plain
-from fitting.network_data import inflow
 from fitting.network_indices import indices_at, network_indices
-from fitting.spectral import derivative
-from fitting.tables import network_indices_table
+from fitting.pages.tables import network_indices_table
+from fitting.records.beats import Beats
+from fitting.records.noise import inflow
+from fitting.records.spectral import derivative
 from solver import simulate_periodic
 
 START = NETWORK.with_parameters({f"{s.name}.E": 1.2 * s.E for s in NETWORK.segments})

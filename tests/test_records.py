@@ -13,8 +13,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from fitting.beats import align
-from fitting.records import Record, read_record, write_record
+from fitting.records.beats import align
+from fitting.records.record import Record, read_record, write_record
 
 T, DT, N = 0.5, 0.005, 1000
 TIME = np.arange(N) * DT

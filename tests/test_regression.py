@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from fitting.beats import Beats, align
 from fitting.doubts import COLLINEAR
-from fitting.errors_in_variables import Loop, NoFit, solve
-from fitting.records import Record
-from fitting.regression import WallFit, bootstrap, fit, without_lag
-from fitting.spectral import coefficients, derivative, resample, shift
-from fitting.virtual import (
+from fitting.inference.errors_in_variables import Loop, NoFit, solve
+from fitting.records.beats import Beats, align
+from fitting.records.record import Record
+from fitting.records.spectral import coefficients, derivative, resample, shift
+from fitting.records.virtual import (
     SITES,
     VirtualWall,
     jarvik_pressure,
@@ -27,6 +26,7 @@ from fitting.virtual import (
     solve_radius,
     table_wall,
 )
+from fitting.wall import WallFit, bootstrap, fit, without_lag
 from fitting.wall_model import PARAMETERS, columns, evaluate, model, parameters_of
 
 T, N, BEATS = 0.5, 100, 15

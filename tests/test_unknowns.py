@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.unknowns import parameter_intervals, parameter_values, parse_unknown, parse_unknowns
+from fitting.inference.unknown import parameter_intervals, parameter_values, parse_unknown, parse_unknowns
 from solver import Network, load
 
 

@@ -11,9 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.records import read_record
-from fitting.virtual import SITES, VirtualWall, jarvik_pressure, pressure_at, solve_radii, solve_radius, table_wall
-from fitting.virtual_cohort import Truth, VirtualCohort, VirtualRecording, virtual_cohort, write_cohort
+from fitting.cohort.virtual import Truth, VirtualCohort, VirtualRecording, virtual_cohort, write_cohort
+from fitting.records.record import read_record
+from fitting.records.virtual import (
+    SITES,
+    VirtualWall,
+    jarvik_pressure,
+    pressure_at,
+    solve_radii,
+    solve_radius,
+    table_wall,
+)
 
 # walls of every law; the others leave the quadratic law's range
 WALLS = [

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from tests.hidden.plan import REPORTED, plan
+from tests.truth.plan import REPORTED, plan
 
 from .row import Line, row
 
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 JUDGING = (
     "add", "bench", "fits", "name", "network", "observation", "search", "simulator", "study", "terms", "thresholds",
 )  # fmt: skip
-JUDGED_BY = (*(f"discrepancy/{module}.py" for module in JUDGING), "fitting", "solver", "tests/hidden")
+JUDGED_BY = (*(f"discrepancy/{module}.py" for module in JUDGING), "fitting", "solver", "tests/truth")
 
 
 class NotThisBank(ValueError):

@@ -13,14 +13,14 @@ from discrepancy.add import estimates
 from discrepancy.fits import Fit
 from discrepancy.name import Named, Naming, quantile
 from discrepancy.study import Study, Unusable, judge
-from fitting.records import Record
-from tests.hidden.anatomy import anatomy
-from tests.hidden.bench import NoPeriodicRadius
-from tests.hidden.detect import detect
-from tests.hidden.hide import hide, parameters
-from tests.hidden.network import NoPeriodicFlow
-from tests.hidden.plan import seed_of
-from tests.hidden.records import Case, Made, make
+from fitting.records.record import Record
+from tests.truth.anatomy import anatomy
+from tests.truth.bench import NoPeriodicRadius
+from tests.truth.detect import detect
+from tests.truth.hide import hide, parameters
+from tests.truth.network import NoPeriodicFlow
+from tests.truth.plan import seed_of
+from tests.truth.records import Case, Made, make
 
 from .stlsq import compared
 

@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from fitting import spectral
-from fitting.beats import align
-from fitting.records import Record
+from fitting.records import spectral
+from fitting.records.beats import align
+from fitting.records.record import Record
 from solver.network import Network
-from tests.hidden.records import FITTED, Case
+from tests.truth.records import FITTED, Case
 
 Array = np.ndarray
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from discrepancy.workflow import discover
 from solver import write_network
-from tests.hidden.plan import REPORTED, plan, seed_of
-from tests.hidden.records import Case, make, write
+from tests.truth.plan import REPORTED, plan, seed_of
+from tests.truth.records import Case, make, write
 
 from .bank import read
 from .row import Line

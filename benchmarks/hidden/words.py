@@ -13,7 +13,7 @@ from typing import Any
 
 from fitting.units import INFLOW
 from solver.network import Network
-from tests.hidden.hide import OUTSIDE
+from tests.truth.hide import OUTSIDE
 
 Line = dict[str, Any]
 Where = tuple[str, ...]

@@ -20,9 +20,9 @@ import numpy as np
 from solver import linear
 from solver.network import Network
 
+from ..units import INFLOW
 from .beats import Beats
 from .spectral import coefficients
-from .units import INFLOW
 
 Array = np.ndarray
 

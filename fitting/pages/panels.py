@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from ..units import DISPLAY
 from .style import BLACK, SKY, VERMILION, png
-from .units import DISPLAY
 
 Array = np.ndarray
 

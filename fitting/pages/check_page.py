@@ -11,11 +11,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from .agreement import Channel, LoopArea
-from .check import CheckReport
+from ..agreement import Channel, LoopArea
+from ..check import CheckReport
+from ..units import DISPLAY, READ
 from .panels import BAND, DASHED, MEASURED, SIMULATED, Drawing, by_place, drawing, legend, shown
 from .style import STYLE
-from .units import DISPLAY, READ
 
 
 def figures(report: CheckReport) -> dict[str, Drawing]:

@@ -10,9 +10,9 @@ import numpy as np
 from solver import Settings, simulate_periodic
 from solver.network import Network
 
-from .beats import Beats
-from .network_data import NEIGHBOURS, Target, inflow, response, target
-from .unknowns import Unknown, parameter_values
+from ..records.beats import Beats
+from ..records.noise import NEIGHBOURS, Target, inflow, response, target
+from .unknown import Unknown, parameter_values
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]

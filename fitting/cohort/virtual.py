@@ -18,8 +18,8 @@ import numpy as np
 
 from solver.files import write_whole
 
-from .records import write_record
-from .virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
+from ..records.record import write_record
+from ..records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
 
 Array = np.ndarray
 
@@ -114,7 +114,7 @@ def virtual_cohort(
     sites, correlation 0.8 of their logarithms, so 12.6 % of φ0/E; 1 % of R0, 30 % of φ_NL/φ0, each site by itself;
     h as in Table 1. Every recording has its own period (0.40–0.62 s), mean (10–12 kPa), pulse (3.5–4.5 kPa) and phase.
 
-    dB, drift, bits : sensors, as in :func:`fitting.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
+    dB, drift, bits : sensors, as in :func:`fitting.records.virtual.measured`. rate : [1/s]. ENL : E_NL/E of all walls.
     scale_phi0 : factors on φ0 by site, to break a rule on purpose. exact_means : scale E, φ0, R0 and φ_NL so that their
     means over these animals, not over all that could be, are the paper's; intervals are then wider than they need be.
     Raises ValueError for an unknown site or law, or a number out of its range, before anything is computed.

@@ -1,8 +1,8 @@
 """From the beats of one site to the wall's E, R0, φ0, φ_NL and E_NL, with intervals that can be trusted.
 
-1. The paper's loop over γ gives a filtered radius and, by its regression, the start (:mod:`fitting.spectral`).
+1. The paper's loop over γ gives a filtered radius and, by its regression, the start (:mod:`fitting.records.spectral`).
 2. Errors in variables: the mean beats of P *and* R are noisy, each harmonic with the variance that the scatter between
-   beats shows (:mod:`fitting.errors_in_variables`). This gives the estimate and its covariance.
+   beats shows (:mod:`fitting.inference.errors_in_variables`). This gives the estimate and its covariance.
 3. What a careful reader asks: residual spectrum, condition, the effect of a time lag between the two channels, what
    ignoring the noise of R would have given, and warnings in words.
 """
@@ -20,12 +20,13 @@ from solver.network import Network, Segment
 from solver.quantity import quantities
 from solver.wall import Wall
 
-from . import spectral, wall_model
-from .beats import Beats
+from . import wall_model
 from .doubts import doubts
-from .errors_in_variables import Loop, NoFit, Solution, plain, solve
+from .inference.errors_in_variables import Loop, NoFit, Solution, plain, solve
 from .parameter_set import ParameterSet, Value
 from .provenance import software
+from .records import spectral
+from .records.beats import Beats
 from .threads import single_threaded
 from .wall_model import PARAMETERS, UNITS, WallModel, columns, evaluate, model, parameters_of
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from solver.files import parse_quantity
 
-from .units import INFLOW
+from ..units import INFLOW
 
 Array = np.ndarray
 

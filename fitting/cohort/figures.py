@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from .cohort import Cohort
-from .cohort_claims import Claim
-from .style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMILION
+from ..pages.style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMILION
+from .claims import Claim
+from .fits import Cohort
 
 
 def cohort_figures(cohort: Cohort) -> dict[str, Figure]:

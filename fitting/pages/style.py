@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from solver.files import write_whole
 
-from .units import MMHG as MMHG  # for those who draw
+from ..units import MMHG as MMHG  # for those who draw
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

@@ -12,15 +12,15 @@ import numpy as np
 from rich.console import RenderableType
 from scipy.stats import t as t_distribution
 
-from . import cohort_claims
-from .beats import align
-from .cohort_claims import Cells, Claim
-from .cohort_file import Entry, read_cohort
-from .parameter_set import ParameterSet, Value
-from .provenance import software
-from .records import read_record
-from .regression import WallFit, fit
-from .wall_model import PARAMETERS, UNITS, WallModel, model
+from ..parameter_set import ParameterSet, Value
+from ..provenance import software
+from ..records.beats import align
+from ..records.record import read_record
+from ..wall import WallFit, fit
+from ..wall_model import PARAMETERS, UNITS, WallModel, model
+from . import claims as cohort_claims
+from .claims import Cells, Claim
+from .file import Entry, read_cohort
 
 __all__ = ["Cohort", "Entry", "fit_cohort", "read_cohort"]
 
@@ -205,13 +205,13 @@ class Cohort:
 
     def to_json(self) -> str:
         """All numbers as JSON text in SI; null for what one animal alone cannot tell."""
-        from .cohort_report import to_json
+        from .report import to_json
 
         return to_json(self)
 
     def tables(self) -> list[RenderableType]:
         """What the command line prints: means by site, claims, and what could not be used."""
-        from .cohort_report import tables
+        from .report import tables
 
         return tables(self)
 
@@ -221,7 +221,7 @@ class Cohort:
         The folder is made if it is missing; nothing is written unless everything could be made, and cohort.json comes
         last. Raises ValueError if a file cannot be written.
         """
-        from .cohort_report import write  # matplotlib takes a second
+        from .report import write  # matplotlib takes a second
 
         return write(self, folder)
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
-from .calibrate import Calibration
-from .indices import Estimate
-from .regression import WallFit
-from .units import READ
+from ..calibrate import Calibration
+from ..indices import Estimate
+from ..units import READ
+from ..wall import WallFit
 
 # parameter -> label, factor from SI
 _SHOWN = {

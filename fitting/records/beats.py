@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ..threads import single_threaded
 from .period import FEWEST, Normal, evaluate, find_period, highest
-from .records import Array, Record, require
+from .record import Array, Record, require
 from .spikes import FAR, without_spikes
-from .threads import single_threaded
 from .timing import without_jitter
 
 _MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1

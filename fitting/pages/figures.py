@@ -10,8 +10,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .beats import Beats
-from .regression import WallFit, without_lag
+from ..records.beats import Beats
+from ..wall import WallFit, without_lag
 from .style import BLACK, BLUE, GREEN, MMHG, PURPLE, SKY, STYLE, VERMILION
 
 Array = np.ndarray

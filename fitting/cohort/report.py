@@ -15,12 +15,12 @@ from rich.table import Table
 
 from solver.files import write_whole
 
-from .cohort import QUANTITIES, Cohort, Recording, Summary
-from .cohort_claims import Claim
-from .figures_cohort import cohort_figures
-from .parameter_set import write_set
-from .provenance import software
-from .style import png
+from ..pages.style import png
+from ..parameter_set import write_set
+from ..provenance import software
+from .claims import Claim
+from .figures import cohort_figures
+from .fits import QUANTITIES, Cohort, Recording, Summary
 
 # heading, quantity, factor from SI
 _SHOWN = (

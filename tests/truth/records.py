@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.records import write_record
+from fitting.records.record import write_record
 from solver import Network, load
 
 from .anatomy import Anatomy, anatomy

@@ -19,8 +19,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular, toeplitz
 
-from . import spectral
-from .wall_model import Evaluated, Values, WallModel, evaluate
+from ..records import spectral
+from ..wall_model import Evaluated, Values, WallModel, evaluate
 
 Array = np.ndarray
 

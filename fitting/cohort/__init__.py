@@ -1,0 +1,1 @@
+"""Many animals: walls fitted one by one, and what they say together."""

@@ -1,0 +1,1 @@
+"""From data to numbers: unknowns with priors, forward models, searches, fits with intervals, what data determine."""

@@ -1,0 +1,1 @@
+"""What was measured: recordings, their beats, and the noise of both."""
