@@ -9,20 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from fitting.inference.unknown import Estimate
 from solver.network import Network
 
 Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "unknown", "unusable")
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter's value with unit and 95 % interval, all in SI."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)

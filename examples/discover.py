@@ -23,7 +23,7 @@ from rich.progress import Progress
 
 from discrepancy import discover
 from discrepancy.command_tables import effects_table, gap_text
-from discrepancy.observation import transfer
+from fitting.inference.observation import transfer
 from fitting.records.record import write_record
 from fitting.records.virtual import measured
 from solver import Network, Settings, load, simulate_periodic

@@ -13,13 +13,14 @@ from truth.records import Case, Nuisance, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy.add import estimates
-from discrepancy.bench import Bench, fit
-from discrepancy.fits import Fit
 from discrepancy.name import Naming, quantile
-from discrepancy.observation import resonance_of, transfer
 from discrepancy.study import judge
-from discrepancy.terms import Term, candidates
+from fitting.inference.added import estimates
+from fitting.inference.bench import Bench, fit
+from fitting.inference.fit import Fit
+from fitting.inference.loop import Loop
+from fitting.inference.observation import resonance_of, transfer
+from fitting.inference.terms import Term, candidates
 from fitting.records.record import Record
 from solver import effects
 
@@ -37,7 +38,7 @@ def noise_free(case: Case, nuisance: Nuisance, dB: float = 80.0) -> tuple[Bench,
     noise = np.zeros((BEAT.samples // 2 + 1, 2, 2))
     for i, x in enumerate((P, R)):
         noise[:, i, i] = (10.0 ** (-dB / 20.0) * x.std()) ** 2 / BEAT.samples / 15.0
-    problem = Bench(case.network(), SITE, BEAT.T, P, R, noise, 30, 15)
+    problem = Bench(case.network(), SITE, Loop(P, R, BEAT.T, noise), 30, 15)
     truth: dict[str, float] = {}
     for effect in case.effects:
         if effect.name == "channel_offset":
@@ -128,9 +129,7 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
     (unknown,) = term.unknowns
     size = next(iter(truth.values())) / unknown.size if x is None else x
     empty = np.zeros(0)
-    at = Fit(
-        (term,), (*problem.nuisances(), unknown), np.array([0.0, 0.0, 0.0, size]), empty, empty, empty, empty, empty
-    )
+    at = Fit((term,), problem.hypothesis((term,)), np.array([0.0, 0.0, 0.0, size]), empty, empty, empty, empty)
     ((hidden, _),) = problem.predict([replace(at, x=np.zeros(4))])
     assert hidden > 1e4
     assert problem.predict([at])[0][0] <= 1e-6

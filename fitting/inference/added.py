@@ -1,4 +1,4 @@
-"""Add the missing effect: the network with the new term and the refitted nuisances, and the measurement chain."""
+"""A fit as a network: its terms at their fitted sizes, the nuisances refitted, and estimates of what was added."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver.effects import BY_NAME
+from solver.coordinate import SCALE
 from solver.network import Channel, Network
 
-from .fits import Fit
+from .fit import Fit
 from .observation import resonance_of
-from .outcome import Estimate, NamedEffect
-from .terms import SCALE, Term, Unknown, rewired, values
+from .terms import Term, rewired
+from .unknown import Estimate, Unknown, interval, parameter_values, values
 
 Array = np.ndarray
 
@@ -23,10 +23,8 @@ def extended(network: Network, fit: Fit) -> Network:
     """The network of a hypothesis: its terms at their fitted sizes, the nuisances refitted, its sensors described."""
     for term in fit.terms:
         network = rewired(network, term)
-    nominal, known = network.parameters(), network.parameter_quantities()
-    moved = values(fit.unknowns, fit.x, nominal)
-    physical = {n: float(np.clip(v, known[n].low, known[n].high)) for n, v in moved.items() if n in nominal}
-    network = network.with_parameters(physical)
+    moved = parameter_values(fit.unknowns, network, fit.x)
+    network = network.with_parameters({name: float(value) for name, value in moved.items()})
     channels = {channel.name: dict(channel.terms) for channel in network.channels}
     for term in fit.terms:
         if term.is_sensor:
@@ -46,17 +44,11 @@ def allowed(network: Network, fit: Fit) -> bool:
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect: lag, gain, offset, or f_n and ζ."""
     x = np.array([fit.x[[u.name for u in fit.unknowns].index(u.name)] for u in term.unknowns])
-    moved = {n.rpartition(".")[2]: float(v) for n, v in values(term.unknowns, x, {f"{term.place}.gain": 1.0}).items()}
+    moved = {n.rpartition(".")[2]: float(v) for n, v in values(term.unknowns, x, {}).items()}
     if term.effect == "catheter_resonance":
         f_n, zeta = resonance_of(moved["slow"], moved["resonance"])
         return {"f_n": f_n, "zeta": zeta}
     return moved
-
-
-def named(network: Network, fit: Fit, term: Term, confidence: float, quantile: float) -> NamedEffect:
-    """The term as verdict.json has it."""
-    found = estimates(network, fit, term, quantile)
-    return NamedEffect(term.effect, term.where, found, confidence, BY_NAME[term.effect].equation)
 
 
 def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
@@ -70,7 +62,12 @@ def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[s
     whole = network
     for each in fit.terms:
         whole = rewired(whole, each)
-    found = {v: _variable(whole, fit, v, quantile) for u in term.unknowns for v, _ in u.moves}
+    nominal, known = whole.parameters(), whole.parameter_quantities()
+    found = {
+        v: interval(fit.unknowns, v, nominal[v], known[v], fit.x, fit.covariance, quantile)
+        for u in term.unknowns
+        for v in u.variables
+    }
     if term.place != "all":
         return found
     (unknown,) = term.unknowns
@@ -81,24 +78,6 @@ def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[s
         return {unknown.name: _ratio(fit, unknown, quantile)} if same else found
     first, *others = found.values()
     return {unknown.name: first} if all(other == first for other in others) else found
-
-
-def _variable(network: Network, fit: Fit, variable: str, quantile: float) -> Estimate:
-    """A parameter of the extended network; its interval by the derivatives of all unknowns that move it, of its
-    logarithm where they only scale it."""
-    nominal, q = network.parameters()[variable], network.parameter_quantities()[variable]
-    steps = np.array([dict(u.moves).get(variable, 0.0) for u in fit.unknowns])
-    scales = np.array([u.kind == SCALE for u in fit.unknowns])
-    scaled = nominal * np.exp(steps[scales] @ fit.x[scales])
-    value = scaled + steps[~scales] @ fit.x[~scales]
-    slope = np.where(scales, steps * scaled, steps)
-    half = quantile * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
-    if steps[~scales].any() or nominal == 0.0:
-        ends = (value - half, value, value + half)
-    else:
-        ends = (value * np.exp(-half / abs(value)), value, value * np.exp(half / abs(value)))
-    low, value, high = (float(v) for v in np.clip(ends, q.low, q.high))
-    return Estimate(value, q.unit, (low, high))
 
 
 def _of_sensor(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:

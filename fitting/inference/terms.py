@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver import effects
+from solver.coordinate import SCALE, SHIFT
 from solver.network import Network, Reflection, Resistance, Windkessel
 from solver.quantity import Quantity
 
-from .outcome import Estimate
+from .unknown import Unknown
 
 Array = np.ndarray
 
@@ -50,33 +51,7 @@ TYPICAL: Mapping[str, float] = {
     "resonance": 1e-4,
 }
 _OFFSET: Mapping[str, float] = {"P": 400.0, "Q": 1e-6, "R": 1e-4}
-SHIFT, SCALE = "shift", "scale"
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """One number x. moves : (variable, step) pairs. low, high : the x that allowed ranges leave.
-
-    ratio : the modulus that its value is reported relative to ("E" for φ0/E), or None.
-    """
-
-    name: str
-    kind: str
-    moves: tuple[tuple[str, float], ...]
-    low: float
-    high: float
-    unit: str = "1"
-    size: float = 1.0  # of the reported value: value = size x (shift) or nominal exp(size x) (scale)
-    nominal: float = 0.0
-    ratio: str | None = None
-
-    def estimate(self, x: float, sd: float, quantile: float) -> Estimate:
-        """The value with its interval in the unit that is reported."""
-        ends = np.clip([x - quantile * sd, x, x + quantile * sd], self.low, self.high)
-        scaled = self.size * ends
-        values = self.nominal * np.exp(scaled) if self.kind == SCALE else self.nominal + scaled
-        low, value, high = (float(v) for v in values)
-        return Estimate(value, self.unit, (low, high))
+PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
 
 
 @dataclass(frozen=True)
@@ -108,18 +83,6 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
     """Whether a term can act beside others: an outlet that one of them rewires no longer has what this one moves."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
     return not any(variable.startswith(gone) for u in term.unknowns for variable, _ in u.moves)
-
-
-def values(unknowns: Sequence[Unknown], x: Array, nominal: Mapping[str, float]) -> dict[str, Array]:
-    """Values [SI] of all variables that move; x : (…, p) gives arrays (…,). Scales multiply, shifts add."""
-    scale: dict[str, Array] = {}
-    shift: dict[str, Array] = {}
-    for i, unknown in enumerate(unknowns):
-        into = scale if unknown.kind == SCALE else shift
-        for variable, step in unknown.moves:
-            into[variable] = into.get(variable, 0.0) + step * x[..., i]
-    names = dict.fromkeys([*scale, *shift])
-    return {n: nominal.get(n, 0.0) * np.exp(scale.get(n, 0.0)) + shift.get(n, 0.0) for n in names}
 
 
 def _wall_step(network: Network, segment: str, key: str, size: float) -> float:
@@ -154,7 +117,7 @@ def _bounded(name: str, kind: str, moves: Sequence[tuple[str, float]], network: 
             high = min(high, math.log(quantity.high / start) / step)
         else:
             low, high = max(low, (quantity.low - start) / step), min(high, (quantity.high - start) / step)
-    return Unknown(name, kind, tuple(moves), low, high, unit, size, nominal)
+    return Unknown(name, kind, tuple(moves), low, high, unit, size, nominal, prior_sd=PRIOR_WIDTH)
 
 
 # where the data bend between no effect and a strong one, a search from zero may end in a side valley
@@ -221,7 +184,7 @@ def _windkessel(network: Network, place: str) -> Term | None:
     units = effects.BY_NAME["terminal_compliance"].quantities
     unknowns = tuple(
         Unknown(f"{place}.outlet.{key}", SCALE, ((f"{place}.outlet.{key}", step),), -6.0 / step, 6.0 / step,
-                units[key].unit, step, value)
+                units[key].unit, step, value, prior_sd=PRIOR_WIDTH)
         for (key, value), step in zip(start.items(), (0.3, 0.7, 0.3), strict=True)
     )  # fmt: skip
     return Term("terminal_compliance", place, (place,), unknowns)
@@ -245,15 +208,15 @@ def sensor_terms(channel: str, bench: bool = False) -> tuple[Term, ...]:
     kind = channel.rpartition(".")[2]
     unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[kind]
     lag = Unknown(f"{channel}.lag", SHIFT, ((f"{channel}.lag", TYPICAL["lag"]),),
-                  0.0 if bench else -30.0, 30.0, "s", TYPICAL["lag"])  # fmt: skip
+                  0.0 if bench else -30.0, 30.0, "s", TYPICAL["lag"], prior_sd=PRIOR_WIDTH)  # fmt: skip
     gain = Unknown(f"{channel}.gain", SCALE, ((f"{channel}.gain", TYPICAL["gain"]),),
-                   -30.0, 30.0, "1", TYPICAL["gain"], 1.0)  # fmt: skip
+                   -30.0, 30.0, "1", TYPICAL["gain"], 1.0, prior_sd=PRIOR_WIDTH)  # fmt: skip
     offset = Unknown(f"{channel}.offset", SHIFT, ((f"{channel}.offset", _OFFSET[kind]),),
-                     -1e3, 1e3, unit, _OFFSET[kind])  # fmt: skip
+                     -1e3, 1e3, unit, _OFFSET[kind], prior_sd=PRIOR_WIDTH)  # fmt: skip
     slow = Unknown(f"{channel}.slow", SHIFT, ((f"{channel}.slow", TYPICAL["slow"]),), 0.0, 100.0, "s",
-                   TYPICAL["slow"])  # fmt: skip
+                   TYPICAL["slow"], prior_sd=PRIOR_WIDTH)  # fmt: skip
     ringing = Unknown(f"{channel}.resonance", SHIFT, ((f"{channel}.resonance", TYPICAL["resonance"]),), 0.0, 300.0,
-                      "s^2", TYPICAL["resonance"])  # fmt: skip
+                      "s^2", TYPICAL["resonance"], prior_sd=PRIOR_WIDTH)  # fmt: skip
     found = (("channel_lag", (lag,)), ("channel_gain", (gain,)), ("channel_offset", (offset,)),
              ("catheter_resonance", (slow, ringing)))  # fmt: skip
     return tuple(

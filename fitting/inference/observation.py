@@ -5,19 +5,19 @@ The catalogue's f_n and ζ run away where a sensor is perfect; a = 2ζ/ω_n (slo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fitting.records.beats import Beats
-
-from .fits import Member
-from .terms import values
+from ..records.beats import Beats
+from .fit import Member
+from .unknown import values
 
 Array = np.ndarray
+Number = float | Array
 
 
-def transfer(omega: Array, lag: float, gain: float, slow: float, resonance: float) -> Array:
+def transfer(omega: Array, lag: Number, gain: Number, slow: Number, resonance: Number) -> Array:
     """g e^{-iω lag} / (1 + iω a - ω² b): a = 2ζ/ω_n (slow) [s], b = 1/ω_n² (resonance) [s²]; 1 where all is perfect."""
     return np.asarray(gain * np.exp(-1j * omega * lag) / (1.0 + 1j * omega * slow - omega**2 * resonance))
 
@@ -28,17 +28,31 @@ def resonance_of(slow: float, resonance: float) -> tuple[float, float]:
     return 1.0 / (2.0 * np.pi * np.sqrt(b)), slow / (2.0 * np.sqrt(b))
 
 
-def sense(member: Member, names: Sequence[str], X: Array, T: float) -> Array:
-    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m)."""
+def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:
+    """Transfer function (…, n) of a measurement chain at omega : (n,), and its offset (…, 1).
+
+    moved : values (…,) of the search's numbers by name; absent ones are neutral.
+    """
+    own = {
+        key: np.asarray(moved.get(f"{channel}.{key}", 0.0))[..., None] for key in ("lag", "slow", "resonance", "offset")
+    }
+    gain = np.asarray(moved.get(f"{channel}.gain", 1.0))[..., None]
+    return transfer(omega, own["lag"], gain, own["slow"], own["resonance"]), own["offset"]
+
+
+def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool = True) -> Array:
+    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m).
+
+    means : with their offsets.
+    """
     if not any(term.is_sensor for term in member.terms):
         return X
-    moved = values(member.unknowns, member.x, {f"{name}.gain": 1.0 for name in names})
+    moved = values(member.unknowns, member.x, {})
     omega, X = 2.0 * np.pi / T * np.arange(len(X)), X.copy()
     for i, name in enumerate(names):
-        own = {key: float(moved.get(f"{name}.{key}", 0.0)) for key in ("lag", "slow", "resonance")}
-        gain = float(moved.get(f"{name}.gain", 1.0))
-        X[:, i] *= transfer(omega, own["lag"], gain, own["slow"], own["resonance"])
-        X[0, i] += float(moved.get(f"{name}.offset", 0.0))
+        H, offset = chain(moved, name, omega)
+        X[:, i] *= H
+        X[0, i] += float(offset[0]) * means
     return X
 
 
