@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .effects import neutral_value
+from .catalogue import neutral_value
 from .mesh import Parameters, coefficients
 from .network import Network
 from .wall import Wall
@@ -22,12 +22,13 @@ Array = np.ndarray
 def wall_of(network: Network, segment: str, parameters: Parameters | None = None) -> Wall:
     """The wall at the middle of a segment : arrays (B, 1), for parameters as :func:`solver.simulate` takes them.
 
-    Raises ValueError for parameters that are not allowed, or where there is no such segment.
+    They are not checked: a search may pass through what no network may have. Raises ValueError where there is no such
+    segment.
     """
     names = [s.name for s in network.segments]
     if segment not in names:
         raise ValueError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
-    return coefficients(network, parameters).wall_at(np.array([names.index(segment)]), np.array([0.5]))
+    return coefficients(network, parameters, checked=False).wall_at(np.array([names.index(segment)]), np.array([0.5]))
 
 
 def pressure(wall: Wall, R: Array, R_t: Array, T: float) -> Array:

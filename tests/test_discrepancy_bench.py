@@ -19,10 +19,11 @@ from fitting.inference.added import estimates
 from fitting.inference.bench import Bench, fit
 from fitting.inference.fit import Fit
 from fitting.inference.loop import Loop
-from fitting.inference.observation import resonance_of, transfer
+from fitting.inference.observation import chain
 from fitting.inference.terms import Term, candidates
 from fitting.records.record import Record
-from solver import effects
+from solver import catalogue
+from solver.sensors import CatheterResonance
 
 SITE = "CA"
 BEAT = Beat(0.5, 40, 128)
@@ -139,18 +140,26 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
 @pytest.mark.parametrize("f_n", [8.0, 40.0])
 @pytest.mark.parametrize("zeta", [0.1, 1.5])
 def test_transfer_is_that_of_the_catalogue(f_n: float, zeta: float) -> None:
-    """g e^{-iω lag} / (1 + iωa - ω²b), a = 2ζ/ω_n, b = 1/ω_n², against effects.observe; and f_n, ζ back: round-off."""
+    """g e^{-iω lag} / (1 + iωa - ω²b), a = 2ζ/ω_n, b = 1/ω_n², against catalogue.observe; f_n, ζ back: round-off."""
     omega = 2.0 * np.pi / 0.5 * np.arange(30)
     natural = 2.0 * np.pi * f_n
-    found = transfer(omega, 2e-3, 1.1, 2.0 * zeta / natural, natural**-2.0)
+    second = {"slow": 2.0 * zeta / natural, "resonance": natural**-2.0}
+    searched = {"lag": 2e-3, "gain": 1.1, **second}
+    found, offset = chain({f"CA.P.{key}": np.array(value) for key, value in searched.items()}, "CA.P", omega)
     terms = {"lag": 2e-3, "gain": 1.1, "f_n": f_n, "zeta": zeta}
-    np.testing.assert_allclose(found, effects.observe(terms, np.ones(30, complex), omega), rtol=1e-13)
-    assert resonance_of(2.0 * zeta / natural, natural**-2.0) == pytest.approx((f_n, zeta), rel=1e-13)
+    np.testing.assert_allclose(found, catalogue.observe(terms, np.ones(30, complex), omega), rtol=1e-13)
+    told = CatheterResonance().as_terms(second)
+    assert (told["f_n"], told["zeta"]) == pytest.approx((f_n, zeta), rel=1e-13)
+    assert offset == 0.0
 
 
 def test_a_perfect_chain_is_one() -> None:
     """No lag, no gain, no resonance: exactly 1, so that a hypothesis without sensors is bit-identical."""
-    assert np.all(transfer(np.arange(5.0), 0.0, 1.0, 0.0, 0.0) == 1.0)
+    neutral = {"lag": 0.0, "gain": 1.0, "slow": 0.0, "resonance": 0.0, "offset": 0.0}
+    perfect = {f"CA.R.{key}": np.array(value) for key, value in neutral.items()}
+    for moved in ({}, perfect):
+        H, offset = chain(moved, "CA.R", np.arange(5.0))
+        assert np.all(H == 1.0) and offset == 0.0
 
 
 # --- what it names ---------------------------------------------------------------------------------------------------

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from solver.coordinate import SCALE
+from solver.effect import ALL_PLACES
 from solver.network import Channel, Network
+from solver.sensors import Sensor
 
 from .fit import Fit
-from .observation import resonance_of
-from .terms import Term, rewired
+from .terms import Term, effect_of, rewired
 from .unknown import Estimate, Unknown, interval, parameter_values, values
 
 Array = np.ndarray
@@ -21,8 +23,7 @@ _SAME = 1e-9  # relative difference of ratios that are the same
 
 def extended(network: Network, fit: Fit) -> Network:
     """The network of a hypothesis: its terms at their fitted sizes, the nuisances refitted, its sensors described."""
-    for term in fit.terms:
-        network = rewired(network, term)
+    network = rewired(network, fit.terms)
     moved = parameter_values(fit.unknowns, network, fit.x)
     network = network.with_parameters({name: float(value) for name, value in moved.items()})
     channels = {channel.name: dict(channel.terms) for channel in network.channels}
@@ -42,13 +43,16 @@ def allowed(network: Network, fit: Fit) -> bool:
 
 
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
-    """The catalogue's parameters of a channel's effect: lag, gain, offset, or f_n and ζ."""
+    """The catalogue's parameters of a channel's effect."""
     x = np.array([fit.x[[u.name for u in fit.unknowns].index(u.name)] for u in term.unknowns])
-    moved = {n.rpartition(".")[2]: float(v) for n, v in values(term.unknowns, x, {}).items()}
-    if term.effect == "catheter_resonance":
-        f_n, zeta = resonance_of(moved["slow"], moved["resonance"])
-        return {"f_n": f_n, "zeta": zeta}
-    return moved
+    moved = values(term.unknowns, x, {})
+    return _sensor(term).as_terms({name.rpartition(".")[2]: float(value) for name, value in moved.items()})
+
+
+def _sensor(term: Term) -> Sensor:
+    effect = effect_of(term)
+    assert isinstance(effect, Sensor)
+    return effect
 
 
 def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
@@ -59,41 +63,43 @@ def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[s
     """
     if term.is_sensor:
         return _of_sensor(fit, term, quantile)
-    whole = network
-    for each in fit.terms:
-        whole = rewired(whole, each)
+    whole = rewired(network, fit.terms)
     nominal, known = whole.parameters(), whole.parameter_quantities()
-    found = {
-        v: interval(fit.unknowns, v, nominal[v], known[v], fit.x, fit.covariance, quantile)
-        for u in term.unknowns
-        for v in u.variables
-    }
-    if term.place != "all":
-        return found
-    (unknown,) = term.unknowns
-    if unknown.ratio is not None:
-        now = extended(network, fit).parameters()
-        ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
-        same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
-        return {unknown.name: _ratio(fit, unknown, quantile)} if same else found
-    first, *others = found.values()
-    return {unknown.name: first} if all(other == first for other in others) else found
+    found: dict[str, Estimate] = {}
+    for unknown in term.unknowns:
+        of = {
+            v: interval(fit.unknowns, v, nominal[v], known[v], fit.x, fit.covariance, quantile)
+            for v in unknown.variables
+        }
+        found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, quantile)
+    return found
+
+
+def _everywhere(
+    network: Network, fit: Fit, unknown: Unknown, found: dict[str, Estimate], quantile: float
+) -> dict[str, Estimate]:
+    """One number where it is the same everywhere, else ``found``, one by one."""
+    if unknown.ratio is None:
+        first, *others = found.values()
+        return {unknown.name: first} if all(other == first for other in others) else found
+    now = extended(network, fit).parameters()
+    ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
+    same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
+    return {unknown.name: _ratio(fit, unknown, quantile)} if same else found
 
 
 def _of_sensor(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
-    """Those of a measurement chain; of a resonance they follow from its two coefficients, by the corners of their
-    intervals."""
-    names, sd = [u.name for u in fit.unknowns], np.sqrt(np.diag(fit.covariance))
-    at = {u.name: names.index(u.name) for u in term.unknowns}
-    plain = {u.name: u.estimate(float(fit.x[at[u.name]]), float(sd[at[u.name]]), quantile) for u in term.unknowns}
-    if term.effect != "catheter_resonance":
-        return plain
-    slow, ringing = plain[f"{term.place}.slow"], plain[f"{term.place}.resonance"]
-    corners = np.array([resonance_of(a, b) for a in slow.ci95 for b in ringing.ci95])
-    value = resonance_of(slow.value, ringing.value)
+    """Those of a measurement chain, by the corners of the intervals of what was searched."""
+    names, sd, sensor = [u.name for u in fit.unknowns], np.sqrt(np.diag(fit.covariance)), _sensor(term)
+    at = [names.index(u.name) for u in term.unknowns]
+    keys = [u.name.rpartition(".")[2] for u in term.unknowns]
+    told = [u.estimate(float(fit.x[i]), float(sd[i]), quantile) for u, i in zip(term.unknowns, at, strict=True)]
+    units = {key: q.unit for key, q in sensor.terms.items()} | {k: e.unit for k, e in zip(keys, told, strict=True)}
+    value = sensor.as_terms(dict(zip(keys, (e.value for e in told), strict=True)))
+    corners = [sensor.as_terms(dict(zip(keys, ends, strict=True))) for ends in product(*(e.ci95 for e in told))]
     return {
-        f"{term.place}.{key}": Estimate(float(value[i]), unit, (float(corners[:, i].min()), float(corners[:, i].max())))
-        for i, (key, unit) in enumerate((("f_n", "Hz"), ("zeta", "1")))
+        f"{term.place}.{key}": Estimate(x, units[key], (min(c[key] for c in corners), max(c[key] for c in corners)))
+        for key, x in value.items()
     }
 
 
@@ -102,7 +108,7 @@ def _ratio(fit: Fit, unknown: Unknown, quantile: float) -> Estimate:
     names = [u.name for u in fit.unknowns]
     slope, i = np.zeros(len(names)), names.index(unknown.name)
     nuisance = {u.name: (j, u.size) for j, u in enumerate(fit.unknowns) if j != i and u.kind == SCALE}
-    reference, step = nuisance.get(f"all.{unknown.ratio}", (i, 0.0))
+    reference, step = nuisance.get(f"{ALL_PLACES}.{unknown.ratio}", (i, 0.0))
     if unknown.kind == SCALE:  # of the same modulus as the nuisance of that name
         own, own_step = nuisance.get(unknown.name, (i, 0.0))
         value = unknown.nominal * np.exp(unknown.size * fit.x[i] + own_step * fit.x[own] - step * fit.x[reference])

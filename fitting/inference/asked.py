@@ -1,8 +1,8 @@
 """The text of an unknown, as a calibration is asked for it: "all.E", "CA+FA.outlet.R_t:none", "CA.phi0:0.1".
 
 A number that cannot be negative is scaled, x being its logarithm; one that may change sign is shifted in its own unit
-(R_t, P_venous), but phiNL in s, as phiNL/phi0, and ENL as ENL/E, both at the network's own phi0 and E: that is how the
-paper compares segments.
+(R_t, P_venous), or as the ratio to what it is counted relative to (phiNL/phi0 in s, ENL/E) at the network's own values:
+that is how the paper compares segments. Priors are the spread between animals that quantities state.
 """
 
 from __future__ import annotations
@@ -11,17 +11,12 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
+from solver import effects
 from solver.coordinate import SCALE, SHIFT
 from solver.network import Network
+from solver.quantity import Quantity
 
 from .unknown import Unknown
-
-# Standard deviations of x (ours; the paper gives no spread between animals): 20 % on E and phi0, 1 % on R0,
-# 30 % on phiNL/phi0 (of 1 s where that is smaller), 0.2 on R_t. All others 30 %: of the value, or of the quantity's
-# typical size where it may change sign.
-PRIOR_SD: Mapping[str, float] = {"E": 0.2, "phi0": 0.2, "R0": 0.01, "R_t": 0.2}
-_OTHER_SD = 0.3
-_RATIOS: Mapping[str, tuple[str, str]] = {"phiNL": ("phi0", "s"), "ENL": ("E", "1")}  # shifted as a ratio to these
 
 
 def parse_unknown(text: str, network: Network) -> Unknown:
@@ -42,13 +37,11 @@ def parse_unknown(text: str, network: Network) -> Unknown:
     nominal = network.parameters()
     quantity = known[names[0]]
     shift = quantity.low < 0.0
-    last = key.rpartition(".")[2]
-    steps, unit = _steps(names, last, nominal, quantity.unit) if shift else ((1.0,) * len(names), "1")
-    typical = PRIOR_SD.get(last, _OTHER_SD)
-    if last == "phiNL":
-        typical *= max(1.0, *(abs(nominal[each] / step) for each, step in zip(names, steps, strict=True)))
-    elif shift and last not in PRIOR_SD and last not in _RATIOS:
-        typical *= quantity.nominal
+    steps, unit = _steps(names, quantity, nominal) if shift else ((1.0,) * len(names), "1")
+    typical = quantity.spread
+    if shift:  # 30 % of what such a number is, or of one unit of a ratio where that is smaller
+        ratios = [abs(nominal[each] / step) for each, step in zip(names, steps, strict=True)]
+        typical *= quantity.nominal if quantity.ratio_to is None else max(1.0, *ratios)
     ends = [
         _range(each, nominal[each], step, known[each].low, known[each].high, shift)
         for each, step in zip(names, steps, strict=True)
@@ -103,11 +96,12 @@ def _prior(name: str, text: str) -> float | None:
     return sd
 
 
-def _steps(names: Sequence[str], key: str, nominal: Mapping[str, float], unit: str) -> tuple[tuple[float, ...], str]:
+def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float]) -> tuple[tuple[float, ...], str]:
     """Change of each shifted parameter per unit of x, and the unit of x."""
-    if key not in _RATIOS:
-        return (1.0,) * len(names), unit
-    reference, unit = _RATIOS[key]
+    key, reference = names[0].rpartition(".")[2], quantity.ratio_to
+    if reference is None:
+        return (1.0,) * len(names), quantity.unit
+    unit = next(effect.relative[key][1] for effect in effects.ALL if key in effect.relative)
     steps = tuple(nominal[f"{name.rpartition('.')[0]}.{reference}"] for name in names)
     for name, step in zip(names, steps, strict=True):
         if step == 0.0:

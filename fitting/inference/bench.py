@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from solver import loop as law
-from solver.effects import neutral_value, terms_of
+from solver.catalogue import neutral_value, terms_of
 from solver.network import Network
 
 from ..bench import on_bench

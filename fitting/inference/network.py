@@ -7,7 +7,7 @@ linearised: each has its own unknowns, and all are members of one batch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,14 +144,8 @@ class NetworkProblem:
         """Unknowns of a hypothesis: nuisances, then those of its terms."""
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
-        nuisance = [u for u in nuisances(self._rewired(terms)) if not set(u.variables) <= mine]
+        nuisance = [u for u in nuisances(rewired(self.network, terms)) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
-
-    def _rewired(self, terms: Iterable[Term]) -> Network:
-        network = self.network
-        for term in terms:
-            network = rewired(network, term)
-        return network
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
@@ -174,7 +168,7 @@ class NetworkProblem:
         ]
 
     def _batch(self, key: str, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-        network = self._rewired({t.label: t for member in members for t in member.terms}.values())
+        network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
         nominal = network.parameters()
         moved = [parameter_values(m.unknowns, network, m.x) for m in members]
         names = dict.fromkeys(name for each in moved for name in each)
@@ -324,7 +318,7 @@ class NetworkProblem:
 
     def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
-        network = self._rewired(fit.terms)
+        network = rewired(self.network, fit.terms)
         at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
         H = linear_response(network, self.names, self.simulator.T, self.K, at)
         H = sense(fit.member, self.names, H, self.simulator.T, means=False)
@@ -354,7 +348,7 @@ class NetworkProblem:
 
 def _group(terms: Sequence[Term]) -> str:
     """Hypotheses that share a mesh and outlets run in one batch."""
-    own = [t.label if t.rewires else "stenosis" for t in terms if t.rewires or t.effect == "stenosis"]
+    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
     return " ".join(sorted(set(own)))
 
 

@@ -1,7 +1,4 @@
-"""The measurement chain in the form that a search can follow: gain, lag and the two coefficients of a second order.
-
-The catalogue's f_n and ζ run away where a sensor is perfect; a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance) are 0 there.
-"""
+"""What the measurement chains of a hypothesis show of the true channels, in the numbers that a search can follow."""
 
 from __future__ import annotations
 
@@ -9,35 +6,27 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from solver import effects
+from solver.sensors import Sensor
+
 from ..records.beats import Beats
 from .fit import Member
 from .unknown import values
 
 Array = np.ndarray
-Number = float | Array
-
-
-def transfer(omega: Array, lag: Number, gain: Number, slow: Number, resonance: Number) -> Array:
-    """g e^{-iω lag} / (1 + iω a - ω² b): a = 2ζ/ω_n (slow) [s], b = 1/ω_n² (resonance) [s²]; 1 where all is perfect."""
-    return np.asarray(gain * np.exp(-1j * omega * lag) / (1.0 + 1j * omega * slow - omega**2 * resonance))
-
-
-def resonance_of(slow: float, resonance: float) -> tuple[float, float]:
-    """f_n [Hz] and ζ of a second-order sensor; of one that is only slow, ζ = 50 stands for the overdamped limit."""
-    b = max(resonance, (slow / 100.0) ** 2, 1e-12)
-    return 1.0 / (2.0 * np.pi * np.sqrt(b)), slow / (2.0 * np.sqrt(b))
 
 
 def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:
-    """Transfer function (…, n) of a measurement chain at omega : (n,), and its offset (…, 1).
+    """Transfer function (…, n) of a measurement chain at omega : (n,) [rad/s], and its offset (…, 1).
 
-    moved : values (…,) of the search's numbers by name; absent ones are neutral.
+    moved : values (…,) of the search's numbers by name; of an effect that has none, the chain has nothing.
     """
-    own = {
-        key: np.asarray(moved.get(f"{channel}.{key}", 0.0))[..., None] for key in ("lag", "slow", "resonance", "offset")
-    }
-    gain = np.asarray(moved.get(f"{channel}.gain", 1.0))[..., None]
-    return transfer(omega, own["lag"], gain, own["slow"], own["resonance"]), own["offset"]
+    H, offset = np.ones(len(omega)), np.zeros(1)
+    for effect in effects.ALL:
+        if isinstance(effect, Sensor) and any(f"{channel}.{key}" in moved for key in effect.searched(channel)):
+            own = {key: np.asarray(moved[f"{channel}.{key}"])[..., None] for key in effect.searched(channel)}
+            H, offset = H * effect.transfer(own, omega), offset + effect.offset(own)
+    return H, offset
 
 
 def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool = True) -> Array:
