@@ -16,12 +16,9 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from solver.files import write_whole
 
 from .agreement import Channel, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .bench import own_values
@@ -92,25 +89,6 @@ class CheckReport:
             "sources": self.sources,
         }
         return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-    def write(self, directory: str | os.PathLike[str]) -> Path:
-        """Write check.json, check.html and figures as PNG (waveforms, residuals, loops); returns the path of the page.
-
-        Raises ValueError if the directory cannot be written.
-        """
-        from .pages.check_page import figures, page  # matplotlib takes a second
-
-        folder = Path(directory)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
-        drawn = figures(self)
-        write_whole(folder / "check.json", self.to_json())
-        for name, figure in drawn.items():
-            write_whole(folder / f"{name}.png", figure.png)
-        write_whole(folder / "check.html", page(self, drawn))
-        return folder / "check.html"
 
 
 def _percent(part: float) -> str:

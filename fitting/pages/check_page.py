@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,31 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from solver.files import write_whole
+
 from ..agreement import Channel, LoopArea
 from ..check import CheckReport
 from ..units import DISPLAY, READ
 from .panels import BAND, DASHED, MEASURED, SIMULATED, Drawing, by_place, drawing, legend, shown
 from .style import STYLE
+
+
+def write_check(report: CheckReport, directory: str | os.PathLike[str]) -> Path:
+    """Write check.json, check.html and figures as PNG (waveforms, residuals, loops); returns the path of the page.
+
+    Raises ValueError if the directory cannot be written.
+    """
+    folder = Path(directory)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    drawn = figures(report)
+    write_whole(folder / "check.json", report.to_json())
+    for name, figure in drawn.items():
+        write_whole(folder / f"{name}.png", figure.png)
+    write_whole(folder / "check.html", page(report, drawn))
+    return folder / "check.html"
 
 
 def figures(report: CheckReport) -> dict[str, Drawing]:
