@@ -36,6 +36,7 @@ from solver.staggered import Settings
 ROOT = Path(__file__).resolve().parent
 # what an FMU needs of the solver: no files, units or terminals
 SOLVER_MODULES = (
+    "units",
     "quantity",
     "wall",
     "effect",

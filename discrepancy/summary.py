@@ -12,9 +12,9 @@ from scipy.stats import chi2 as chi2_distribution
 from fitting.provenance import software
 from fitting.records.noise import mean_beat
 from fitting.records.record import Record
-from fitting.units import INFLOW
 from solver.effects import BY_NAME
 from solver.network import Network
+from solver.units import INFLOW
 
 from . import thresholds
 from .add import estimates

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.units import DISPLAY, MMHG
-from solver.effects import BY_NAME
+from solver.effects import ALL, BY_NAME
+from solver.quantity import Quantity
+from solver.units import of_signal, printed, readable
 
 from . import thresholds
 from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
@@ -24,22 +25,6 @@ _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
 _OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
-
-# SI unit of a parameter -> unit people read it in, factor from SI
-_READ: Mapping[str, tuple[str, float]] = {
-    "1": ("", 1.0),
-    "Pa": ("mmHg", 1.0 / MMHG),
-    "Pa.s": ("kPa·s", 1e-3),
-    "Pa.s^2": ("kPa·s²", 1e-3),
-    "Pa.s/m^3": ("mmHg·s/mL", 1e-6 / MMHG),
-    "m": ("mm", 1e3),
-    "m^2/(Pa.s)": ("mm²/(mmHg·s)", 1e6 * MMHG),
-    "m^3/Pa": ("mL/mmHg", 1e6 * MMHG),
-    "m^3/s": ("mL/s", 1e6),
-    "s": ("ms", 1e3),
-    "s^2": ("ms²", 1e6),
-}
-_MODULI = ("E", "ENL")  # pressures that are not read in mmHg
 
 
 # --- what there is ------------------------------------------------------------------------------------------------
@@ -86,9 +71,14 @@ def number(value: float, digits: int = 3) -> str:
 
 def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
     """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
-    unit, factor = _READ.get(estimate.unit, (estimate.unit, 1.0))
-    if estimate.unit == "Pa" and name.rpartition(".")[2] in _MODULI:
-        unit, factor = "MPa", 1e-6
+    key = name.rpartition(".")[2]
+    return _estimate_text(estimate, next((e.quantities[key] for e in ALL if key in e.quantities), None))
+
+
+def _estimate_text(estimate: Estimate, quantity: Quantity | None) -> tuple[str, str]:
+    """The same of a quantity; a ratio to another, with a unit of its own, is none."""
+    display = quantity.display if quantity and quantity.unit == estimate.unit else None
+    unit, factor = readable(estimate.unit, display)
     value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
     value_text, low_text, high_text = (_to_digits(x, high - low) for x in (value, low, high))
     interval = f"{low_text} … {high_text}" if math.isfinite(low) and math.isfinite(high) else DASH
@@ -145,17 +135,12 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
                 "name": name,
                 "value": value,
                 "interval": interval,
-                "si": f"{number(p.value, 5)} {_si(p.unit)}".strip(),
+                "si": f"{number(p.value, 5)} {printed(p.unit)}".strip(),
             }
             for name, p in effect.parameters.items()
             for value, interval in [estimate_text(name, p)]
         ],
     }
-
-
-def _si(unit: str) -> str:
-    """An SI unit as it is printed: "Pa.s^2" as Pa·s²."""
-    return "" if unit == "1" else unit.replace(".", "·").replace("^2", "²").replace("^3", "³")
 
 
 def candidate_row(candidate: Candidate) -> dict[str, Any]:
@@ -176,10 +161,11 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
 def channel_row(channel: Channel) -> dict[str, str]:
     """The gap of a channel before and after."""
     (before_fit, before_held), (after_fit, after_held) = gap_text(channel.gap_before), gap_text(channel.gap_after)
-    pulse = float(np.ptp(channel.measured)) * DISPLAY[channel.name[-1]][1]
+    unit, factor = of_signal(channel.name)
+    pulse = factor * float(np.ptp(channel.measured))
     return {
         "name": channel.name,
-        "pulse": f"{number(pulse)} {DISPLAY[channel.name[-1]][0]}",
+        "pulse": f"{number(pulse)} {unit}",
         "before_fit": before_fit,
         "before_held": before_held,
         "after_fit": after_fit,
@@ -249,10 +235,16 @@ def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
     return [
         {
             "name": label_text(label),
-            "size": estimate_text(_key(label), size)[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
+            "size": _estimate_text(size, _first_quantity(label))[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
         }
         for label, size in outcome.smallest.items()
     ]
+
+
+def _first_quantity(label: str) -> Quantity | None:
+    """What "nonlinear_elasticity at CA" is counted in."""
+    effect = BY_NAME.get(label.partition(" at ")[0])
+    return next(iter(effect.quantities.values()), None) if effect else None
 
 
 def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
@@ -294,7 +286,7 @@ def beats(outcome: Outcome) -> dict[str, Any]:
 
     channels = []
     for channel in outcome.channels:
-        unit, factor = DISPLAY[channel.name[-1]]
+        unit, factor = of_signal(channel.name)
         channels.append(
             {
                 "name": channel.name,
@@ -318,7 +310,3 @@ def words(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(words, value))
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _key(label: str) -> str:
-    return "ENL" if label.startswith("nonlinear_elasticity") else label

@@ -8,7 +8,7 @@ import numpy as np
 
 from fitting.records.period import find_period
 from fitting.records.record import Record
-from fitting.units import MMHG
+from solver.units import MMHG
 
 from .study import Study, Unusable
 

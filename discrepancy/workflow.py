@@ -22,10 +22,10 @@ from fitting.fmu_run import RunFailed
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
 from fitting.threads import single_threaded
-from fitting.units import INFLOW
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
+from solver.units import INFLOW
 
 from .add import extended, named
 from .bench import Bench

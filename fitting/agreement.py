@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from solver.units import SIGNAL_UNITS
+
 from .indices import loop_area
 from .records.beats import Beats
 from .records.spectral import coefficients
-from .units import UNITS
 
 Array = np.ndarray
 
@@ -77,7 +78,7 @@ def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) ->
     pulse = float(np.ptp(measured))
     return Channel(
         name=name,
-        unit=UNITS[kind],
+        unit=SIGNAL_UNITS[kind],
         rmse=float(np.sqrt(np.mean(difference**2))),
         relative=float(np.linalg.norm(difference) / size),
         largest=float(np.abs(difference).max() / pulse),

@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from solver.units import INFLOW
+
 from .agreement import Channel, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
@@ -27,7 +29,6 @@ from .parameter_set import ParameterSet
 from .records.beats import Beats, align
 from .records.record import Record
 from .records.spectral import coefficients
-from .units import INFLOW
 
 Array = np.ndarray
 Progress = Callable[[str], None]

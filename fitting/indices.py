@@ -14,11 +14,11 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as t_distribution
 
+from solver.units import readable
 from solver.wall import Wall
 
 from .records.beats import Beats
 from .records.spectral import coefficients
-from .units import READ
 from .wall import WallFit, without_lag
 
 Array = np.ndarray
@@ -26,6 +26,11 @@ Values = Mapping[str, float]
 
 _STEP = 1e-5  # relative, of the central differences: their error is then 1e-10
 _ABOVE_NOISE = 3.0  # standard deviations: harmonics of a measured loop that count
+
+
+def read_in(unit: str) -> tuple[str, float]:
+    """The unit that an index is read in, and its factor from SI; one in Pa is a modulus."""
+    return readable(unit, "MPa" if unit == "Pa" else None)
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class Estimate:
     ci95: tuple[float, float]
 
     def __str__(self) -> str:
-        unit, factor = READ[self.unit]
+        unit, factor = read_in(self.unit)
         low, high = self.ci95
         return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
 

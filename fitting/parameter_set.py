@@ -26,6 +26,7 @@ from solver.effects import terms_of
 from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
 from solver.network import OUTLETS, Fluid, Junction, Network, Segment
 from solver.quantity import quantities
+from solver.units import base_units
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 _BUNDLED = Path(__file__).parent / "parameter_sets"
@@ -38,7 +39,6 @@ _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _ANNOTATION = "arterial-fmu.parameter-set"
 _NAMES = {"ssv": _SSV, "ssc": _SSC}
-_BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s"}
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,8 @@ def _to_ssv(parameters: ParameterSet) -> bytes:
         units = ElementTree.SubElement(root, f"{{{_SSV}}}Units")
         for unit in used:
             definition = ElementTree.SubElement(units, f"{{{_SSC}}}Unit", name=unit)
-            ElementTree.SubElement(definition, f"{{{_SSC}}}BaseUnit", _base_unit(unit))
+            powers = {base: str(power) for base, power in base_units(unit).items()}
+            ElementTree.SubElement(definition, f"{{{_SSC}}}BaseUnit", powers)
     annotations = ElementTree.SubElement(root, f"{{{_SSV}}}Annotations")
     annotation = ElementTree.SubElement(annotations, f"{{{_SSC}}}Annotation", type=_ANNOTATION)
     intervals = {name: [v.value, *v.ci95] for name, v in parameters.values.items() if v.ci95 is not None}
@@ -304,14 +305,6 @@ def _to_ssv(parameters: ParameterSet) -> bytes:
     ElementTree.SubElement(annotation, "json").text = json.dumps(extra)  # ASCII: XML has no control characters
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
-
-
-def _base_unit(unit: str) -> dict[str, str]:
-    """Powers of the SI base units: "Pa.s" -> {"kg": "1", "m": "-1", "s": "-1"}; the factor of an SI unit is 1."""
-    import pint  # half a second
-
-    powers = pint.get_application_registry().Unit("" if unit == "1" else unit.replace(".", "*")).dimensionality
-    return {base: str(round(powers[dimension])) for dimension, base in _BASE.items() if powers.get(dimension)}
 
 
 def _from_ssv(text: str) -> ParameterSet:

@@ -38,8 +38,8 @@ from discrepancy.places import marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
 from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number, smallest_rows
-from fitting.units import MMHG
 from solver import Network
+from solver.units import MMHG
 
 Array = np.ndarray
 

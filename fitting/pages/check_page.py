@@ -13,10 +13,10 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from solver.files import write_whole
+from solver.units import of_signal, readable
 
 from ..agreement import Channel, LoopArea
 from ..check import CheckReport
-from ..units import DISPLAY, READ
 from .panels import BAND, DASHED, MEASURED, SIMULATED, Drawing, by_place, drawing, legend, shown
 from .style import STYLE
 
@@ -73,7 +73,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
 
 
 def _row(channel: Channel) -> dict[str, str]:
-    unit, factor = DISPLAY[channel.name[-1]]
+    unit, factor = of_signal(channel.name)
     harmonic = "" if channel.worst_z is None else f"{channel.worst_harmonic} ({channel.worst_z:.1f})"
     return {
         "name": channel.name,
@@ -92,7 +92,7 @@ def _row(channel: Channel) -> dict[str, str]:
 
 
 def _loop_row(loop: LoopArea) -> dict[str, str]:
-    _, factor = READ["J/m"]
+    _, factor = readable("J/m")
     change = _signed(100 * (loop.simulated / loop.measured - 1)) if loop.measured else "–"
     measured, simulated = (f"{factor * area:.4g}" for area in (loop.measured, loop.simulated))
     return {"site": loop.site, "measured": measured, "simulated": simulated, "change": change}

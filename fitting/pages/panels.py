@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..units import DISPLAY
+from solver.units import of_signal
+
 from .style import BLACK, SKY, VERMILION, png
 
 Array = np.ndarray
@@ -42,7 +43,7 @@ class Drawing:
 def shown(name: str, *beats: Array) -> tuple[Array, ...]:
     """Beats in the unit that people read, closed (the first sample ends the beat too) and thinned out for the page."""
     step = max(1, len(beats[0]) // _MOST_POINTS)
-    return tuple(np.append(beat[::step], beat[0]) * DISPLAY[name[-1]][1] for beat in beats)
+    return tuple(np.append(beat[::step], beat[0]) * of_signal(name)[1] for beat in beats)
 
 
 def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
@@ -62,7 +63,7 @@ def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
     panels = {name: figure.add_subplot(grid[cell]) for name, cell in cells.items()}
     for name, panel in panels.items():
         panel.set_title(name, loc="left")
-        panel.set_ylabel(DISPLAY[name[-1]][0])
+        panel.set_ylabel(of_signal(name)[0])
         panel.locator_params(nbins=4)
         if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
             panel.set_xlabel("time [s]")

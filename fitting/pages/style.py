@@ -10,8 +10,6 @@ from matplotlib.figure import Figure
 
 from solver.files import write_whole
 
-from ..units import MMHG as MMHG  # for those who draw
-
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 
 from ..calibrate import Calibration
-from ..indices import Estimate
-from ..units import READ
+from ..indices import Estimate, read_in
 from ..wall import WallFit
 
 # parameter -> label, factor from SI
@@ -70,14 +69,14 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     for column in ("index", "value", "95 % interval", "unit"):
         table.add_column(column, justify="left" if column in ("index", "unit") else "right")
     for name, estimate in indices.items():
-        unit, factor = READ[estimate.unit]
+        unit, factor = read_in(estimate.unit)
         table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", _interval(estimate.ci95, factor), unit)
     return table
 
 
 def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimate]]) -> Table:
     """The indices of :func:`~fitting.network_indices.network_indices`, a line a site: ± half the 95 % interval."""
-    units = {name: READ[estimate.unit] for found in sites.values() for name, estimate in found.items()}
+    units = {name: read_in(estimate.unit) for found in sites.values() for name, estimate in found.items()}
     table = Table(title=f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)")
     table.add_column("site")
     for name, (unit, _) in units.items():
