@@ -30,7 +30,7 @@ from solver.units import INFLOW
 from .add import extended, named
 from .bench import Bench
 from .fits import Fit
-from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
+from .journal import Journal, with_problem, without_problem
 from .name import Naming, name, quantile
 from .network import NetworkProblem
 from .outcome import Outcome, Round, verdict_json
@@ -180,8 +180,8 @@ class _Work:
         naming = self.journal.stage(
             "naming",
             lambda: name(problem, self.study.terms),
-            encode_naming,
-            lambda data: decode_naming(data, problem),
+            without_problem,
+            lambda kept: with_problem(kept, problem),
         )
         # what follows is the same whether naming was done now or before an interruption
         return replace(naming, problem=naming.problem.rested())
@@ -200,12 +200,7 @@ class _Work:
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
         try:
-            return self.journal.stage(
-                f"run_{stage}",
-                lambda: free_run(fmu, study or self.study, fit, wave, starts),
-                encode_run,
-                decode_run,
-            )
+            return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study or self.study, fit, wave, starts))
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 

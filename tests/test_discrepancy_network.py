@@ -6,7 +6,7 @@ The bank judges with the independent generator.
 
 from __future__ import annotations
 
-import json
+import pickle
 from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar
@@ -17,7 +17,7 @@ from forked import NETWORK, N, T, inflow, record
 
 from discrepancy.add import estimates, extended, sensor_parameters
 from discrepancy.fits import Fit, Member
-from discrepancy.journal import decode_naming, encode_naming
+from discrepancy.journal import with_problem, without_problem
 from discrepancy.name import Naming, name, quantile
 from discrepancy.network import NetworkProblem, network_problem
 from discrepancy.observation import sense
@@ -192,9 +192,9 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
 
 
 def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
-    """Through JSON and about a problem made anew: the same step and weights, bit by bit."""
-    data = json.loads(json.dumps(encode_naming(stiff)))
-    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    """Through a pickle and about a problem made anew: the same step and weights, bit by bit."""
+    kept = pickle.loads(pickle.dumps(without_problem(stiff)))
+    again = with_problem(kept, network_problem(beats(1.25), NETWORK))
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
     for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
@@ -206,8 +206,8 @@ def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
 
 def test_a_rested_problem_forgets_what_was_simulated(stiff: Naming) -> None:
     """After naming and read back, rested: the most probable beats are the same bit by bit."""
-    data = json.loads(json.dumps(encode_naming(stiff)))
-    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    kept = pickle.loads(pickle.dumps(without_problem(stiff)))
+    again = with_problem(kept, network_problem(beats(1.25), NETWORK))
     one, other = (n.problem.rested() for n in (stiff, again))
     assert isinstance(one, NetworkProblem) and isinstance(other, NetworkProblem)
     (X,), (Y,) = one.observe([stiff.best.fit.member]), other.observe([again.best.fit.member])
