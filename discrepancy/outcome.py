@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from fitting.estimate import Estimate as Estimate
+from fitting.result_files import finite
 from solver.network import Network
 
 Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "unknown", "unusable")
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter's value with unit and 95 % interval, all in SI."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -185,23 +177,11 @@ class Outcome:
         return self.isolability.invisible if self.isolability else ()
 
 
-def _plain(value: Any) -> Any:
-    """The same data, null for what is not a finite number: JSON has neither NaN nor infinity."""
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
     """The plain content of verdict.json; null where a number could not be told."""
 
-    def estimate(e: Estimate) -> dict[str, Any]:
-        return {"value": e.value, "unit": e.unit, "ci95": list(e.ci95)}
-
     def effect(e: NamedEffect) -> dict[str, Any]:
-        parameters = {name: estimate(p) for name, p in e.parameters.items()}
+        parameters = {name: p.plain for name, p in e.parameters.items()}
         return {"name": e.name, "where": list(e.where), "parameters": parameters, "confidence": e.confidence}
 
     def gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
@@ -227,7 +207,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
         "held_out_sites": dict(outcome.sites),
-        "smallest_detectable": {name: estimate(e) for name, e in outcome.smallest.items()},
+        "smallest_detectable": {name: e.plain for name, e in outcome.smallest.items()},
         "fmu_against_solver": outcome.parity,
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),
@@ -235,4 +215,4 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "model": outcome.model,
         "provenance": dict(outcome.provenance),
     }
-    return dict(_plain(content))
+    return dict(finite(content))

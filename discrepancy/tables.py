@@ -301,12 +301,3 @@ def beats(outcome: Outcome) -> dict[str, Any]:
     worst = channel_z(outcome)
     first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]
     return {"time": [float(f"{t:.6g}") for t in times.tolist()], "channels": channels, "first": first}
-
-
-def words(value: Any) -> str:
-    """Provenance in words."""
-    if isinstance(value, Mapping):
-        return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(map(words, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -5,7 +5,6 @@ Everything is made in ``<out>/.state`` first; the folder gets its files when all
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -21,6 +20,7 @@ import numpy as np
 from fitting.fmu_run import RunFailed
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
+from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
@@ -88,10 +88,7 @@ def discover(
 
 def _check_folder(folder: Path) -> None:
     """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    make_folder(folder)
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
             raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
@@ -286,8 +283,7 @@ def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress
             write_whole(aside / "model.toml", dumps(outcome.network_after))
             write_whole(aside / "model.fmu", fmu)
         report.write_report(outcome, aside)
-        text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_whole(aside / "verdict.json", text)
+        write_whole(aside / "verdict.json", json_text(verdict_json(outcome)))
         _move(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

@@ -13,8 +13,9 @@ from solver.console import PACE, bar, say, say_notes, say_written, sentences, sh
 from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
 
 from .bench import bench_network
+from .estimate import Estimate
 from .fmu_run import RunFailed
-from .indices import Estimate, indices, plain
+from .indices import indices, plain
 from .inference.errors_in_variables import NoFit
 from .parameter_set import ParameterSet, read_set, set_format, write_set
 from .records.beats import Beats, align

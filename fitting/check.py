@@ -12,7 +12,6 @@ not what drove the artery; the solver's own error is not in the noise.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -22,13 +21,14 @@ import numpy as np
 
 from solver.units import INFLOW
 
-from .agreement import Channel, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
+from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
 from .records.beats import Beats, align
 from .records.record import Record
 from .records.spectral import coefficients
+from .result_files import json_text
 
 Array = np.ndarray
 Progress = Callable[[str], None]
@@ -49,7 +49,7 @@ class CheckReport:
     mode: str
     driver: str
     T: float
-    channels: tuple[Channel, ...]
+    channels: tuple[Agreement, ...]
     loops: tuple[LoopArea, ...]
     sources: Mapping[str, Any]
     run: Mapping[str, Any]
@@ -57,7 +57,7 @@ class CheckReport:
     waveforms: Mapping[str, Waveform] = field(repr=False)
 
     @property
-    def worst(self) -> Channel:
+    def worst(self) -> Agreement:
         """The channel with the largest relative error."""
         return max(self.channels, key=lambda channel: channel.relative)
 
@@ -89,7 +89,7 @@ class CheckReport:
             "run": self.run,
             "sources": self.sources,
         }
-        return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return json_text(data)
 
 
 def _percent(part: float) -> str:

@@ -7,16 +7,16 @@ not depend on how fast the wall moves.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.stats import norm
-from scipy.stats import t as t_distribution
 
 from solver.units import readable
 from solver.wall import Wall
 
+from .estimate import Estimate
+from .inference.unknown import quantile
 from .records.beats import Beats
 from .records.spectral import coefficients
 from .wall import WallFit, without_lag
@@ -31,20 +31,6 @@ _ABOVE_NOISE = 3.0  # standard deviations: harmonics of a measured loop that cou
 def read_in(unit: str) -> tuple[str, float]:
     """The unit that an index is read in, and its factor from SI; one in Pa is a modulus."""
     return readable(unit, "MPa" if unit == "Pa" else None)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number in SI with its 95 % interval."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
-
-    def __str__(self) -> str:
-        unit, factor = read_in(self.unit)
-        low, high = self.ci95
-        return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
 
 
 def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estimate]:
@@ -75,7 +61,7 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
         raise ValueError(
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
-    half = float(t_distribution.ppf(0.975, fit.dof)) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
+    half = quantile(fit.dof) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
     return estimates(value, half) | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
 
 
@@ -118,7 +104,7 @@ def estimates(values: Array, half: Array) -> dict[str, Estimate]:
 
 def plain(found: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
     """Indices of a site, ready for JSON: value and 95 % interval in SI, unit."""
-    return {name: {"value": x.value, "unit": x.unit, "ci95": list(x.ci95)} for name, x in found.items()}
+    return {name: x.plain for name, x in found.items()}
 
 
 def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
+from ..inference.unknown import quantile
 from ..parameter_set import ParameterSet, Value
 from ..provenance import software
 from ..records.beats import align
@@ -66,7 +66,7 @@ class Summary:
     def of(values: Sequence[float]) -> Summary:
         n, mean = len(values), float(np.mean(values))
         sd = float(np.std(values, ddof=1)) if n > 1 else math.nan
-        half = float(t_distribution.ppf(0.975, n - 1)) * sd / math.sqrt(n) if n > 1 else math.nan
+        half = quantile(n - 1) * sd / math.sqrt(n) if n > 1 else math.nan
         return Summary(mean, sd, n, (mean - half, mean + half))
 
 

@@ -8,15 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from solver.files import write_whole
 from solver.units import of_signal, readable
 
-from ..agreement import Channel, LoopArea
+from ..agreement import Agreement, LoopArea
 from ..check import CheckReport
+from ..result_files import make_folder
+from .page import environment, words
 from .panels import BAND, DASHED, MEASURED, SIMULATED, Drawing, by_place, drawing, legend, shown
 from .style import STYLE
 
@@ -26,11 +27,7 @@ def write_check(report: CheckReport, directory: str | os.PathLike[str]) -> Path:
 
     Raises ValueError if the directory cannot be written.
     """
-    folder = Path(directory)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    folder = make_folder(directory)
     drawn = figures(report)
     write_whole(folder / "check.json", report.to_json())
     for name, figure in drawn.items():
@@ -50,15 +47,7 @@ def figures(report: CheckReport) -> dict[str, Drawing]:
 
 def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
     """The report as one HTML page with its figures inside."""
-    folder = Path(__file__).parent / "templates"
-    environment = Environment(
-        loader=FileSystemLoader(folder),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    template = environment.get_template("check.html.j2")
+    template = environment(Path(__file__).parent / "templates").get_template("check.html.j2")
     return template.render(
         report=report,
         rows=[_row(channel) for channel in report.channels],
@@ -72,7 +61,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
 # --- the table ----------------------------------------------------------------------------------------------------
 
 
-def _row(channel: Channel) -> dict[str, str]:
+def _row(channel: Agreement) -> dict[str, str]:
     unit, factor = of_signal(channel.name)
     harmonic = "" if channel.worst_z is None else f"{channel.worst_harmonic} ({channel.worst_z:.1f})"
     return {
@@ -100,15 +89,7 @@ def _loop_row(loop: LoopArea) -> dict[str, str]:
 
 def _provenance(entries: Mapping[str, Any]) -> dict[str, str]:
     """Where the set comes from, in words; what is empty is left out."""
-    return {f"set: {key.replace('_', ' ')}": _words(value) for key, value in entries.items() if value not in ([], {})}
-
-
-def _words(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "; ".join(f"{key}: {_words(each)}" for key, each in value.items())
-    if isinstance(value, list):
-        return ", ".join(map(_words, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return {f"set: {key.replace('_', ' ')}": words(value) for key, value in entries.items() if value not in ([], {})}
 
 
 def _signed(value: float) -> str:

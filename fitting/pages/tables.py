@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 
 from ..calibrate import Calibration
-from ..indices import Estimate, read_in
+from ..estimate import Estimate
+from ..indices import read_in
 from ..wall import WallFit
 
 # parameter -> label, factor from SI

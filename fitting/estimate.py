@@ -1,0 +1,27 @@
+"""A number with its interval: what every fit, index and verdict hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from solver.units import readable
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number in SI with its 95 % interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+    def __str__(self) -> str:
+        unit, factor = readable(self.unit)
+        low, high = self.ci95
+        return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {"value": self.value, "unit": self.unit, "ci95": list(self.ci95)}
