@@ -136,7 +136,7 @@ class Outcome:
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable size per "effect
     at place", with its unit, where the verdict is ``none``; NaN where none in the allowed range would show. sites :
-    whitened RMS of each site as the others foretell it. gap_before, gap_after : whitened RMS by the sensors' noise
+    whitened RMS of each site, predicted from the others. gap_before, gap_after : whitened RMS by the sensors' noise
     alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from
     the direct solver, of a channel's pulse: under the record's inflow, or, of a bench, under the network's own.
     """

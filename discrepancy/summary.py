@@ -186,7 +186,7 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
             return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
         case "effect":
             if BY_NAME[effects[0].name].owner == "channel":
-                return f"A sensor explains it, no artery: {labels}; with it {gap}."
+                return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
             return f"The model lacks {labels}: with it {gap}."
         case "several" if not others:
             return f"The model lacks {labels}: with both {gap}."

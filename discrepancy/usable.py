@@ -1,4 +1,4 @@
-"""Whether record and model belong together at all: what would make every later step lie, said in one sentence."""
+"""Whether record and model belong together: wrong units, clocks and dead sensors, each refused in one sentence."""
 
 from __future__ import annotations
 

@@ -269,8 +269,8 @@ def _saturating(label: str) -> float:
 def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
     """All files of a study; those of an earlier one that this verdict does not have are removed.
 
-    All are made aside first. Then the earlier verdict goes, the new files come, and the new verdict last: whatever
-    happens, a folder with a verdict.json has what belongs to it.
+    All are written to a folder of their own first. Then the earlier verdict is removed, the new files replace the old
+    ones, and the new verdict is written last: a folder with a verdict.json always holds the files that belong to it.
     """
     from . import report  # matplotlib takes a second
 

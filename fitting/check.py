@@ -1,4 +1,4 @@
-"""The last word on a parameter set: the FMU, run with it, against the record.
+"""Check of a parameter set: the FMU, run with it, is compared with the record.
 
 Network: the record's mean inflow drives the FMU until its beat repeats, and every channel that both have is compared.
 Bench: there is no inflow; the measured pressure of one site drives the FMU of one short segment, and the radius is

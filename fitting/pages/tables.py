@@ -7,19 +7,25 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
+from solver.network import Segment
+from solver.quantity import quantities
+from solver.units import readable
+
 from ..calibrate import Calibration
 from ..estimate import Estimate
 from ..indices import read_in
 from ..wall import WallFit
+from ..wall_model import PARAMETERS
 
-# parameter -> label, factor from SI
-_SHOWN = {
-    "E": ("E, MPa", 1e-6),
-    "R0": ("R0, mm", 1e3),
-    "phi0": ("φ0, kPa·s", 1e-3),
-    "phiNL": ("φNL, kPa·s²", 1e-3),
-    "ENL": ("ENL, MPa", 1e-6),
-}
+
+def _shown(parameter: str) -> tuple[str, float]:
+    """Label with the unit that people read, factor from SI."""
+    quantity = quantities(Segment)[parameter]
+    unit, factor = readable(quantity.unit, quantity.display)
+    return f"{parameter.replace('phi', 'φ')}, {unit}", factor
+
+
+_SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
