@@ -86,14 +86,13 @@ class Absorbed:
 
 
 @dataclass(frozen=True)
-class Channel:
+class ChannelBeats:
     """Mean beats of one channel : (N,) [SI] at the times of the study; ``band`` one standard deviation of the mean.
 
     after : None where nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats.
     """
 
     name: str
-    unit: str
     measured: Array
     band: Array
     before: Array
@@ -152,7 +151,7 @@ class Outcome:
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
     balances: tuple[Balance, ...] = ()
-    channels: tuple[Channel, ...] = ()
+    channels: tuple[ChannelBeats, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     z_map: Array = field(default_factory=lambda: np.zeros((0, 0)))
     candidates: tuple[Candidate, ...] = ()

@@ -23,7 +23,7 @@ from .fits import Fit
 from .isolability import isolability, smallest
 from .name import Naming, quantile
 from .network import NetworkProblem
-from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
+from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
 from .places import plain
 from .separating import separating_measurement
 from .show import Gap, Run
@@ -203,12 +203,10 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
     return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
 
 
-def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Channel:
-    unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[channel.rpartition(".")[2]]
+def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
     band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    return Channel(
+    return ChannelBeats(
         channel,
-        unit,
         study.fitted.mean(channel),
         band,
         before.beats[channel],

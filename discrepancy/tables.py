@@ -13,7 +13,7 @@ from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
 from . import thresholds
-from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
+from .outcome import Candidate, ChannelBeats, Estimate, Isolability, NamedEffect, Outcome
 from .places import label_text, place_text, plain
 from .scales import Z
 
@@ -158,7 +158,7 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
     }
 
 
-def channel_row(channel: Channel) -> dict[str, str]:
+def channel_row(channel: ChannelBeats) -> dict[str, str]:
     """The gap of a channel before and after."""
     (before_fit, before_held), (after_fit, after_held) = gap_text(channel.gap_before), gap_text(channel.gap_after)
     unit, factor = of_signal(channel.name)
