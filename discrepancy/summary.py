@@ -12,7 +12,6 @@ from scipy.stats import chi2 as chi2_distribution
 from fitting.provenance import software
 from fitting.records.noise import mean_beat
 from fitting.records.record import Record
-from solver.effects import BY_NAME
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -24,7 +23,7 @@ from .isolability import isolability, smallest
 from .name import Naming, quantile
 from .network import NetworkProblem
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
-from .places import plain
+from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
 from .study import Study, Unusable
@@ -185,7 +184,7 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
         case "none":
             return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
         case "effect":
-            if BY_NAME[effects[0].name].owner == "channel":
+            if of_sensor(effects[0].name):
                 return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
             return f"The model lacks {labels}: with it {gap}."
         case "several" if not others:

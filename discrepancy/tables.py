@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from solver.effects import ALL, BY_NAME
+from solver import effects
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
 from . import thresholds
 from .outcome import Candidate, ChannelBeats, Estimate, Isolability, NamedEffect, Outcome
-from .places import label_text, place_text, plain
+from .places import entry, label_text, place_text, plain
 from .scales import Z
 
 Array = np.ndarray
@@ -72,7 +72,7 @@ def number(value: float, digits: int = 3) -> str:
 def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
     """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
     key = name.rpartition(".")[2]
-    return _estimate_text(estimate, next((e.quantities[key] for e in ALL if key in e.quantities), None))
+    return _estimate_text(estimate, next((e.terms[key] for e in effects.ALL if key in e.terms), None))
 
 
 def _estimate_text(estimate: Estimate, quantity: Quantity | None) -> tuple[str, str]:
@@ -121,7 +121,7 @@ def places_text(where: Iterable[str]) -> str:
 
 def effect_row(effect: NamedEffect) -> dict[str, Any]:
     """An effect of the verdict: name, place, equation, confidence, parameters, and what the catalogue says of it."""
-    row = BY_NAME[effect.name]
+    row = entry(effect.name)
     return {
         "signature": row.signature,
         "confusable": ", ".join(map(plain, row.confusable)),
@@ -243,8 +243,7 @@ def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
 
 def _first_quantity(label: str) -> Quantity | None:
     """What "nonlinear_elasticity at CA" is counted in."""
-    effect = BY_NAME.get(label.partition(" at ")[0])
-    return next(iter(effect.quantities.values()), None) if effect else None
+    return next(iter(entry(label.partition(" at ")[0]).terms.values()), None)
 
 
 def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:

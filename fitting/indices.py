@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from solver.network import Segment
+from solver.quantity import quantities
 from solver.units import readable
 from solver.wall import Wall
 
@@ -122,10 +124,11 @@ def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array
 
 def _delta(fit: WallFit, made: Callable[[Values], Array]) -> tuple[Array, Array, Array]:
     """Derivatives by the free parameters (indices, p), their covariance (p, p), and the derivatives again."""
-    sizes = {"phiNL": fit.values["phi0"], "ENL": fit.values["E"]}  # may be 0 themselves
+    # what is counted relative to another parameter may be 0 itself
+    ratios = {name: q.ratio_to for name, q in quantities(Segment).items() if q.ratio_to}
     columns = []
     for name in fit.model.free:
-        step = _STEP * sizes.get(name, fit.values[name])
+        step = _STEP * fit.values[ratios.get(name, name)]
         up, down = (made({**fit.values, name: fit.values[name] + sign * step}) for sign in (1.0, -1.0))
         columns.append((up - down) / (2.0 * step))
     slope = np.stack(columns, axis=1)

@@ -17,14 +17,14 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
-from solver.effects import terms_of
+from solver import outlets
+from solver.catalogue import terms_of
 from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
-from solver.network import OUTLETS, Fluid, Junction, Network, Segment
+from solver.network import Fluid, Junction, Network, Segment
 from solver.quantity import quantities
 from solver.units import base_units
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
@@ -99,7 +99,7 @@ def unit_of(name: str) -> str:
     prefix, dot, key = name.rpartition(".")
     last = prefix.rpartition(".")[2]
     what = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
-    known = _units()[what]
+    known = _units(what)
     if not dot or not prefix or key not in known:
         raise ValueError(
             f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
@@ -161,20 +161,13 @@ def set_format(path: Path) -> str:
 # --- checks -------------------------------------------------------------------------------------------------------
 
 
-@cache
-def _units() -> dict[str, dict[str, str]]:
-    """Units by kind of owner and key, from the quantities of the solver: a new quantity needs no change here."""
-    owners: dict[str, tuple[type, ...]] = {
-        "network": (Network,),
-        "fluid": (Fluid,),
-        "segment": (Segment,),
-        "outlet": OUTLETS,
-        "junction": (Junction,),
-    }
-    return {
-        kind: {key: q.unit for owner in classes for key, q in (quantities(owner) | terms_of(kind)).items()}
-        for kind, classes in owners.items()
-    }
+_OWNERS: Mapping[str, type] = {"network": Network, "fluid": Fluid, "segment": Segment, "junction": Junction}
+
+
+def _units(what: str) -> dict[str, str]:
+    """Units of an owner by key, from the quantities of the solver: a new quantity needs no change here."""
+    kinds = outlets.OUTLETS if what == "outlet" else (_OWNERS[what],)
+    return {key: q.unit for kind in kinds for key, q in (quantities(kind) | terms_of(what)).items()}
 
 
 def _checked(name: str, value: Value) -> Value:
