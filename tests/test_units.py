@@ -6,17 +6,15 @@ import pint
 import pytest
 
 from solver.effects import ALL
-from solver.network import OUTLETS, Fluid, Inlet, Junction, Network, Segment
+from solver.network import Fluid, Inlet, Junction, Network, Segment
+from solver.outlets import OUTLETS
 from solver.quantity import quantities
 from solver.units import SIGNAL_UNITS, base_units, display_factor, display_units, of_signal, printed, readable
 
 PINT = pint.UnitRegistry()
 OWNERS = (Network, Fluid, Segment, Junction, Inlet, *OUTLETS)
-QUANTITIES = [
-    q
-    for owner in (*OWNERS, *(e for e in ALL if e.owner != "channel"))
-    for q in (quantities(owner) if isinstance(owner, type) else owner.quantities).values()
-]
+TERMS = [q for effect in ALL for q in effect.terms.values() if q.unit != "signal"]
+QUANTITIES = TERMS + [q for owner in OWNERS for q in quantities(owner).values()]
 UNITS = sorted({q.unit for q in QUANTITIES} | {"Pa/m", "1/Pa", "J/m", "m^2/Pa", "s^2", "Hz", "kg/(m.s^2)", "W/m^2"})
 
 
