@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 
 from solver import outlets
 from solver.catalogue import terms_of
-from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
+from solver.files import check_keys, did_you_mean, parse_quantity, read_text, write_whole
 from solver.network import Fluid, Junction, Network, Segment
 from solver.quantity import quantities
 from solver.units import base_units
@@ -115,12 +115,7 @@ def read_set(path: str | os.PathLike[str]) -> ParameterSet:
     """
     path = _find(path)
     reader = _from_json if set_format(path) == ".json" else _from_ssv
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+    text = read_text(path)
     try:
         return reader(text)
     except RecursionError:
