@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from solver.files import write_whole
 from solver.units import of_signal, readable
@@ -18,7 +17,7 @@ from ..agreement import Agreement, LoopArea
 from ..check import CheckReport
 from ..result_files import make_folder
 from .page import environment, words
-from .panels import BAND, DASHED, MEASURED, SIMULATED, Drawing, by_place, drawing, legend, shown
+from .panels import DASHED, MEASURED, SIMULATED, Curve, Drawing, drawing, loops, waveforms
 from .style import STYLE
 
 
@@ -99,38 +98,27 @@ def _signed(value: float) -> str:
 # --- figures ------------------------------------------------------------------------------------------------------
 
 
+_CURVES: tuple[Curve, ...] = (("measured", MEASURED, "-"), ("FMU", SIMULATED, DASHED))
+
+
 def _waveforms(report: CheckReport) -> Drawing:
     """What drove the FMU, then every channel: measured mean, ± 2 standard deviations between beats, FMU."""
     names = [report.driver, *(channel.name for channel in report.channels)]
-    figure, panels = by_place(names)
-    for name, panel in panels.items():
-        waveform = report.waveforms[name]
-        measured, simulated, scatter = shown(name, waveform.measured, waveform.simulated, waveform.scatter)
-        time = np.linspace(0.0, report.T, len(measured))
-        panel.fill_between(time, measured - 2 * scatter, measured + 2 * scatter, color=BAND, alpha=0.45, linewidth=0)
-        panel.plot(time, measured, color=MEASURED)
-        if name == report.driver:
-            panel.set_title(f"{name} (drives the FMU)", loc="left")
-        else:
-            panel.plot(time, simulated, color=SIMULATED, linestyle=DASHED)
-        panel.margins(x=0)
-    legend(figure, ("measured", MEASURED, "-"), ("FMU", SIMULATED, DASHED), band="± 2 sd between beats")
+    waves = {name: report.waveforms[name] for name in names}
+    beats = {name: (w.measured, None if name == report.driver else w.simulated) for name, w in waves.items()}
+    scatter = {name: w.scatter for name, w in waves.items()}
+    figure, panels = waveforms(report.T, beats, scatter, _CURVES, "± 2 sd between beats")
+    panels[report.driver].set_title(f"{report.driver} (drives the FMU)", loc="left")
     return drawing(figure, "Mean beats. The band is ± 2 standard deviations between the measured beats.")
 
 
 def _residuals(report: CheckReport) -> Drawing:
     """FMU less measured mean beat, and ± 2 standard deviations of that mean."""
-    figure, panels = by_place([channel.name for channel in report.channels])
-    beats = float(report.run["beats_measured"])
-    for name, panel in panels.items():
-        waveform = report.waveforms[name]
-        residual, scatter = shown(name, waveform.simulated - waveform.measured, waveform.scatter / np.sqrt(beats))
-        time = np.linspace(0.0, report.T, len(residual))
-        panel.fill_between(time, -2 * scatter, 2 * scatter, color=BAND, alpha=0.45, linewidth=0)
-        panel.axhline(0.0, color=MEASURED, linewidth=0.6)
-        panel.plot(time, residual, color=SIMULATED, linewidth=0.9)
-        panel.margins(x=0)
-    legend(figure, ("FMU less measured", SIMULATED, "-"), band="± 2 sd of the measured mean")
+    waves = {channel.name: report.waveforms[channel.name] for channel in report.channels}
+    residuals = {name: (np.zeros_like(w.measured), w.simulated - w.measured) for name, w in waves.items()}
+    of_mean = {name: w.scatter / np.sqrt(float(report.run["beats_measured"])) for name, w in waves.items()}
+    curves = (("", MEASURED, "-"), ("FMU less measured", SIMULATED, "-"))
+    figure, _ = waveforms(report.T, residuals, of_mean, curves, "± 2 sd of the measured mean")
     return drawing(
         figure,
         f"FMU less measured mean beat. The band is ± 2 standard deviations of the measured mean by the channel's own "
@@ -140,18 +128,6 @@ def _residuals(report: CheckReport) -> Drawing:
 
 def _loops(report: CheckReport) -> Drawing:
     """Pressure against radius of every site that has both."""
-    columns = 4
-    rows = -(-len(report.loops) // columns)
-    figure = Figure(figsize=(2.7 * min(columns, max(2, len(report.loops))), 2.4 * rows + 0.4), layout="constrained")
-    for i, loop in enumerate(report.loops):
-        panel = figure.add_subplot(rows, min(columns, len(report.loops)), i + 1)
-        P, R = report.waveforms[f"{loop.site}.P"], report.waveforms[f"{loop.site}.R"]
-        p_measured, p_simulated = shown("P", P.measured, P.simulated)
-        r_measured, r_simulated = shown("R", R.measured, R.simulated)
-        panel.plot(r_measured, p_measured, color=MEASURED)
-        panel.plot(r_simulated, p_simulated, color=SIMULATED, linestyle=DASHED)
-        panel.set_title(loop.site, loc="left")
-        panel.set_xlabel("radius [mm]")
-        panel.set_ylabel("pressure [mmHg]")
-    legend(figure, ("measured", MEASURED, "-"), ("FMU", SIMULATED, DASHED))
-    return drawing(figure, "Pressure against radius, mean beats.")
+    pairs = {loop.site: [report.waveforms[f"{loop.site}.{kind}"] for kind in "PR"] for loop in report.loops}
+    sites = {site: [(P.measured, R.measured), (P.simulated, R.simulated)] for site, (P, R) in pairs.items()}
+    return drawing(loops(sites, _CURVES), "Pressure against radius, mean beats.")

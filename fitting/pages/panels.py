@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,8 @@ Array = np.ndarray
 
 MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
 DASHED = (0, (4, 2))
-_COLUMNS = 3
+Curve = tuple[str, str, Any]  # text of the legend (empty: none), colour, line style
+_COLUMNS, _LOOPS = 3, 4  # panels in a row
 _MOST_POINTS = 1000  # of a curve on the page
 _PIXELS = 100  # an inch of figure on the page; the image itself has twice as many
 
@@ -72,9 +73,48 @@ def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
     return figure, panels
 
 
-def legend(figure: Figure, *curves: tuple[str, str, Any], band: str = "") -> None:
-    """A legend above the panels of the curves (text, colour, line style) and, if it has a text, of the band."""
-    handles: list[Any] = [Line2D([], [], color=color, linestyle=style, label=text) for text, color, style in curves]
+def waveforms(
+    T: float,
+    beats: Mapping[str, Sequence[Array | None]],
+    bands: Mapping[str, Array],
+    curves: Sequence[Curve],
+    band: str,
+) -> tuple[Figure, dict[str, Axes]]:
+    """A panel for each channel: its beats [SI], one for each curve, and a band of ± 2 ``bands`` about the first."""
+    figure, panels = by_place(list(beats))
+    for name, panel in panels.items():
+        for beat, (_, color, style) in zip(beats[name], curves, strict=True):
+            if beat is not None:
+                (y,) = shown(name, beat)
+                panel.plot(np.linspace(0.0, T, len(y)), y, color=color, linestyle=style)
+        middle, half = shown(name, *(x for x in (beats[name][0], bands[name]) if x is not None))
+        time = np.linspace(0.0, T, len(middle))
+        panel.fill_between(time, middle - 2 * half, middle + 2 * half, color=BAND, alpha=0.45, linewidth=0)
+        panel.margins(x=0)
+    legend(figure, *curves, band=band)
+    return figure, panels
+
+
+def loops(sites: Mapping[str, Sequence[tuple[Array, Array] | None]], curves: Sequence[Curve]) -> Figure:
+    """Pressure against radius of each site: (P, R) [SI], one for each curve."""
+    columns = min(_LOOPS, len(sites))
+    rows = -(-len(sites) // columns)
+    figure = Figure(figsize=(2.8 * max(2, columns), 2.4 * rows + 0.4), layout="constrained")
+    for i, (site, pairs) in enumerate(sites.items()):
+        panel = figure.add_subplot(rows, columns, i + 1)
+        for pair, (_, color, style) in zip(pairs, curves, strict=True):
+            if pair is not None:
+                panel.plot(*shown("R", pair[1]), *shown("P", pair[0]), color=color, linestyle=style)
+        panel.set_title(site, loc="left")
+        panel.set_xlabel(f"radius [{of_signal('R')[0]}]")
+        panel.set_ylabel(f"pressure [{of_signal('P')[0]}]")
+    legend(figure, *curves)
+    return figure
+
+
+def legend(figure: Figure, *curves: Curve, band: str = "") -> None:
+    """A legend above the panels of the curves and, if it has a text, of the band."""
+    handles: list[Any] = [Line2D([], [], color=c, linestyle=style, label=text) for text, c, style in curves if text]
     if band:
         handles.append(Patch(color=BAND, alpha=0.45, linewidth=0, label=band))
     figure.legend(handles=handles, loc="outside upper right", ncols=4)
