@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fitting.estimate import decimals
 from solver import effects
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
@@ -90,11 +91,11 @@ def _to_digits(value: float, width: float) -> str:
     half = 0.5 * abs(width)
     if not math.isfinite(value) or not math.isfinite(half) or half == 0.0:
         return number(value)
-    decimals = 1 - math.floor(math.log10(half))
-    if not -6 <= decimals <= 6:
+    places = decimals(half)
+    if not -6 <= places <= 6:
         return number(value)
-    rounded = round(value, decimals) + 0.0  # no −0
-    return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
+    rounded = round(value, places) + 0.0  # no −0
+    return f"{rounded:.{max(places, 0)}f}".replace("-", "−")
 
 
 def p_text(value: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,3 +26,8 @@ class Estimate:
     def plain(self) -> dict[str, Any]:
         """Ready for JSON."""
         return {"value": self.value, "unit": self.unit, "ci95": list(self.ci95)}
+
+
+def decimals(half: float) -> int:
+    """Decimals that show a number to the second digit of half its interval, half > 0; negative for large numbers."""
+    return 1 - math.floor(math.log10(half))

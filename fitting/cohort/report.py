@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.table import Table
 
 from solver.files import write_whole
 
+from ..estimate import decimals
 from ..pages.style import png
 from ..parameter_set import write_set
 from ..provenance import software
@@ -100,7 +100,7 @@ def _cell(summary: Summary | None, factor: float) -> str:
     mean, sd = factor * summary.mean, factor * summary.sd
     if not sd > 0.0:
         return f"{mean:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(sd)))
+    digits = max(0, decimals(sd))
     return f"{mean:.{digits}f} ± {sd:.{digits}f}"
 
 

@@ -12,7 +12,7 @@ from solver.quantity import quantities
 from solver.units import readable
 
 from ..calibrate import Calibration
-from ..estimate import Estimate
+from ..estimate import Estimate, decimals
 from ..indices import read_in
 from ..wall import WallFit
 from ..wall_model import PARAMETERS
@@ -116,7 +116,7 @@ def _rounded(value: float, half: float) -> str:
     """The value to the digits that an interval of ± ``half`` leaves: two of the half."""
     if not (math.isfinite(half) and half > 0.0):
         return f"{value:.5g}"
-    return f"{value:.{min(8, max(0, 1 - math.floor(math.log10(half))))}f}"
+    return f"{value:.{min(8, max(0, decimals(half)))}f}"
 
 
 def _interval(ends: tuple[float, float] | None, factor: float) -> str:
