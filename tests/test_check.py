@@ -27,6 +27,8 @@ from fitting.records.record import Record, read_record, write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import Inlet, Network, Segment, Settings, Site, Windkessel, load, simulate_periodic
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 Array = np.ndarray
 COARSE = Settings(dt=2e-3, element_length=0.1)
 T, N, BEATS = 0.5, 125, 15

@@ -780,7 +780,6 @@ def host(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Hos
         capture_output=True,
         text=True,
         cwd=folder,
-        timeout=100,
     )
     reports = {report["case"]: report for report in map(json.loads, done.stdout.splitlines())}
     return Host(done.returncode, done.stderr, reports)

@@ -156,7 +156,7 @@ def test_a_rate_that_the_printed_time_cannot_show(tmp_path: Path) -> None:
     assert "print the time with more decimals, resample" in refusal(tmp_path, "\n".join(lines))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(8, 60),
@@ -185,7 +185,7 @@ def test_what_is_written_reads_back(seed: int, n: int, unit_P: str, unit_Q: str,
         np.testing.assert_allclose(record.channels[name], values, rtol=5e-16)  # NaN where NaN
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.one_of(st.binary(max_size=300), st.text(max_size=300).map(lambda s: s.encode("utf-8", "replace"))))
 @example(b"\x00")
 @example(b"\xff\xfet\x00i\x00m\x00e\x00")
@@ -207,7 +207,7 @@ _CELL = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(st.lists(_CELL, min_size=1, max_size=3), max_size=12))
 def test_any_cells_give_a_record_or_a_value_error(rows: list[list[str]]) -> None:
     """Any cells below a good header: a ValueError that begins with the file."""

@@ -78,7 +78,7 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*arguments: str | os.PathLike[str]) -> subprocess.CompletedProcess[str]:
     line = [sys.executable, "-m", "fmu_src.run", *map(os.fspath, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, cwd=ROOT, timeout=60)
+    return subprocess.run(line, capture_output=True, text=True, cwd=ROOT)
 
 
 def in_process(*arguments: str | os.PathLike[str]) -> tuple[int, str, str]:

@@ -123,7 +123,7 @@ def test_csv_is_whole_or_absent(sheep: Network, tmp_path: Path) -> None:
 
 def _solver(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "solver", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def test_command_line(tmp_path: Path) -> None:
