@@ -16,8 +16,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import hypothesis
 import pytest
-import typer
-from typer.testing import CliRunner
+from commands import in_process
 
 from solver import Network, load
 
@@ -36,22 +35,16 @@ def sheep() -> Network:
 def one_process() -> Iterator[None]:
     """``python -m build_fmu`` and ``python -m fmu_src.run`` are run where the test runs, by the same command line.
 
-    A new process for each costs seconds of imports. For tests whose claim is not about processes: those that start
-    them for good are in test_build.py, test_run.py, test_fmu.py, and in the examples.
+    For tests whose claim is not about processes: those that start them for good are in test_build.py, test_run.py,
+    test_fmu.py, and in the examples.
     """
-    commands = {}
-    for name in ("build_fmu", "fmu_src.run"):
-        commands[name] = typer.Typer()
-        commands[name].command()(import_module(name).main)
+    commands = {name: import_module(name).main for name in ("build_fmu", "fmu_src.run")}
     real = subprocess.run
 
     def run(line: list[str], **options: Any) -> Any:
-        if not isinstance(line, list) or line[:2] != [sys.executable, "-m"] or line[2] not in commands:
-            return real(line, **options)
-        done = CliRunner().invoke(commands[line[2]], line[3:])
-        if done.exception is not None and not isinstance(done.exception, SystemExit):
-            raise done.exception
-        return subprocess.CompletedProcess(line, done.exit_code, done.stdout, done.stderr)
+        if isinstance(line, list) and line[:2] == [sys.executable, "-m"] and line[2] in commands:
+            return in_process(commands[line[2]], line[3:])
+        return real(line, **options)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(subprocess, "run", run)
