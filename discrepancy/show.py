@@ -17,7 +17,8 @@ from fitting.records.beats import Beats
 from fitting.records.noise import mean_beat
 from fitting.units import INFLOW
 from solver import Settings, simulate, simulate_periodic
-from solver.network import Inlet, Network, Pressure, Site
+from solver.network import Inlet, Network, Site
+from solver.outlets import Pressure
 
 from .bench import Bench, most_probable
 from .fits import Fit

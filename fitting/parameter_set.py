@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
-from solver.effects import terms_of
+from solver.catalogue import terms_of
 from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
-from solver.network import OUTLETS, Fluid, Junction, Network, Segment
+from solver.network import Fluid, Junction, Network, Segment
+from solver.outlets import OUTLETS
 from solver.quantity import quantities
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 

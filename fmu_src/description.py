@@ -104,6 +104,6 @@ def _initial_sources(output: str, table: tuple[Variable, ...]) -> list[int]:
     names = {"network.P_0"}
     if kind == "R":
         names |= {"network.P_ref", "network.eta", "network.elastic_law"}
-        walls = ("R0", "h", "E", *(key for effect in effects.ALL if effect.at_rest for key in effect.quantities))
+        walls = ("R0", "h", "E", *(key for effect in effects.ALL if effect.at_rest for key in effect.terms))
         names |= {v.name for v in table if v.causality == "parameter" and v.name.rsplit(".", 1)[-1] in walls}
     return [i for i, v in enumerate(table, start=1) if v.name in names]

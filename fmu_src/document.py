@@ -8,7 +8,8 @@ from importlib.metadata import distribution
 
 import numpy as np
 
-from solver.network import Network, Pressure, Reflection, Resistance, Windkessel
+from solver.network import Network
+from solver.outlets import Pressure, Reflection, Resistance, Windkessel
 
 from .description import DISPLAY_UNITS
 from .drawing import model_png, network_svg

@@ -10,7 +10,8 @@ from itertools import count
 import numpy as np
 
 from .mesh import topology
-from .network import Network, Outlet, Segment
+from .network import Network, Segment
+from .outlets import Outlet
 
 Array = np.ndarray
 

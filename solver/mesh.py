@@ -15,7 +15,8 @@ import numpy as np
 from . import effects
 from .effect import Effect
 from .element import Element, element, lagrange
-from .network import Fluid, Network, Outlet, Reflection, Resistance, Segment, Windkessel
+from .network import Fluid, Network, Segment
+from .outlets import Outlet, Reflection, Resistance, Windkessel
 from .validation import check_parameters
 from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
 

@@ -24,7 +24,7 @@ from discrepancy.observation import sense
 from discrepancy.simulator import Simulator
 from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
 from fitting.records.beats import Beats
-from solver import NonPhysicalState, Settings, effects, simulate_periodic
+from solver import NonPhysicalState, Settings, catalogue, effects, simulate_periodic
 from solver.effect import Effect, Values
 from solver.files import dumps, loads
 from solver.quantity import Quantity
@@ -284,7 +284,7 @@ def test_an_outlet_that_is_rewired_reflects_no_more() -> None:
 
 
 def test_sense_is_the_catalogue() -> None:
-    """Lag, gain, offset and resonance of one channel against effects.observe; other channels stay, bit by bit."""
+    """Lag, gain, offset and resonance of one channel against catalogue.observe; other channels stay, bit by bit."""
     rng = np.random.default_rng(1)
     X = rng.normal(size=(6, len(NAMES))) + 1j * rng.normal(size=(6, len(NAMES)))
     omega = 2.0 * np.pi / T * np.arange(6)
@@ -292,7 +292,7 @@ def test_sense_is_the_catalogue() -> None:
         x = np.full(len(t.unknowns), 0.7)
         found = sense(Member((t,), t.unknowns, x), NAMES, X, T)
         fit = Fit((t,), t.unknowns, x, x, x, x, x, x)
-        expected = effects.observe(sensor_parameters(fit, t), X[:, -1], omega)
+        expected = catalogue.observe(sensor_parameters(fit, t), X[:, -1], omega)
         np.testing.assert_allclose(found[:, -1], expected, rtol=1e-12, err_msg=t.effect)
         assert np.array_equal(found[:, :-1], X[:, :-1])
         assert not np.allclose(found[:, -1], X[:, -1])

@@ -21,7 +21,8 @@ from solver.files import (
     write_network,
     write_whole,
 )
-from solver.network import Network, Pressure, Reflection, Resistance, Site, Windkessel
+from solver.network import Network, Site
+from solver.outlets import Pressure, Reflection, Resistance, Windkessel
 
 FORK = """
 name = "fork"

@@ -13,19 +13,8 @@ import pytest
 
 from solver.files import bundled, read_network
 from solver.linear import Harmonics, propagation, solve, waveforms
-from solver.network import (
-    Fluid,
-    Inlet,
-    Junction,
-    Network,
-    Outlet,
-    Pressure,
-    Reflection,
-    Resistance,
-    Segment,
-    Site,
-    Windkessel,
-)
+from solver.network import Fluid, Inlet, Junction, Network, Segment, Site
+from solver.outlets import Outlet, Pressure, Reflection, Resistance, Windkessel
 
 RHO = 1060.0
 INVISCID = Fluid(rho=RHO, nu=0.0)
