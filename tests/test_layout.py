@@ -15,7 +15,8 @@ TRUTH = sorted((ROOT / "tests" / "truth").glob("*.py"))
 # the numbers of a network, and the writer of record files
 SHARED = {
     "solver": {"Network", "load"},
-    "solver.network": {"Network", "Pressure", "Reflection", "Resistance", "Windkessel"},
+    "solver.network": {"Network"},
+    "solver.outlets": {"Pressure", "Reflection", "Resistance", "Windkessel"},
     "fitting.records.record": {"write_record"},
 }
 
