@@ -1,7 +1,8 @@
 """What a study has done so far, on disk: an interrupted one goes on where it was, and gives the same answer.
 
-Every stage is one file in ``<folder>/.state``, written whole: the journal's key, and the pickled result. A stage counts
-only if it was made from the same inputs: record, network, thresholds and software, whose hash is the key.
+Every stage is one pickle in ``<folder>/.state``, written whole, bit for bit what was computed. A stage counts only if
+it was made from the same inputs (record, network, thresholds and software, whose hash is the journal's key) and if the
+file is whole. A pickle runs code when it is read: a study goes on in a folder of one's own, not in one from elsewhere.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import json
 import pickle
 import shutil
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,38 +24,56 @@ from .name import Naming
 Result = TypeVar("Result")
 
 
+def _same(result: Any) -> Any:
+    return result
+
+
 class Journal:
-    """The stages of one study in ``folder``; those of another study there are thrown away."""
+    """The stages of one study in ``folder``; those of another study there do not count."""
 
     def __init__(self, folder: Path, inputs: Any) -> None:
         self.folder = folder / ".state"
-        self.key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        self.key = json.dumps(inputs, sort_keys=True).encode()
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def stage(self, name: str, compute: Callable[[], Result]) -> Result:
-        """The result of a stage: read if it is there, else computed and written."""
-        path = self.folder / f"{name}.pickle"
-        head = self.key.encode()
-        if path.is_file():
-            data = path.read_bytes()
-            if data.startswith(head):  # of this study: nothing else is unpickled
-                with suppress(pickle.UnpicklingError, EOFError):  # cut off
-                    found: Result = pickle.loads(data[len(head) :])
-                    return found
-        result = compute()
-        write_whole(path, head + pickle.dumps(result))
-        return result
+    def stage(
+        self,
+        name: str,
+        compute: Callable[[], Result],
+        kept: Callable[[Result], Any] = _same,
+        restored: Callable[[Any], Result] = _same,
+    ) -> Result:
+        """The result of a stage: read if it is there, else computed and written.
 
-    def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
-        """The stage "naming", which is kept without its problem: that is made anew, weighted as it was."""
-        kept, weights = self.stage("naming", lambda: parted(compute()))
-        return replace(kept, problem=problem.restored(weights))
+        kept, restored : what of a result is written, and the result made of it again.
+        """
+        path = self.folder / f"{name}.pickle"
+        try:
+            seal, content = path.read_bytes().split(b"\n", 1)
+        except (OSError, ValueError):
+            seal = content = b""
+        if seal and seal == self._seal(content):
+            return restored(pickle.loads(content))
+        result = compute()
+        content = pickle.dumps(kept(result))
+        write_whole(path, self._seal(content) + b"\n" + content)
+        return result
 
     def close(self) -> None:
         """The study is done: its state is no longer needed."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
+    def _seal(self, content: bytes) -> bytes:
+        """A hash of the inputs and of a stage."""
+        return hashlib.sha256(self.key + b"\n" + content).hexdigest().encode()
 
-def parted(naming: Naming) -> tuple[Naming, Any]:
-    """A naming without its problem, and what that was weighted with at last."""
+
+def without_problem(naming: Naming) -> tuple[Naming, Any]:
+    """A naming without its problem, which is made anew when it is read, and what that was weighted with."""
     return replace(naming, problem=None), naming.problem.weights  # type: ignore[arg-type]
+
+
+def with_problem(kept: tuple[Naming, Any], problem: Forward) -> Naming:
+    """The naming of :func:`without_problem`, about ``problem`` weighted as it was."""
+    naming, weights = kept
+    return replace(naming, problem=problem.restored(weights))

@@ -20,10 +20,10 @@ from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats
 from fitting.records.virtual import measured
 from fitting.threads import single_threaded
-from fitting.units import INFLOW
 from solver import simulate_periodic
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
 from . import thresholds
 from .isolability import isolability

@@ -16,9 +16,9 @@ from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
 from fitting.records.noise import mean_beat
-from fitting.units import INFLOW
 from solver import Settings, simulate, simulate_periodic
 from solver.network import Network
+from solver.units import INFLOW
 
 from .study import Study
 

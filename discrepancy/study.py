@@ -15,9 +15,9 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats, align
 from fitting.records.record import Record
-from fitting.units import INFLOW
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
 from . import thresholds
 from .name import Naming, name

@@ -5,7 +5,6 @@ Everything is made in ``<out>/.state`` first; the folder gets its files when all
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -26,13 +25,14 @@ from fitting.inference.simulator import Meter, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
+from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
 from solver import NonPhysicalState, Settings
 from solver.effects import BY_NAME
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
-from .journal import Journal
+from .journal import Journal, with_problem, without_problem
 from .name import Naming, name, quantile
 from .outcome import NamedEffect, Outcome, Round, verdict_json
 from .show import Run, free_run, own_parity, parity
@@ -88,10 +88,7 @@ def discover(
 
 def _check_folder(folder: Path) -> None:
     """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    make_folder(folder)
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
             raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
@@ -180,8 +177,12 @@ class _Work:
         def told(simulations: int) -> None:
             self.progress(0.2 + 0.5 * (1.0 - 0.5 ** (simulations / 60.0)), f"naming, {simulations} simulations")
 
-        runs = Runs(Meter(told))
-        return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs))
+        return self.journal.stage(
+            "naming",
+            lambda: name(problem, self.study.terms, Runs(Meter(told))),
+            without_problem,
+            lambda kept: with_problem(kept, problem),
+        )
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""
@@ -197,10 +198,7 @@ class _Work:
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
         try:
-            return self.journal.stage(
-                f"run_{stage}",
-                lambda: free_run(fmu, study or self.study, fit, wave, starts),
-            )
+            return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study or self.study, fit, wave, starts))
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 
@@ -277,8 +275,8 @@ def _moved(network: Network, fit: Fit) -> dict[str, float]:
 def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
     """All files of a study; those of an earlier one that this verdict does not have are removed.
 
-    All are made aside first. Then the earlier verdict goes, the new files come, and the new verdict last: whatever
-    happens, a folder with a verdict.json has what belongs to it.
+    All are written to a folder of their own first. Then the earlier verdict is removed, the new files replace the old
+    ones, and the new verdict is written last: a folder with a verdict.json always holds the files that belong to it.
     """
     from . import report  # matplotlib takes a second
 
@@ -291,8 +289,7 @@ def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress
             write_whole(aside / "model.toml", dumps(outcome.network_after))
             write_whole(aside / "model.fmu", fmu)
         report.write_report(outcome, aside)
-        text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_whole(aside / "verdict.json", text)
+        write_whole(aside / "verdict.json", json_text(verdict_json(outcome)))
         _move(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

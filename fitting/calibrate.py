@@ -23,6 +23,7 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
 from .inference.asked import parse_unknowns
 from .inference.identify import Determined, determined, sentences
@@ -35,7 +36,6 @@ from .provenance import software
 from .records.beats import Beats
 from .records.noise import MAX_HARMONICS, degrees_of_freedom, harmonics_above_noise, pulses, solver_error
 from .threads import single_threaded
-from .units import INFLOW
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]

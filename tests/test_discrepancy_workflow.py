@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
-from discrepancy.journal import Journal, parted
+from discrepancy.journal import Journal, with_problem, without_problem
 from discrepancy.name import Naming
 from discrepancy.outcome import VERDICTS, Outcome
 from discrepancy.show import Gap, Run, own_parity
@@ -29,6 +29,8 @@ from fitting.bench import on_bench
 from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
+
+pytestmark = pytest.mark.usefixtures("one_process")
 
 SITE = "CA"
 HIDDEN = Effect("nonlinear_elasticity", (SITE,), 4.0)
@@ -256,14 +258,13 @@ def test_bench_of_a_site() -> None:
 # --- the journal -----------------------------------------------------------------------------------------------------
 
 
-def test_a_naming_survives_a_journal_bit_by_bit() -> None:
-    """Two effects, one of a sensor: pickled and read back: every number and every term is the same."""
+def test_a_naming_survives_bit_by_bit() -> None:
+    """Two effects, one of a sensor: through a pickle: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))
     made = make(Case("bench", SITE, 40.0, hidden), 5)
     study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
     assert naming.verdict == "several"
-    kept, weights = pickle.loads(pickle.dumps(parted(naming)))
-    again = replace(kept, problem=study.problem.restored(weights))
+    again = with_problem(pickle.loads(pickle.dumps(without_problem(naming))), study.problem)
     assert (again.verdict, again.reason, again.terms) == (naming.verdict, naming.reason, naming.terms)
     assert [n.label for n in again.members] == [n.label for n in naming.members]
     for a, b in zip((again.base, *again.ranked), (naming.base, *naming.ranked), strict=True):
@@ -277,12 +278,13 @@ def test_a_naming_survives_a_journal_bit_by_bit() -> None:
     assert all(np.array_equal(again.columns[k], naming.columns[k]) for k in naming.columns)
 
 
-def test_a_run_survives_a_journal_bit_by_bit() -> None:
+def test_a_run_survives_bit_by_bit(tmp_path: Path) -> None:
     """Complex coefficients, beats and gaps."""
     rng = np.random.default_rng(0)
     X = rng.normal(size=(4, 2)) + 1j * rng.normal(size=(4, 2))
     run = Run(X, {"A.P": rng.normal(size=9)}, Gap((1.1, 2.2), {"A.P": (0.1 + 0.2, 1 / 3)}))
-    again = pickle.loads(pickle.dumps(run))
+    again = Journal(tmp_path, []).stage("run", lambda: run)
+    again = Journal(tmp_path, []).stage("run", lambda: pytest.fail("computed again"))
     assert np.array_equal(again.X, run.X) and again.gap == run.gap
     assert np.array_equal(again.beats["A.P"], run.beats["A.P"])
 

@@ -15,6 +15,7 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.noise import (
@@ -28,7 +29,6 @@ from ..records.noise import (
     solver_error,
     target,
 )
-from ..units import INFLOW
 from .added import allowed, extended
 from .fit import Fit, Member, begun
 from .forward import Drive

@@ -18,19 +18,12 @@ from solver.coordinate import SCALE, Coordinate
 from solver.network import Network
 from solver.quantity import Quantity
 
+from ..estimate import Estimate
+
 Array = np.ndarray
 
 _ANYTHING = 10.0  # half an interval of a logarithm: a factor e^20 from end to end says nothing
 TAILS = 5.0  # degrees of freedom of the priors of a hypothesis
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A value with its unit and 95 % interval, all in SI."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ import numpy as np
 
 from solver import linear
 from solver.network import Network
+from solver.units import INFLOW
 
-from ..units import INFLOW
 from .beats import Beats
 from .spectral import coefficients
 
