@@ -22,7 +22,6 @@ from fitting.inference.search import bounded_step
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, joins
 from fitting.inference.unknown import bounds, penalty, precisions
-from fitting.inference.unknown import quantile as of_dof
 
 from . import thresholds as at
 
@@ -291,8 +290,3 @@ def _left(fit: Fit, problem: Forward) -> str:
     worst = max(power, key=lambda s: power[s])
     where = f", most in {problem.signals[worst]}" if len(power) > 1 else ""
     return f"whitened RMS {rms:.2g} ({low:.2g} up to the third harmonic){where}"
-
-
-def quantile(problem: Forward) -> float:
-    """Half a 95 % interval in standard deviations."""
-    return of_dof(problem.dof_of_noise)

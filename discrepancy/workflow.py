@@ -17,12 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from fitting.bench import on_bench
 from fitting.fmu_run import RunFailed
 from fitting.inference.added import estimates, extended
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Meter, Runs
-from fitting.inference.unknown import parameter_values
+from fitting.inference.unknown import parameter_values, quantile
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
 from fitting.result_files import json_text, make_folder
@@ -33,7 +32,7 @@ from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
 from .journal import Journal, with_problem, without_problem
-from .name import Naming, name, quantile
+from .name import Naming, name
 from .outcome import NamedEffect, Outcome, Round, verdict_json
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
@@ -186,10 +185,12 @@ class _Work:
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""
-        if self.study.site is None and stage == "given" and self.model.suffix.lower() == ".fmu":
+        part = self.study.problem.part(network)
+        if part is network and stage == "given" and self.model.suffix.lower() == ".fmu":
             return self.model
-        if self.study.site is not None:
-            network = on_bench(network, self.study.site)
+        return self._built(part, stage)
+
+    def _built(self, network: Network, stage: str) -> Path:
         file = self.place / f"{stage}.toml"
         write_network(network, file)
         return build_fmu(file, self.place / stage)
@@ -211,16 +212,14 @@ class _Work:
         self.progress(0.88, "running the extended FMU")
         after = self._free(fmu, "after", best, wave, {}, study)
         difference = failure = None
-        if study.site is None:
+        if study.problem.part(network) is network:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
             physical = free_run(fmu, study, _nothing(), wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
-            file = self.place / "model.toml"
-            write_network(network, file)
-            fmu = build_fmu(file, self.place / "model")
+            fmu = self._built(network, "model")
             archive = fmu.read_bytes()
             try:
                 difference = own_parity(fmu, network)
@@ -231,7 +230,7 @@ class _Work:
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
-        half, best = quantile(naming.problem), naming.best
+        half, best = quantile(naming.problem.dof_of_noise), naming.best
         effects = [
             NamedEffect(
                 t.effect,

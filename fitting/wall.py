@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from solver.network import Network, Segment
 from solver.quantity import quantities
@@ -23,7 +22,8 @@ from solver.wall import Wall
 from . import wall_model
 from .doubts import doubts
 from .inference.errors_in_variables import Solution, plain, solve
-from .inference.loop import Loop, NoFit
+from .inference.loop import Loop, NoFit, mean_loop, paired
+from .inference.unknown import quantile
 from .parameter_set import ParameterSet, Value
 from .provenance import software
 from .records import spectral
@@ -33,7 +33,6 @@ from .wall_model import PARAMETERS, UNITS, WallModel, columns, evaluate, model, 
 
 Array = np.ndarray
 
-_MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 _LAG_HARMONICS = 12  # of the radius, for the search of a lag: enough for its shape, few enough for its noise
 _THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
 
@@ -97,7 +96,7 @@ class WallFit:
 
     def ci95(self, name: str) -> tuple[float, float]:
         """95 % interval of a parameter, by Student's t."""
-        half = float(t_distribution.ppf(0.975, self.dof)) * self.sd(name)
+        half = quantile(self.dof) * self.sd(name)
         return self.values[name] - half, self.values[name] + half
 
     @property
@@ -205,29 +204,6 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
     return replace(beats, values={**beats.values, name: moved})
 
 
-def mean_loop(beats: Beats, site: str) -> Loop:
-    """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError as :func:`fit`."""
-    names = (f"{site}.P", f"{site}.R")
-    beats = _paired(beats, site)
-    P, R = (beats.mean(name) for name in names)
-    noise = beats.covariance(names)
-    N = min(beats.N, _MOST_SAMPLES)
-    return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
-
-
-def _paired(beats: Beats, site: str) -> Beats:
-    """A gap of P is a gap of R and the other way round, unless that leaves a phase without any sample.
-
-    What varies from beat to beat must be in the mean of both, or in neither.
-    """
-    P, R = beats.site(site)
-    gaps = np.isnan(P) | np.isnan(R)
-    if not gaps.any() or gaps.all(axis=0).any():
-        return beats
-    paired = {name: np.where(gaps, np.nan, x) for name, x in ((f"{site}.P", P), (f"{site}.R", R))}
-    return replace(beats, values=paired)
-
-
 @single_threaded
 def bootstrap(
     fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
@@ -238,7 +214,7 @@ def bootstrap(
     Percentile intervals, for ``model.free``, widened by √(n/(n - 1)) as n drawn beats scatter less than n measured.
     """
     rng = np.random.default_rng(seed)
-    beats, lag = _paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
+    beats, lag = paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
     names = (f"{fitted.site}.P", f"{fitted.site}.R")
     whole = {name: beats.mean(name) for name in names}
     means = np.empty((replicates, len(fitted.model.free)))

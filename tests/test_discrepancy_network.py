@@ -16,13 +16,14 @@ import pytest
 from forked import NETWORK, N, T, inflow, record
 
 from discrepancy.journal import with_problem, without_problem
-from discrepancy.name import Naming, name, quantile
+from discrepancy.name import Naming, name
 from fitting.inference.added import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
 from fitting.inference.network import NetworkProblem, network_problem
 from fitting.inference.observation import sense
 from fitting.inference.simulator import Runs, Simulator
 from fitting.inference.terms import Term, candidates, followers, joins, nuisances, sensor_terms
+from fitting.inference.unknown import quantile
 from fitting.records.beats import Beats
 from solver import NonPhysicalState, Settings, catalogue, effects, simulate_periodic
 from solver.effect import Effect, Values
@@ -91,7 +92,7 @@ def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
     fit = stiff.best.fit
     (unknown,) = stiff.best.fit.terms[0].unknowns
     x, sd = fit.x[-1], np.sqrt(fit.covariance[-1, -1])
-    told = unknown.estimate(x, sd, quantile(stiff.problem))
+    told = unknown.estimate(x, sd, quantile(stiff.problem.dof_of_noise))
     assert told.value == pytest.approx(1.25, rel=0.004)
     assert told.ci95[0] <= 1.25 <= told.ci95[1]
     assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were
@@ -108,7 +109,7 @@ def test_viscosity_everywhere_that_is_not_the_same_everywhere() -> None:
     assert naming.verdict == "effect"
     (told,) = naming.best.fit.terms
     assert (told.effect, told.where) == ("wall_viscosity", ("all",))
-    values = estimates(elastic, naming.best.fit, told, quantile(naming.problem))
+    values = estimates(elastic, naming.best.fit, told, quantile(naming.problem.dof_of_noise))
     assert set(values) == set(viscous)
     for variable, phi0 in viscous.items():
         assert values[variable].value == pytest.approx(phi0, rel=0.02)
@@ -176,7 +177,7 @@ def test_a_new_effect_is_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
     found = tuple(t for t in candidates(NETWORK, NAMES) if t.effect in ("toy", "channel_gain"))
     naming = name(network_problem(beats_, NETWORK), found)
     assert (naming.verdict, naming.best.label) == ("effect", "toy at B")
-    told = estimates(NETWORK, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem))
+    told = estimates(NETWORK, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem.dof_of_noise))
     assert set(told) == {"B.linear", "B.square"}
     at_end = 1.0 + told["B.linear"].value + told["B.square"].value
     assert at_end == pytest.approx(2.0, rel=0.05)
