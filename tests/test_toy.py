@@ -23,11 +23,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from solver.outlets import Condition, Load, Numbers, Outlet
-from solver.sensors import Sensor
 
 from solver.effect import Array, Effect, Values
+from solver.outlets import Condition, Load, Numbers, Outlet
 from solver.quantity import Quantity, quantity
+from solver.sensors import Sensor
 from solver.wall import Wall
 
 ROOT = Path(__file__).resolve().parents[1]
