@@ -31,7 +31,7 @@ from solver.effects import BY_NAME
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
-from .journal import Journal, with_problem, without_problem
+from .journal import Journal
 from .name import Naming, name
 from .outcome import NamedEffect, Outcome, Round, verdict_json
 from .show import Run, free_run, own_parity, parity
@@ -176,12 +176,8 @@ class _Work:
         def told(simulations: int) -> None:
             self.progress(0.2 + 0.5 * (1.0 - 0.5 ** (simulations / 60.0)), f"naming, {simulations} simulations")
 
-        return self.journal.stage(
-            "naming",
-            lambda: name(problem, self.study.terms, Runs(Meter(told))),
-            without_problem,
-            lambda kept: with_problem(kept, problem),
-        )
+        runs = Runs(Meter(told))
+        return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs))
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""

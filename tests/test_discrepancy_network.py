@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from forked import NETWORK, N, T, inflow, record
 
-from discrepancy.journal import with_problem, without_problem
+from discrepancy.journal import parted
 from discrepancy.name import Naming, name
 from fitting.inference.added import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
@@ -191,10 +191,15 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
     assert np.mean(z**2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / len(z)))
 
 
+def read_back(naming: Naming) -> Naming:
+    """Through the bytes of a journal, about a problem made anew."""
+    kept, weights = pickle.loads(pickle.dumps(parted(naming)))
+    return replace(kept, problem=network_problem(beats(1.25), NETWORK).restored(weights))
+
+
 def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
-    """Through a pickle and about a problem made anew: the same step and weights, bit by bit."""
-    kept = pickle.loads(pickle.dumps(without_problem(stiff)))
-    again = with_problem(kept, network_problem(beats(1.25), NETWORK))
+    """Through a journal and about a problem made anew: the same step and weights, bit by bit."""
+    again = read_back(stiff)
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
     for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
@@ -206,8 +211,7 @@ def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
 
 def test_a_problem_remembers_nothing_that_was_simulated(stiff: Naming) -> None:
     """After naming and read back: the most probable beats, from rest, are the same bit by bit."""
-    kept = pickle.loads(pickle.dumps(without_problem(stiff)))
-    again = with_problem(kept, network_problem(beats(1.25), NETWORK))
+    again = read_back(stiff)
     one, other = stiff.problem, again.problem
     assert isinstance(one, NetworkProblem) and isinstance(other, NetworkProblem)
     (X,), (Y,) = one.observe([stiff.best.fit.member]), other.observe([again.best.fit.member])
