@@ -330,8 +330,17 @@ class Wall:
         return nu_s * self.relative_viscosity(A, A_t) if self.nonlinear else nu_s
 
     def viscous_slope(self, A: Array, A_t: Array) -> Array:
-        """∂P/∂A [Pa/m²] of the viscous part at fixed ∂A/∂t."""
-        slope = -self.viscosity(A, A_t) * A_t / A
+        """∂P/∂A [Pa/m²] of the viscous part at fixed ∂A/∂t, where x = r ε̇ falls with √A.
+
+        ∂(factor(x)/A)/∂A = -(factor + x factor'/2)/A² = -(factor + slope)/(2A²), since slope = factor + x factor'.
+        """
+        nu_s = self.viscosity_area / A
+        if self.past is not None:
+            nu_s = nu_s * self.weight
+        if self.nonlinear:
+            x = self.r * self.strain_rate(A, A_t)
+            nu_s = nu_s * (self.viscous.factor(x) + self.viscous.slope(x)) / 2.0
+        slope = -nu_s * A_t / A
         return slope if self.past is None else slope - 0.5 * self._faded(np.sqrt(A / self.A0)) / A
 
     def relative_viscosity(self, A: Array, A_t: Array) -> Array:
