@@ -31,8 +31,8 @@ from benchmarks.table import Row, best, show
 from build_fmu import build
 from solver import Settings, Staggered, load
 from solver.mesh import Parameters
-from solver.report import reporter
-from solver.sdirk import INFLOW_TIMES
+from solver.outputs import reporter
+from solver.scheme.sdirk import INFLOW_TIMES
 from solver.staggered import State
 
 ROOT = Path(__file__).resolve().parents[1]

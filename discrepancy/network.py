@@ -26,7 +26,7 @@ from fitting.records.noise import (
 from fitting.units import INFLOW
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 
 from .add import allowed, extended
 from .fits import Fit, Member, bounds

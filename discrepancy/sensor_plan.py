@@ -19,7 +19,7 @@ from fitting.threads import single_threaded
 from fitting.units import INFLOW
 from solver import simulate_periodic
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 
 from . import thresholds
 from .fits import Fit, Member

@@ -12,7 +12,7 @@ from fitting.records.beats import Beats, align
 from fitting.records.record import Record
 from fitting.units import INFLOW
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 
 from . import thresholds
 from .bench import Bench, bench

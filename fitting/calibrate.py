@@ -22,7 +22,7 @@ import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 
 from .inference.identify import Determined, determined, sentences
 from .inference.network import DERIVATIVE_ERROR, Meter, Point, Problem, Progress

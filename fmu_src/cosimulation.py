@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 
 from solver.network import Network
-from solver.report import reporter
-from solver.sdirk import INFLOW_TIMES, SDIRK3
-from solver.staggered import Settings, Staggered, State
 
 # communication points nearer to the grid than this part of dt count as on it
 _ON_GRID = 1e-6

@@ -23,7 +23,8 @@ from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variabil
 from pythonfmu.variables import Real, ScalarVariable, String
 
 from solver.network import Network, from_dict
-from solver.staggered import NonPhysicalState, Settings
+from solver.scheme.guards import NonPhysicalState
+from solver.scheme.model import Settings
 
 from .cosimulation import CoSimulation
 from .description import complete, description

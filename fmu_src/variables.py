@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from solver.network import Network
 from solver.quantity import Quantity
-from solver.report import output_variables
-from solver.staggered import Settings
+from solver.outputs import output_variables
+from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 INTERPOLATIONS = ("hold", "linear")

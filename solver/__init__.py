@@ -19,8 +19,9 @@ from .network import (
     Site,
     Windkessel,
 )
+from .scheme.guards import NonPhysicalState
+from .scheme.model import Settings
 from .simulate import NotPeriodic, Waveforms, sampled_inflow, simulate, simulate_periodic
-from .staggered import NonPhysicalState, Settings, Staggered
 
 
 def load(name_or_path: str) -> Network:
@@ -42,7 +43,6 @@ __all__ = [
     "Segment",
     "Settings",
     "Site",
-    "Staggered",
     "Waveforms",
     "Windkessel",
     "bundled",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .effects import neutral_value
-from .mesh import coefficients
+from .coefficients import coefficients
 from .network import Network
 
 Array = np.ndarray

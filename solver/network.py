@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .effects import quantities_of, terms_of, value_of
+from .outlets import OUTLETS, Outlet, Pressure, Reflection, Resistance, Windkessel
 from .quantity import Quantity, quantities, quantity
 from .validation import check_network, check_parameters, check_terms
 
@@ -70,54 +71,6 @@ class Junction:
     @property
     def name(self) -> str:
         return self.inflow[0] if self.inflow else "(no inflow)"
-
-
-def _venous_pressure(description: str) -> Any:
-    pressure = Quantity("Pa", description, -1e5, 1e6, nominal=1e3, display="mmHg", input=True)
-    return field(default=0.0, kw_only=True, metadata={"quantity": pressure})
-
-
-@dataclass(frozen=True)
-class Outlet:
-    """The end of a segment. Subclasses state the relation between the total pressure P and the flow Q there."""
-
-    segment: str
-    P_venous: float = _venous_pressure("venous pressure P_venous")
-
-
-@dataclass(frozen=True)
-class Reflection(Outlet):
-    """Q = A_e w(A_e) (1 - R_t)/(1 + R_t), A_e = elastic⁻¹(P - P_venous), w = ∫ c/A dA from A0.
-
-    For the β-law w = 4 (c - c0), as in the paper's code."""
-
-    R_t: float = quantity(None, "1", "reflection coefficient R_t", -0.999, 1.0)
-
-
-@dataclass(frozen=True)
-class Windkessel(Outlet):
-    """Three-element Windkessel: P = P_C + R1 Q, C dP_C/dt = Q - (P_C - P_venous)/R2."""
-
-    R1: float = quantity(None, "Pa.s/m^3", "proximal resistance R1", 0.0, 1e15, nominal=1e8, display="mmHg.s/mL")
-    C: float = quantity(None, "m^3/Pa", "compliance C", 1e-16, 1.0, nominal=1e-9, display="mL/mmHg")
-    R2: float = quantity(None, "Pa.s/m^3", "distal resistance R2", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL")
-
-
-@dataclass(frozen=True)
-class Resistance(Outlet):
-    """Pure resistance: P - P_venous = R Q."""
-
-    R: float = quantity(None, "Pa.s/m^3", "resistance R", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL")
-
-
-@dataclass(frozen=True)
-class Pressure(Outlet):
-    """Prescribed pressure: P = P_venous."""
-
-    P_venous: float = _venous_pressure("prescribed pressure P_venous")
-
-
-OUTLETS: tuple[type[Outlet], ...] = (Reflection, Windkessel, Resistance, Pressure)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver import Network, Staggered, Windkessel, simulate
-from solver.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
+from solver.scheme.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
 from solver.staggered import State
 
 

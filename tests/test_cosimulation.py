@@ -16,7 +16,7 @@ from compare import elastic
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.variables import variable_table
 from solver import Network, NonPhysicalState, Settings, Staggered, sampled_inflow, simulate
-from solver.report import output_variables, reporter
+from solver.outputs import output_variables, reporter
 
 Array = np.ndarray
 Flow = Callable[[float], float]

@@ -40,7 +40,7 @@ from solver import (
     sampled_inflow,
     simulate,
 )
-from solver.report import output_variables, reporter
+from solver.outputs import output_variables, reporter
 
 Array = np.ndarray
 MS = 1e-3

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from solver import Network, Settings, Staggered
-from solver.element import element
+from solver.scheme.element import element
 from solver.mesh import build_mesh, coefficients, topology
-from solver.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
+from solver.scheme.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
 from solver.stage import Base, Stage
 
 
