@@ -40,14 +40,12 @@ SOLVER_MODULES = (
     "wall",
     "effect",
     "effects",
+    "outlets",
     "validation",
     "network",
-    "element",
-    "mesh",
-    "sdirk",
-    "stage",
-    "staggered",
-    "report",
+    "coefficients",
+    "outputs",
+    *(f"scheme/{name}" for name in ("element", "sdirk", "mesh", "optional", "model", "terms", "guards", "stage", "step")),
 )
 SLAVE_MODULES = ("variables", "cosimulation", "description", "slave")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -91,7 +89,7 @@ def build(
 
 def _resources(network: Network, settings: Settings) -> dict[str, str]:
     """Everything in ``resources/`` but the slave script, by path; PACKAGE stands for the hashed package name."""
-    files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
+    files = {f"PACKAGE/{folder}__init__.py": "" for folder in ("", "solver/", "solver/scheme/", "fmu_src/")}
     for module in SOLVER_MODULES:
         files[f"PACKAGE/solver/{module}.py"] = (ROOT / "solver" / f"{module}.py").read_text(encoding="utf-8")
     for module in SLAVE_MODULES:
