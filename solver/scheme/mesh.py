@@ -204,10 +204,16 @@ class Layout:
         """A view of one part, (..., *shape)."""
         return y[..., self.places[name]].reshape(*y.shape[:-1], *self.shapes[name])
 
+    @cached_property
+    def _cuts(self) -> list[tuple[slice, tuple[int, ...]]]:
+        return list(zip(self.places.values(), self.shapes.values(), strict=True))
+
     def split(self, y: Array) -> list[Array]:
-        """Views of all parts."""
-        return [self.part(y, name) for name in self.shapes]
+        """Views of all parts of a y : (B, n)."""
+        B = (len(y),)
+        return [y[:, columns].reshape(B + shape) for columns, shape in self._cuts]
 
     def join(self, *parts: Array) -> Array:
         """The vector y : (B, n) of parts (B, *shape)."""
-        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+        B = len(parts[0])
+        return np.concatenate([part.reshape(B, -1) for part in parts], axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,11 +76,11 @@ def operators(model: Model, dt: float) -> Operators:
 
 
 def start(model: Model, tau: float, inertia: Array, y: Array, P_venous: Array) -> Start:
-    """A stage of length tau [s] from the state vector y : (B, n)."""
-    A, Q, _, stress, history = model.layout.split(y)
+    """What a stage of length tau [s] starts from, with the state vector y : (B, n)."""
+    A, Q, P_C, stress, history = model.layout.split(y)
     wall = model.wall.remembering(stress, tau)
     force, storage = model.force.since(history, tau), model.storage.since(wall, A, tau, P_venous)
-    return Start(model, tau, A, Q, stress, history, inertia, wall, force, storage)
+    return Start(model, tau, A, Q, P_C, history, inertia, wall, force, storage)
 
 
 def _loads(model: Model, tau: float) -> Loads:
@@ -120,8 +121,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     return Condensed(K_inverse, K_left, K_right, -np.linalg.inv(G))
 
 
-@dataclass(frozen=True)
-class Stage:
+class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
     behind : (B, n_outlets) [Pa] the pressures behind the outlets. inflow [m³/s]. P_venous : (B, n_outlets) [Pa].
@@ -133,6 +133,12 @@ class Stage:
     inflow: Array
     P_venous: Array
     t: float
+
+    @staticmethod
+    def of(model: Model, o: Operators, y: Array, inflow: Array, P_venous: Array, t: float) -> Stage:
+        """The stage that starts from the state vector y : (B, n)."""
+        s = start(model, o.tau, o.inertia, y, P_venous)
+        return Stage(s, o, o.loads.keep * s.P_C + o.loads.give * P_venous, inflow, P_venous, t)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).

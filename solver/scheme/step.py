@@ -24,7 +24,7 @@ from .guards import check
 from .mesh import Layout
 from .model import Model
 from .sdirk import INFLOW_AT_STAGES, SDIRK3, STAGES
-from .stage import Stage, operators, start
+from .stage import Stage, operators
 
 Array = np.ndarray
 
@@ -133,19 +133,17 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
     guesses = 2.0 * state.unknowns - state.unknowns_before
     unknowns, k = np.empty_like(guesses), list[Array]()
     for a, guessed, found, Q_i in zip(SDIRK3, guesses, unknowns, Q_in, strict=True):
-        begin = y
+        start = y
         for a_j, k_j in zip(a, k, strict=False):
-            begin = begin + (dt * a_j) * k_j
-        at_start = start(model, o.tau, o.inertia, begin, venous)
-        behind = o.loads.keep * layout.part(begin, "P_C") + o.loads.give * venous
-        stage = Stage(at_start, o, behind, Q_i, venous, state.t + dt)
+            start = start + (dt * a_j) * k_j
+        stage = Stage.of(model, o, start, Q_i, venous, state.t + dt)
         rates, heads = guess.split(guessed)
-        Q, H, A_t = stage.solve(at_start.Q + o.tau * rates, heads, small)
+        Q, H, A_t = stage.solve(stage.start.Q + o.tau * rates, heads, small)
         end = stage.end(Q, A_t)
-        k.append((end - begin) / o.tau)
-        layout.part(k[-1], "A")[:] = A_t  # without the round-off of the difference
-        guess.part(found, "rates")[:] = layout.part(k[-1], "Q")
-        guess.part(found, "heads")[:] = H
+        k_i = (end - start) / o.tau
+        k_i[:, layout.places["A"]] = A_t.reshape(len(y), -1)  # without the round-off of the difference
+        found[:, guess.places["rates"]], found[:, guess.places["heads"]] = k_i[:, layout.places["Q"]], H
+        k.append(k_i)
     check(model, layout.part(end, "A"), A_t, Q, state.t + dt)
     return State(state.t + dt, end, A_t, H, unknowns, state.unknowns, layout, guess)
 

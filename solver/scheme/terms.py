@@ -9,7 +9,6 @@ respect to the flows of its element, A following Q by ∂A/∂t = -∂Q/∂x, is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,18 +20,17 @@ from .optional import Force, Storage
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class Start:
+class Start(NamedTuple):
     """What an implicit stage of length tau [s] starts from, and the laws of wall and fluid that this makes for it.
 
-    A, Q, stress, history : the parts of the state vector there. inertia : like Q, ρ w J/τ.
+    A, Q, P_C, history : parts of the state vector there. inertia : like Q, ρ w J/τ.
     """
 
     model: Model
     tau: float
     A: Array
     Q: Array
-    stress: Array
+    P_C: Array
     history: Array
     inertia: Array
     wall: Wall
