@@ -45,7 +45,10 @@ SOLVER_MODULES = (
     "network",
     "coefficients",
     "outputs",
-    *(f"scheme/{name}" for name in ("element", "sdirk", "mesh", "optional", "model", "terms", "guards", "stage", "step")),
+    *(
+        f"scheme/{name}"
+        for name in ("element", "sdirk", "mesh", "optional", "model", "terms", "guards", "stage", "step")
+    ),
 )
 SLAVE_MODULES = ("variables", "cosimulation", "description", "slave")
 _EPOCH = (1980, 1, 1, 0, 0, 0)

@@ -240,9 +240,7 @@ def _conditions(
     r[..., 0] = Z_ref[..., 0] * Q
     for ends in c.outlets:
         at = nodes.outlets.start + ends.index
-        a[..., at], b[..., at], r[..., at] = ends.kind.condition(
-            ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref
-        )
+        a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
         _check_mean(network, c, nodes, a[..., nodes.outlets], b[..., nodes.outlets])
     return a, b, r

@@ -44,13 +44,15 @@ def _venous_pressure(description: str) -> Any:
 
 @dataclass(frozen=True)
 class Outlet:
-    """The end of a segment: what all kinds have. ``symbol`` and ``noun`` name the kind in drawings and documents."""
+    """The end of a segment: what all kinds have. ``symbol`` and ``noun`` name the kind in drawings and documents;
+    ``stores`` : it has a stored pressure P_C."""
 
     segment: str
     P_venous: float = _venous_pressure("venous pressure P_venous")
 
     symbol: ClassVar[str]
     noun: ClassVar[str]
+    stores: ClassVar[bool] = False
 
     @property
     def label(self) -> str:
@@ -146,6 +148,7 @@ class Windkessel(Outlet):
 
     symbol = "RCR"
     noun = "Windkessel"
+    stores = True
 
     @classmethod
     def load(cls, numbers: Numbers, wall: Wall, tau: float) -> Load:

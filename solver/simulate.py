@@ -189,9 +189,7 @@ def _check_network(network: Any) -> None:
         raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
 
 
-def _run(
-    network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float
-) -> _Run:
+def _run(network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float) -> _Run:
     model = build(network, parameters, settings)
     return _Run(model, reporter(model), inflow or network.inlet.Q, dt)
 

@@ -13,8 +13,8 @@ from solver.scheme import terms
 from solver.scheme.element import element
 from solver.scheme.mesh import build_mesh, topology
 from solver.scheme.model import build
-from solver.scheme.sdirk import GAMMA, INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
-from solver.scheme.stage import start
+from solver.scheme.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
+from solver.scheme.stage import Stage, operators
 from solver.scheme.step import initial_state, step
 
 
@@ -94,20 +94,25 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
     state = initial_state(model)
     for i in range(100):
         state = step(model, state, 1e-3, sheep.inlet.Q((i + INFLOW_TIMES) * 1e-3))
-    tau = GAMMA * 1e-3
-    s = start(model, tau, model.mass / tau, state.y, model.coefficients.P_venous)
+    s = Stage.of(model, operators(model, 1e-3), state.y, np.array(0.0), model.coefficients.P_venous, state.t).start
     random = np.random.default_rng(1)
     Q = state.Q + 1e-6 * random.normal(size=state.Q.shape)
     dQ = 1e-10 * random.normal(size=Q.shape)
     f, low, high = (terms.flow(s, q) for q in (Q, Q - dQ, Q + dQ))
     d = terms.change(s, f)
+
+    def force(f: terms.Flow) -> np.ndarray:
+        R = np.zeros_like(Q)
+        s.force.add_to(R, f.Q, f.A_end)
+        return R
+
     pairs = (
         (terms.jacobian(s, Q), lambda f: terms.residual(s, f.Q, state.H)),
         (terms.d_pressure(s, f, d), lambda f: terms.pressure(s, f)),
         (terms.d_convection(s, f, d), lambda f: terms.convection(s, f)),
         (terms.d_inertia(s, f), lambda f: terms.inertia(s, f)),
         (terms.d_friction(s, f, d), lambda f: terms.friction(s, f)),
-        (terms.d_force(s, f, d), lambda f: s.force.force(f.Q, f.A_end) + 0.0 * Q),
+        (terms.d_force(s, f, d), force),
         (terms.d_ends(s, f, d), lambda f: terms.ends(s, f, state.H)),
     )
     for K, term in pairs:

@@ -202,7 +202,7 @@ class Layout:
 
     def part(self, y: Array, name: str) -> Array:
         """A view of one part, (..., *shape)."""
-        return y[..., self.places[name]].reshape(*y.shape[:-1], *self.shapes[name])
+        return y[..., self.places[name]].reshape(y.shape[:-1] + self.shapes[name])
 
     @cached_property
     def _cuts(self) -> list[tuple[slice, tuple[int, ...]]]:

@@ -122,20 +122,14 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
     node_kinetic = np.zeros((c.B, mesh.n_nodes))
     node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * c.alpha
     node_kinetic[:, mesh.topology.junctions] = 0.5 * c.rho * (c.alpha - c.k)
-    shapes = {
-        "A": gauss[1:],
-        "Q": lobatto[1:],
-        "P_C": ends.shape,
-        "stress": (0,) if wall.tau is None else gauss[1:],
-        "history": (force.memories, *lobatto[1:]),
-    }
+    layout = _layout(c, mesh, wall, force)
     model = Model(
         network=network,
         settings=settings,
         parameters=parameters,
         coefficients=c,
         mesh=mesh,
-        layout=Layout(shapes),
+        layout=layout,
         wall=wall,
         outlet_wall=c.wall_at(ends, np.ones(len(ends))),
         minus_J_inverse=np.broadcast_to(-1.0 / J, gauss).copy(),
@@ -152,6 +146,21 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
     )
     _refuse_unreachable_pressure(model)
     return model
+
+
+def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:
+    """The state vector; without memory of any kind it is A and Q."""
+    gauss, lobatto = (mesh.n_elements, mesh.element.N), (mesh.n_elements, mesh.element.N + 1)
+    remembers = wall.tau is not None or force.memories > 0 or any(ends.kind.stores for ends in c.outlets)
+    return Layout(
+        {
+            "A": gauss,
+            "Q": lobatto,
+            "P_C": (len(mesh.topology.outlet_segment) if remembers else 0,),
+            "stress": (0,) if wall.tau is None else gauss,
+            "history": (force.memories, *lobatto),
+        }
+    )
 
 
 def _walls(c: Coefficients, mesh: Mesh, xi: Array) -> Wall:

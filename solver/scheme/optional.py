@@ -1,4 +1,4 @@
-"""Physics that a model may lack. Where it does, a term that returns zero stands in its place.
+"""Physics that a model may lack. Where it does, a term that is zero stands in its place, and costs nothing.
 
 A term of a stage is made from the term of the model by ``since``, which tells it what the stage starts from.
 """
@@ -33,8 +33,8 @@ class Force(Protocol):
         """The force at the end of a stage of length tau [s] from a history z = y - U : (B, m, n_e, N+1) [m/s]."""
         ...
 
-    def force(self, Q: Array, A: Array) -> Array | float:
-        """The force of the flow Q through A, both (B, n_e, N+1)."""
+    def add_to(self, R: Array, Q: Array, A: Array) -> None:
+        """Add the force of the flow Q through A to R, all (B, n_e, N+1)."""
         ...
 
     def slopes(self, Q: Array, A: Array) -> tuple[Array | float, Array | float]:
@@ -54,8 +54,8 @@ class NoForce:
     def since(self, history: Array, tau: float) -> NoForce:
         return self
 
-    def force(self, Q: Array, A: Array) -> float:
-        return 0.0
+    def add_to(self, R: Array, Q: Array, A: Array) -> None:
+        return None
 
     def slopes(self, Q: Array, A: Array) -> tuple[float, float]:
         return 0.0, 0.0
@@ -96,9 +96,9 @@ class DragForce:
         share = self.weight / (1.0 + passed)
         return replace(self, passed=passed, linear=share.sum(axis=1), constant=(share * history).sum(axis=1))
 
-    def force(self, Q: Array, A: Array) -> Array:
+    def add_to(self, R: Array, Q: Array, A: Array) -> None:
         U = Q / A
-        return self.mass * (self.linear * U + self.constant + self.quadratic * U * np.abs(U))
+        R += self.mass * (self.linear * U + self.constant + self.quadratic * U * np.abs(U))
 
     def slopes(self, Q: Array, A: Array) -> tuple[Array, Array]:
         U = Q / A

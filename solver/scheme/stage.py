@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..outlets import Load
+from ..wall import Wall
 from . import terms
 from .guards import refuse
 from .model import Model
+from .optional import Force
 from .sdirk import GAMMA
 from .terms import Start
 
@@ -56,6 +58,7 @@ class Operators:
 
     tau: float
     inertia: Array
+    memory: Memory | NoMemory
     loads: Loads
     at_rest: Condensed
 
@@ -66,21 +69,52 @@ def operators(model: Model, dt: float) -> Operators:
         if len(model.memo) >= _KEPT:
             model.memo.clear()
         tau, c = GAMMA * dt, model.coefficients
-        inertia, loads, rest = model.mass / tau, _loads(model, tau), model.at_rest()
-        K = terms.jacobian(start(model, tau, inertia, rest, c.P_venous), model.layout.part(rest, "Q"))
+        inertia, loads, memory = model.mass / tau, _loads(model, tau), memory_of(model)
+        rest = start(model, tau, inertia, memory, model.at_rest(), c.P_venous)
+        K = terms.jacobian(rest, rest.Q)
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         behind = loads.keep * c.P_0 + loads.give * c.P_venous
-        model.memo[dt] = Operators(tau, inertia, loads, condense(model, loads, K, H, behind))
+        model.memo[dt] = Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
     operators: Operators = model.memo[dt]
     return operators
 
 
-def start(model: Model, tau: float, inertia: Array, y: Array, P_venous: Array) -> Start:
+class NoMemory:
+    """A and Q are the whole state."""
+
+    def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
+        """Wall and force of a stage of length tau [s] that starts from y : (B, n), and P_C there."""
+        return model.wall, model.force, 0.0
+
+    def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
+        """Write what is remembered at the end of the stage into the state vector ``end``."""
+
+
+class Memory:
+    """Stored pressures, viscous stress, history of a force: a backward Euler step of length τ, relaxation solved for."""
+
+    def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
+        _, _, P_C, stress, history = model.layout.split(y)
+        return model.wall.remembering(stress, tau), model.force.since(history, tau), P_C
+
+    def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
+        s, layout = stage.start, stage.start.model.layout
+        _, _, P_C, stress, history = layout.split(end)
+        P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
+        stress[:] = s.wall.carried(A, A_t)
+        history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
+
+
+def memory_of(model: Model) -> Memory | NoMemory:
+    """What the states of a model remember beside A and Q."""
+    return Memory() if model.layout.shapes["P_C"][0] else NoMemory()
+
+
+def start(model: Model, tau: float, inertia: Array, memory: Memory | NoMemory, y: Array, P_venous: Array) -> Start:
     """What a stage of length tau [s] starts from, with the state vector y : (B, n)."""
-    A, Q, P_C, stress, history = model.layout.split(y)
-    wall = model.wall.remembering(stress, tau)
-    force, storage = model.force.since(history, tau), model.storage.since(wall, A, tau, P_venous)
-    return Start(model, tau, A, Q, P_C, history, inertia, wall, force, storage)
+    A, Q = model.layout.part(y, "A"), model.layout.part(y, "Q")
+    wall, force, P_C = memory.recall(model, y, tau)
+    return Start(model, tau, y, A, Q, P_C, inertia, wall, force, model.storage.since(wall, A, tau, P_venous))
 
 
 def _loads(model: Model, tau: float) -> Loads:
@@ -137,7 +171,7 @@ class Stage(NamedTuple):
     @staticmethod
     def of(model: Model, o: Operators, y: Array, inflow: Array, P_venous: Array, t: float) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
-        s = start(model, o.tau, o.inertia, y, P_venous)
+        s = start(model, o.tau, o.inertia, o.memory, y, P_venous)
         return Stage(s, o, o.loads.keep * s.P_C + o.loads.give * P_venous, inflow, P_venous, t)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
@@ -204,7 +238,9 @@ class Stage(NamedTuple):
 
     def end(self, Q: Array, A_t: Array) -> Array:
         """The state vector at the end of the stage, from the flow and ∂A/∂t there."""
-        s, model = self.start, self.start.model
-        A = s.area(A_t)
-        P_C = self.behind + self.operators.loads.charge * Q[:, model.mesh.outlet_element, -1]
-        return model.layout.join(A, Q, P_C, s.wall.carried(A, A_t), s.force.history(s.history, Q, A))
+        s, model, B = self.start, self.start.model, len(Q)
+        end, A = np.empty_like(s.y), s.area(A_t)
+        end[:, model.layout.places["A"]] = A.reshape(B, -1)
+        end[:, model.layout.places["Q"]] = Q.reshape(B, -1)
+        self.operators.memory.store(self, end, A, A_t, Q)
+        return end

@@ -98,14 +98,18 @@ def adopt(model: Model, state: State) -> State:
         state = state.members(np.zeros(B, int))
     if state.layout.shapes == model.layout.shapes:
         return replace(state, layout=model.layout)
-    A, Q, P_C, stress, history = state.layout.split(state.y)
-    if state.layout.shapes["stress"] != model.layout.shapes["stress"]:
-        stress = model.wall.carried(A, state.A_t)
-    if state.layout.shapes["history"] != model.layout.shapes["history"]:
-        history = np.broadcast_to(
-            -(Q / (A @ model.mesh.element.at_lobatto))[:, None], (B, *model.layout.shapes["history"])
-        )
-    return replace(state, y=model.layout.join(A, Q, P_C, stress, history), layout=model.layout)
+    A, Q, *memory = state.layout.split(state.y)
+    U = Q / (A @ model.mesh.element.at_lobatto)
+    without = {
+        "P_C": state.H[:, model.mesh.topology.outlets],
+        "stress": model.wall.carried(A, state.A_t),
+        "history": np.broadcast_to(-U[:, None], (B, *model.layout.shapes["history"])),
+    }
+    kept = [
+        part if part.shape[1:] == model.layout.shapes[name] else without[name][:, : model.layout.shapes[name][0]]
+        for (name, part) in zip(without, memory, strict=True)
+    ]
+    return replace(state, y=model.layout.join(A, Q, *kept), layout=model.layout)
 
 
 def step(model: Model, state: State, dt: float, inflow: Array, P_venous: Array | None = None) -> State:

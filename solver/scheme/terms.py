@@ -23,15 +23,15 @@ Array = np.ndarray
 class Start(NamedTuple):
     """What an implicit stage of length tau [s] starts from, and the laws of wall and fluid that this makes for it.
 
-    A, Q, P_C, history : parts of the state vector there. inertia : like Q, ρ w J/τ.
+    y : the state vector there; A, Q its parts. P_C : (B, n_outlets) [Pa] or 0. inertia : like Q, ρ w J/τ.
     """
 
     model: Model
     tau: float
+    y: Array
     A: Array
     Q: Array
-    P_C: Array
-    history: Array
+    P_C: Array | float
     inertia: Array
     wall: Wall
     force: Force
@@ -72,7 +72,7 @@ def flow(s: Start, Q: Array) -> Flow:
     m, el = s.model, s.model.mesh.element
     dQ = Q @ el.d_xi
     A_t = s.storage.area_rate(dQ * m.minus_J_inverse)
-    A = s.area(A_t)
+    A = s.A + s.tau * A_t
     U = (Q @ el.at_gauss) / A
     return Flow(Q, A @ el.at_lobatto, dQ, A_t, A, U, m.kinetic * U)
 
@@ -92,7 +92,7 @@ def residual(s: Start, Q: Array, H: Array) -> Array:
     R = pressure(s, f)
     R += convection(s, f)
     R += (inertia(s, f) + friction(s, f)) / f.A_end
-    R += s.force.force(f.Q, f.A_end)
+    s.force.add_to(R, f.Q, f.A_end)
     R += ends(s, f, H)
     return R
 
