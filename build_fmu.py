@@ -8,6 +8,7 @@ then renamed, so that no partly written FMU is ever seen.
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import io
 import json
@@ -34,23 +35,7 @@ from solver.network import Network, to_dict
 from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent
-# what an FMU needs of the solver: no files, units or terminals
-SOLVER_MODULES = (
-    "quantity",
-    "wall",
-    "effect",
-    "effects",
-    "outlets",
-    "validation",
-    "network",
-    "coefficients",
-    "outputs",
-    *(
-        f"scheme/{name}"
-        for name in ("element", "sdirk", "mesh", "optional", "model", "terms", "guards", "stage", "step")
-    ),
-)
-SLAVE_MODULES = ("variables", "cosimulation", "description", "slave")
+_SLAVE = ROOT / "fmu_src" / "slave.py"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -92,17 +77,36 @@ def build(
 
 def _resources(network: Network, settings: Settings) -> dict[str, str]:
     """Everything in ``resources/`` but the slave script, by path; PACKAGE stands for the hashed package name."""
-    files = {f"PACKAGE/{folder}__init__.py": "" for folder in ("", "solver/", "solver/scheme/", "fmu_src/")}
-    for module in SOLVER_MODULES:
-        files[f"PACKAGE/solver/{module}.py"] = (ROOT / "solver" / f"{module}.py").read_text(encoding="utf-8")
-    for module in SLAVE_MODULES:
-        text = (ROOT / "fmu_src" / f"{module}.py").read_text(encoding="utf-8")
+    files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
+    for module in _needed(_SLAVE):
+        text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
-        files[f"PACKAGE/fmu_src/{module}.py"] = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
+        text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
+        files[f"PACKAGE/{module.relative_to(ROOT).as_posix()}"] = text
     data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
     files["network.json"] = json.dumps(data, indent=1, ensure_ascii=False)
     files["network.toml"] = dumps(network)
     return files
+
+
+def _needed(module: Path) -> list[Path]:
+    """A module of this project and all those that it imports, directly or through others: no files, units, terminals.
+
+    The solver's and the slave's packages themselves are empty in an FMU.
+    """
+    found, todo = [], [module]
+    while todo:
+        file = todo.pop()
+        if file in found or not file.is_file() or file.parent == ROOT:
+            continue
+        found.append(file)
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                folder = [file, *file.parents][node.level] if node.level else ROOT
+                inside = folder.joinpath(*(node.module or "").split("."))
+                todo += [inside.with_suffix(".py"), *(inside / f"{alias.name}.py" for alias in node.names)]
+                todo += [inside / "__init__.py"] if inside.parent not in (ROOT, ROOT.parent) else []
+    return sorted(found)
 
 
 _SCRIPT = '''"""Slave of the arterial network {network}."""
@@ -152,7 +156,7 @@ def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, 
                 info = zipfile.ZipInfo(item, _EPOCH)
                 info.compress_type = zipfile.ZIP_DEFLATED
                 info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
-                packed.writestr(info, content)
+                packed.writestr(info, content, compresslevel=9)
     return buffer.getvalue()
 
 

@@ -15,9 +15,10 @@ import numpy as np
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.records.beats import Beats
 from fitting.records.noise import mean_beat
-from fitting.units import INFLOW
 from solver import Settings, simulate, simulate_periodic
-from solver.network import Inlet, Network, Pressure, Site
+from solver.network import Inlet, Network, Site
+from solver.outlets import Pressure
+from solver.units import INFLOW
 
 from .bench import Bench, most_probable
 from .fits import Fit

@@ -12,9 +12,8 @@ from scipy.stats import chi2 as chi2_distribution
 from fitting.provenance import software
 from fitting.records.noise import mean_beat
 from fitting.records.record import Record
-from fitting.units import INFLOW
-from solver.effects import BY_NAME
 from solver.network import Network
+from solver.units import INFLOW
 
 from . import thresholds
 from .add import estimates
@@ -23,8 +22,8 @@ from .fits import Fit
 from .isolability import isolability, smallest
 from .name import Naming, quantile
 from .network import NetworkProblem
-from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
-from .places import plain
+from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
+from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
 from .study import Study, Unusable
@@ -185,8 +184,8 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
         case "none":
             return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
         case "effect":
-            if BY_NAME[effects[0].name].owner == "channel":
-                return f"A sensor explains it, no artery: {labels}; with it {gap}."
+            if of_sensor(effects[0].name):
+                return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
             return f"The model lacks {labels}: with it {gap}."
         case "several" if not others:
             return f"The model lacks {labels}: with both {gap}."
@@ -203,12 +202,10 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
     return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
 
 
-def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Channel:
-    unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[channel.rpartition(".")[2]]
+def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
     band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    return Channel(
+    return ChannelBeats(
         channel,
-        unit,
         study.fitted.mean(channel),
         band,
         before.beats[channel],

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver import effects
-from solver.network import Network, Reflection, Resistance, Windkessel
+from solver.network import Network
+from solver.outlets import Reflection, Resistance, Windkessel
 from solver.quantity import Quantity
 
 from .outcome import Estimate
@@ -180,7 +181,7 @@ def _unknown(
     network: Network, effect: effects.Effect, place: str, key: str, variables: Sequence[str]
 ) -> Unknown | None:
     """One number of an effect at a place; None where it would move nothing."""
-    quantity, present = effect.quantities[key], network.parameters()
+    quantity, present = effect.terms[key], network.parameters()
     if key in ("phiNL", "tau"):  # what bends or delays a viscous stress needs one
         variables = [v for v in variables if network.segment(v.rpartition(".")[0]).phi0 > 0.0]
         if not variables:
@@ -218,7 +219,7 @@ def _windkessel(network: Network, place: str) -> Term | None:
     Z = network.fluid.rho * c / (math.pi * s.R0**2)
     total = Z * (1.0 + outlet.R_t) / (1.0 - outlet.R_t)
     start = {"R1": 0.5 * min(Z, total), "C": 0.05 / total, "R2": total - 0.5 * min(Z, total)}
-    units = effects.BY_NAME["terminal_compliance"].quantities
+    units = effects.BY_NAME["terminal_compliance"].terms
     unknowns = tuple(
         Unknown(f"{place}.outlet.{key}", SCALE, ((f"{place}.outlet.{key}", step),), -6.0 / step, 6.0 / step,
                 units[key].unit, step, value)

@@ -5,7 +5,6 @@ Everything is made in ``<out>/.state`` first; the folder gets its files when all
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -21,16 +20,17 @@ import numpy as np
 from fitting.fmu_run import RunFailed
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
+from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
-from fitting.units import INFLOW
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
+from solver.units import INFLOW
 
 from .add import extended, named
 from .bench import Bench
 from .fits import Fit
-from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
+from .journal import Journal, with_problem, without_problem
 from .name import Naming, name, quantile
 from .network import NetworkProblem
 from .outcome import Outcome, Round, verdict_json
@@ -88,10 +88,7 @@ def discover(
 
 def _check_folder(folder: Path) -> None:
     """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    make_folder(folder)
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
             raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
@@ -180,8 +177,8 @@ class _Work:
         naming = self.journal.stage(
             "naming",
             lambda: name(problem, self.study.terms),
-            encode_naming,
-            lambda data: decode_naming(data, problem),
+            without_problem,
+            lambda kept: with_problem(kept, problem),
         )
         # what follows is the same whether naming was done now or before an interruption
         return replace(naming, problem=naming.problem.rested())
@@ -200,12 +197,7 @@ class _Work:
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
         try:
-            return self.journal.stage(
-                f"run_{stage}",
-                lambda: free_run(fmu, study or self.study, fit, wave, starts),
-                encode_run,
-                decode_run,
-            )
+            return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study or self.study, fit, wave, starts))
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 
@@ -277,8 +269,8 @@ def _saturating(label: str) -> float:
 def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
     """All files of a study; those of an earlier one that this verdict does not have are removed.
 
-    All are made aside first. Then the earlier verdict goes, the new files come, and the new verdict last: whatever
-    happens, a folder with a verdict.json has what belongs to it.
+    All are written to a folder of their own first. Then the earlier verdict is removed, the new files replace the old
+    ones, and the new verdict is written last: a folder with a verdict.json always holds the files that belong to it.
     """
     from . import report  # matplotlib takes a second
 
@@ -291,8 +283,7 @@ def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress
             write_whole(aside / "model.toml", dumps(outcome.network_after))
             write_whole(aside / "model.fmu", fmu)
         report.write_report(outcome, aside)
-        text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_whole(aside / "verdict.json", text)
+        write_whole(aside / "verdict.json", json_text(verdict_json(outcome)))
         _move(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from solver.network import Inlet, Network, Pressure, Segment, Site
+from solver.network import Inlet, Network, Segment, Site
+from solver.outlets import Pressure
 
 from .parameter_set import ParameterSet
 

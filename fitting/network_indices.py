@@ -9,7 +9,8 @@ from solver.coefficients import coefficients
 from solver.network import Network
 
 from .calibrate import Calibration
-from .indices import Estimate, estimates, loop_area, measured_estimate, of_wall
+from .estimate import Estimate
+from .indices import estimates, loop_area, measured_estimate, of_wall
 from .inference.network import STEP
 from .inference.unknown import parameter_values
 from .records.beats import Beats

@@ -6,7 +6,8 @@ import io
 from html import escape
 
 from solver.layout import BEND, Lane, lanes
-from solver.network import Network, Outlet, Pressure, Reflection, Resistance, Windkessel
+from solver.network import Network
+from solver.outlets import Outlet, Pressure, Reflection, Resistance, Windkessel
 
 ARTERY, OUTLET, TEXT, FAINT = "#b3363b", "#27496d", "#1d1f22", "#6b7078"
 _OUTLET_LABELS = {Windkessel: "RCR", Resistance: "R", Pressure: "P"}

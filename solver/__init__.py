@@ -6,19 +6,8 @@
 """
 
 from .files import bundled, find_network, read_network, write_network
-from .network import (
-    Channel,
-    Fluid,
-    Inlet,
-    Junction,
-    Network,
-    Pressure,
-    Reflection,
-    Resistance,
-    Segment,
-    Site,
-    Windkessel,
-)
+from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
+from .outlets import Pressure, Reflection, Resistance, Windkessel
 from .scheme.guards import NonPhysicalState
 from .scheme.model import Settings
 from .simulate import NotPeriodic, Waveforms, sampled_inflow, simulate, simulate_periodic

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from . import effects
 from .effect import Effect
-from .effects import quantities_of, value_of
 from .network import Network
 from .outlets import Outlet
 from .quantity import quantities
@@ -54,15 +53,14 @@ class Ends:
 
     def under(self, P_venous: Array) -> Mapping[str, Array]:
         """The numbers by key, (B, n), under venous pressures : (B, n_outlets) or (n_outlets,) [Pa]."""
-        numbers: Mapping[str, Array] = {**self.given, "P_venous": P_venous[..., self.index]}
-        for term in self.terms:
-            numbers = term.effect.outlet(numbers, term.at(self.index))
-        return numbers
+        return self._changed({**self.given, "P_venous": P_venous[..., self.index]})
 
     @cached_property
     def numbers(self) -> Mapping[str, Array]:
         """The numbers by key, (B, n), under the venous pressures of the parameters."""
-        numbers: Mapping[str, Array] = self.given
+        return self._changed(self.given)
+
+    def _changed(self, numbers: Mapping[str, Array]) -> Mapping[str, Array]:
         for term in self.terms:
             numbers = term.effect.outlet(numbers, term.at(self.index))
         return numbers
@@ -117,7 +115,7 @@ class Coefficients:
 
     def venous(self, P_venous: Array) -> Array:
         """P_venous : (n_outlets,) or (B, n_outlets) [Pa] as the effects of outlets leave it."""
-        if not any(ends.terms for ends in self.outlets):
+        if all(ends.numbers["P_venous"] is ends.given["P_venous"] for ends in self.outlets):
             return P_venous
         changed = np.empty_like(self.P_venous)
         for ends in self.outlets:
@@ -154,15 +152,16 @@ def laid_over(network: Network, parameters: Parameters) -> Coefficients:
     numbers = _Numbers(network, parameters, size or 1)
     segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]
     terms = tuple(term for term in map(numbers.term, effects.ALL) if term is not None and term.on.any())
-    nu, rho = numbers.of(fluid, "nu"), numbers.of(fluid, "rho")
-    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, numbers.of(fluid, "alpha")
-    junctions: Mapping[str, Array] = {"k": numbers.of(numbers.owners["junction"], "k")}
+    rho, nu = numbers.of(fluid, "rho"), numbers.of(fluid, "nu")
+    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones((numbers.size, 1))
+    junctions: Mapping[str, Array] = {"k": np.zeros((numbers.size, len(network.junctions)))}
     for term in terms:
-        if changes(term.effect, "friction"):
+        if term.effect.owner == "fluid":
             C_f = term.effect.friction(C_f, term.values)
-        if changes(term.effect, "junction"):
+            alpha = term.effect.convection(alpha, term.values)
+        if term.effect.owner == "junction":
             junctions = term.effect.junction(junctions, term.values)
-    outlets = _outlets(numbers, tuple(term for term in terms if changes(term.effect, "outlet")))
+    outlets = _outlets(numbers, tuple(term for term in terms if term.effect.owner == "outlet"))
     P_venous = np.empty((numbers.size, len(network.outlets)))
     for ends in outlets:
         P_venous[:, ends.index] = ends.numbers["P_venous"]
@@ -203,10 +202,7 @@ class _Numbers:
         """(B, n): the number behind a key of every owner, ``otherwise`` where one does not hold it."""
         values = np.empty((self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
-            given = self.parameters.get(f"{prefix}.{key}")
-            if given is None:
-                given = value_of(owner, key) if otherwise is None or key in quantities_of(owner) else otherwise
-            values[:, i] = given
+            values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
         return values
 
     def whole(self, key: str) -> Array:
@@ -214,32 +210,47 @@ class _Numbers:
         return self.of([(self.network.NETWORK_GROUP, self.network)], key)
 
     def term(self, effect: Effect) -> Term | None:
-        """The numbers of an effect, neutral where an owner does not hold them; None if none does."""
+        """The numbers of an effect, neutral where an owner does not hold them; None if none does, or if it has no
+        numbers that would switch it off."""
         owners = self.owners.get(effect.owner, [])
-        if not any(key in getattr(owner, "terms", {}) for _, owner in owners for key in effect.terms):
+        held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
+        if not held or not effect.neutral:
             return None
         return Term(effect, {key: self.of(owners, key, effect.neutral[key]) for key in effect.terms})
 
 
+def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
+    """What an owner holds under a key, as a term or as a field."""
+    held: Mapping[str, float] = getattr(owner, "terms", {})
+    if key in held:
+        return held[key]
+    kind: Any = type(owner)
+    return float(getattr(owner, key)) if key in _fields(kind) else otherwise
+
+
+@lru_cache(maxsize=64)
+def _fields(kind: type) -> frozenset[str]:
+    return frozenset(quantities(kind))
+
+
 def _walls(numbers: _Numbers) -> Wall:
     """The walls without further effects."""
-    segments = numbers.owners["segment"]
-    R0, E, ENL, h, phi0, phiNL = (numbers.of(segments, key) for key in ("R0", "E", "ENL", "h", "phi0", "phiNL"))
+    R0, E, h = (numbers.of(numbers.owners["segment"], key) for key in ("R0", "E", "h"))
     plate = 1.0 - numbers.whole("eta") ** 2
-    h_over_R0 = h / R0
+    h_over_R0, none = h / R0, np.zeros_like(R0)
     return Wall(
         elastic=ELASTIC_LAWS[numbers.network.elastic_law],
         viscous=VISCOUS_LAWS[numbers.network.viscous_law],
         A0=np.pi * R0**2,
         K=E * h_over_R0 / plate,
-        e=ENL / E,
+        e=none,
         K_h=h_over_R0 / plate,
-        phi0=phi0,
-        r=np.divide(phiNL, phi0, out=np.zeros_like(phi0), where=phi0 > 0.0),
-        P_ref=np.broadcast_to(numbers.whole("P_ref"), phi0.shape),
-        rho=np.broadcast_to(numbers.of(numbers.owners["fluid"], "rho"), phi0.shape),
-        nonlinear=bool(np.any(phiNL != 0.0)),
-        bent=bool(np.any(ENL != 0.0)),
+        phi0=none,
+        r=none,
+        P_ref=np.broadcast_to(numbers.whole("P_ref"), R0.shape),
+        rho=np.broadcast_to(numbers.of(numbers.owners["fluid"], "rho"), R0.shape),
+        nonlinear=False,
+        bent=False,
     )
 
 

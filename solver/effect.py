@@ -1,27 +1,62 @@
-"""What an effect is: a physical term that a network may hold or lack, and the hooks by which it enters the equations.
+"""What an effect is: a physical term that a network may hold or lack, with all its own facts, and the hooks by which it
+enters the equations.
 
 The effects themselves are in :mod:`solver.effects`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from .quantity import Quantity, quantities
+from .coordinate import SCALE, SHIFT, Coordinate, allowed
+from .quantity import Quantity
 from .wall import Wall
-
-if TYPE_CHECKING:
-    from .network import Network
 
 Array = np.ndarray
 Values = Mapping[str, Array]
+Anatomy = TypeVar("Anatomy", bound="Described")
 
 ALL_PLACES = "all"
+_SUFFIX = {"outlet": ".outlet", "junction": ".junction"}  # of an owner's variables
+
+
+class Described(Protocol):
+    """What effects and checks ask of a :class:`solver.network.Network`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def segments(self) -> tuple[Any, ...]: ...
+    @property
+    def junctions(self) -> tuple[Any, ...]: ...
+    @property
+    def outlets(self) -> tuple[Any, ...]: ...
+    @property
+    def sites(self) -> tuple[Any, ...]: ...
+    @property
+    def channels(self) -> tuple[Any, ...]: ...
+    @property
+    def inlet(self) -> Any: ...
+    @property
+    def fluid(self) -> Any: ...
+    @property
+    def eta(self) -> float: ...
+    @property
+    def elastic_law(self) -> str: ...
+    @property
+    def viscous_law(self) -> str: ...
+    def owners(self) -> Iterator[tuple[str, Any]]: ...
+    def parameters(self) -> dict[str, float]: ...
+    def parameter_quantities(self) -> dict[str, Quantity]: ...
+    def channel_names(self) -> tuple[str, ...]: ...
+    def segment(self, name: str) -> Any: ...
+    def with_terms(self: Anatomy, values: Mapping[str, float]) -> Anatomy: ...
+    def with_outlet(self: Anatomy, outlet: Any) -> Anatomy: ...
 
 
 @dataclass(frozen=True)
@@ -61,77 +96,118 @@ class Effect:
     """A row of the catalogue.
 
     owner : what its numbers belong to: segment, fluid, outlet, junction or channel. places : where it may act, "all"
-    being every owner at once. quantities : its numbers by key. neutral : the values that switch it off.
+    being every owner at once. terms : its numbers by key. always : every owner has them as fields; else only those that
+    were given them hold them. neutral : the values that switch it off.
     signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
     at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
-    terms : numbers of its own; field_of : or the class of :mod:`solver.network` and its fields that hold them.
+    needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
+
+    What a search asks: local : the pressure and radius of one wall show it. scales : its numbers are factors. typical :
+    sizes of x = 1 by key (default: the nominal value). relative : keys that are counted relative to another key of the
+    owner, with the unit of the ratio. starts : points x from which a search may begin, beside 0.
     """
 
     name: ClassVar[str]
     equation: ClassVar[str]
     owner: ClassVar[str]
     places: ClassVar[tuple[str, ...]]
+    terms: ClassVar[Mapping[str, Quantity]]
     neutral: ClassVar[Mapping[str, float]]
     signature: ClassVar[str]
     confusable: ClassVar[tuple[str, ...]]
     separator: ClassVar[str]
+    always: ClassVar[bool] = False
     at_rest: ClassVar[bool] = False
     cuts: ClassVar[tuple[float, ...]] = ()
-    terms: ClassVar[Mapping[str, Quantity]] = {}
-    field_of: ClassVar[tuple[str, tuple[str, ...]] | None] = None
-
-    @cached_property
-    def quantities(self) -> Mapping[str, Quantity]:
-        """Unit, range and description of its numbers, by key."""
-        if self.field_of is None:
-            return self.terms
-        from . import network  # which imports this module
-
-        kind, keys = self.field_of
-        return {key: quantities(getattr(network, kind))[key] for key in keys}
+    needs: ClassVar[str | None] = None
+    rewires: ClassVar[bool] = False
+    local: ClassVar[bool] = False
+    scales: ClassVar[bool] = False
+    typical: ClassVar[Mapping[str, float]] = {}
+    relative: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    starts: ClassVar[tuple[tuple[float, ...], ...]] = ()
 
     # --- places -------------------------------------------------------------------------------------------------
 
-    def where(self, network: Network, channels: Sequence[str] = ()) -> tuple[str, ...]:
+    def where(self, network: Described, channels: Sequence[str] = ()) -> tuple[str, ...]:
         """All places where it can act; ``channels`` names the outputs that are measured, for effects of channels."""
         targets = self._targets(network, channels)
         everywhere = (ALL_PLACES,) if ALL_PLACES in self.places and targets else ()
         return everywhere + (targets if set(self.places) - {ALL_PLACES} else ())
 
-    def variables(self, network: Network, place: str) -> dict[str, tuple[str, ...]]:
+    def variables(self, network: Described, place: str) -> dict[str, tuple[str, ...]]:
         """The variable names that each of its numbers moves at a place. Raises ValueError where it cannot act."""
         targets = self._targets(network, (place,))
         if place not in self.where(network, (place,)) and not (self.owner == "fluid" and place == "fluid"):
-            allowed = ", ".join(self.where(network)) or "no place in this network"
-            raise ValueError(f"{self.name}: it cannot act at {place!r} in network {network.name}; use {allowed}.")
+            there = ", ".join(self.where(network)) or "no place in this network"
+            raise ValueError(f"{self.name}: it cannot act at {place!r} in network {network.name}; use {there}.")
         names = targets if place in (ALL_PLACES, "fluid") else (place,)
-        suffix = f".{self.owner}" if self.owner in ("outlet", "junction") else ""
-        return {key: tuple(f"{name}{suffix}.{key}" for name in names) for key in self.quantities}
+        return {key: tuple(f"{name}{_SUFFIX.get(self.owner, '')}.{key}" for name in names) for key in self.terms}
 
-    def add(self, network: Network, place: str, values: Mapping[str, float]) -> Network:
+    def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         """The network with this effect at a place; ``values`` in SI by key. Raises ValueError if it is not allowed."""
         names = self.variables(network, place)
         check_known(self.name, values, names)
         return network.with_terms({name: value for key, value in values.items() for name in names[key]})
 
-    def _targets(self, network: Network, channels: Sequence[str]) -> tuple[str, ...]:
+    def _targets(self, network: Described, channels: Sequence[str]) -> tuple[str, ...]:
         if self.owner == "fluid":
             return ("fluid",)
         if self.owner == "channel":
             return tuple(name for name in channels if name in network.channel_names())
-        kinds: dict[str, tuple[Any, ...]] = {
-            "segment": network.segments,
-            "outlet": network.outlets,
-            "junction": network.junctions,
-        }
-        owners = kinds[self.owner]
-        return tuple(owner.segment if self.owner == "outlet" else owner.name for owner in owners if self.acts_on(owner))
+        return tuple(name for name, owner in self._owners(network) if self.acts_on(owner))
+
+    def _owners(self, network: Described) -> list[tuple[str, Any]]:
+        """Every owner of its kind, by place."""
+        if self.owner == "outlet":
+            return [(outlet.segment, outlet) for outlet in network.outlets]
+        return [(each.name, each) for each in (network.segments if self.owner == "segment" else network.junctions)]
 
     def acts_on(self, owner: Any) -> bool:
         """Whether it makes sense at this segment, outlet or junction."""
-        return True
+        return self.needs is None or getattr(owner, self.needs) > 0.0
 
-    # --- how it enters the equations ----------------------------------------------------------------------------
+    # --- how a search counts it -----------------------------------------------------------------------------------
+
+    def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
+        """The numbers of a search for it at a place; none where it has nothing to act on.
+
+        bench : only P and R of one wall are known.
+        """
+        found = (self._coordinate(network, place, key, names) for key, names in self.variables(network, place).items())
+        return tuple(coordinate for coordinate in found if coordinate is not None)
+
+    def step(self, network: Described, owner: Any, key: str) -> float:
+        """Change of a shifted number of one owner, in SI, for x = 1: of typical size."""
+        size = self.typical.get(key, self.terms[key].nominal)
+        return size * getattr(owner, self.relative[key][0]) if key in self.relative else size
+
+    def scaled(self, key: str, values: Sequence[float]) -> float | None:
+        """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
+        return self.typical.get(key, 1.0) if self.scales else None
+
+    def _coordinate(self, network: Described, place: str, key: str, variables: Sequence[str]) -> Coordinate | None:
+        if not variables:
+            return None
+        present, everywhere = network.parameters(), place == ALL_PLACES
+        values = {v: present.get(v, self.neutral[key]) for v in variables}
+        factor = self.scaled(key, tuple(values.values()))
+        owners = [owner for name, owner in network.owners() for v in variables if v == f"{name}.{key}"]
+        kind = SHIFT if factor is None else SCALE
+        steps = [self.step(network, owner, key) if factor is None else factor for owner in owners]
+        moves = tuple(zip(variables, steps, strict=True))
+        low, high = allowed(kind, moves, values, self.terms[key])
+        first, size, unit, ratio = next(iter(values.values())), steps[0], self.terms[key].unit, None
+        if everywhere and key in self.relative:
+            ratio, unit = self.relative[key]
+            if factor is None:
+                size, first = self.typical.get(key, 1.0), first / getattr(owners[0], ratio)
+            else:
+                first = float(np.mean([getattr(owner, key) / getattr(owner, ratio) for owner in owners]))
+        name = f"{ALL_PLACES}.{key}" if everywhere else variables[0]
+        return Coordinate(name, kind, moves, low, high, unit, size, first, ratio)
+
+    # --- how it enters the equations ------------------------------------------------------------------------------
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         """The walls at points x : (n,) = x/L with this effect; ``values`` : (B, n)."""
@@ -141,17 +217,32 @@ class Effect:
         """The friction coefficient C_f : (B, 1) [m²/s] with this effect; ``values`` : (B, 1)."""
         return C_f
 
+    def convection(self, alpha: Array, values: Values) -> Array:
+        """The convective coefficient α : (B, 1) with this effect; ``values`` : (B, 1)."""
+        return alpha
+
     def drag(self, values: Values, points: Points) -> Drag | None:
         """The further force on the flow; ``values`` : (B, n_e, 1), or (B, 1, 1) of the fluid."""
         return None
 
-    def observe(self, values: Values, X: Array, omega: Array) -> Array:
-        """Fourier coefficients X : (..., n) of a channel at omega : (n,) as the sensor shows them."""
-        return X
+    def outlet(self, numbers: Values, values: Values) -> Values:
+        """The numbers of outlets of one kind, by key, (B, n), with this effect; ``values`` : (B, n)."""
+        return numbers
+
+    def junction(self, numbers: Values, values: Values) -> Values:
+        """The numbers of the junctions, by key, (B, n), with this effect; ``values`` : (B, n)."""
+        return numbers
 
 
-def check_known(where: str, keys: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+def check_known(where: str, keys: Iterable[str], known: Iterable[str]) -> None:
     """Raise ValueError for the first key that is not known."""
     for key in keys:
         if key not in known:
             raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}.")
+
+
+def small_wave_impedance(network: Described, segment: Any) -> float:
+    """Z = ρ c/A0 [Pa·s/m³] of a segment's small elastic waves at P_ref, c² = E h/(2 (1-η²) ρ R0)."""
+    rho = network.fluid.rho
+    c = math.sqrt(segment.E * segment.h / (1.0 - network.eta**2) / segment.R0 / 2.0 / rho)
+    return float(rho * c / (math.pi * segment.R0**2))

@@ -1,27 +1,26 @@
 """The catalogue of effects: physical terms that a network may hold or lack, one small class per row, all in ``ALL``.
 
-An effect says what it is (name, equation, units, ranges), where it may act, and how it enters the equations: by the
-hooks of :class:`solver.effect.Effect` ``wall``, ``friction``, ``drag`` and ``observe``, which leave things as they are
-unless a class says otherwise. Everything else follows from ``ALL``: the keys of the network file, the FMU's variables,
-batch parameters, regression columns and docs/effects.md. A number of an effect is either a field that every network has
-(phi0, R_t, k …) or a *term*, which only the segments, fluids and channels that were given it have.
+An effect says what it is (name, equation, units, ranges), where it may act, how it enters the equations, by the hooks
+of :class:`solver.effect.Effect`, and how a search counts it. Everything else follows from ``ALL``: the keys of the
+network file, the FMU's variables, batch parameters, regression columns, candidates and docs/effects.md
+(:mod:`solver.catalogue`). The numbers of some are fields that every network has (phi0, R_t, k …); those of the others
+are *terms*, which only what was given them holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .effect import Array, Drag, Effect, Points, Values, check_known
+from .coordinate import SCALE, Coordinate
+from .effect import Anatomy, Array, Described, Drag, Effect, Points, Values, check_known, small_wave_impedance
+from .outlets import Reflection, Windkessel
 from .quantity import Quantity, quantities
+from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset
 from .wall import Wall
-
-if TYPE_CHECKING:
-    from .network import Network
-
 
 # --- the wall -----------------------------------------------------------------------------------------------------
 
@@ -31,30 +30,59 @@ class WallViscosity(Effect):
     equation = "σ = … + φ0 ε̇"
     owner = "segment"
     places = ("all", "segment")
-    field_of = ("Segment", ("phi0",))
+    terms = {
+        "phi0": Quantity(
+            "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s", spread=0.2, refit=("network", "wall")
+        )
+    }
+    always = True
     neutral = {"phi0": 0.0}
+    local = True
+    typical = {"phi0": 0.017}
+    relative = {"phi0": ("E", "s")}
+    starts = ((0.1,), (0.3,), (1.0,))
     signature = "the P-R loop opens, its loss proportional to ω; high harmonics are damped"
     confusable = ("stress_relaxation", "channel_lag")
     separator = "radius; two heart rates"
 
+    def scaled(self, key: str, values: Sequence[float]) -> float | None:
+        """Viscous walls become more or less so by 30 %; elastic ones become viscous."""
+        return 0.3 if all(value > 0.0 for value in values) else None
 
-class _NeedsViscosity(Effect):
-    """What changes the viscous stress acts only where there is one."""
+    def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
+        viscous = [s.phi0 > 0.0 for s in network.segments]
+        mixed = place == "all" and any(viscous) and not all(viscous)  # no one number says what that would be
+        return () if mixed else super().coordinates(network, place, bench)
 
-    def acts_on(self, owner: Any) -> bool:
-        return owner.phi0 > 0.0
+    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
+        return replace(wall, phi0=values["phi0"])
 
 
-class NonlinearWallViscosity(_NeedsViscosity):
+class NonlinearWallViscosity(Effect):
     name = "nonlinear_wall_viscosity"
     equation = "φ0 ε̇ becomes φ0 (e^(2rε̇) - 1)/(2r), r = φNL/φ0 (viscous_law = monotone) or φ0 ε̇ + φNL ε̇² (quadratic)"
     owner = "segment"
     places = ("all", "segment")
-    field_of = ("Segment", ("phiNL",))
+    terms = {
+        "phiNL": Quantity(
+            "Pa.s^2", "nonlinear wall viscosity phiNL", -1e8, 1e8, nominal=1e4, display="kPa.s^2", ratio_to="phi0"
+        )
+    }
+    always = True
     neutral = {"phiNL": 0.0}
+    needs = "phi0"  # what bends or delays a viscous stress acts only where there is one
+    local = True
+    typical = {"phiNL": 0.5}
+    relative = {"phiNL": ("phi0", "s")}
+    starts = ((0.5,), (-0.5,), (-2.0,))
     signature = "even in ε̇: upstroke, second harmonic"
     confusable = ("nonlinear_elasticity",)
     separator = "phase; amplitude"
+
+    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
+        phiNL, phi0 = np.broadcast_arrays(values["phiNL"], wall.phi0)
+        r = np.divide(phiNL, phi0, out=np.zeros_like(phi0), where=phi0 > 0.0)
+        return replace(wall, r=r, nonlinear=bool(np.any(phiNL != 0.0)))
 
 
 class NonlinearElasticity(Effect):
@@ -62,21 +90,35 @@ class NonlinearElasticity(Effect):
     equation = "σ = … + E_NL ε²"
     owner = "segment"
     places = ("all", "segment")
-    field_of = ("Segment", ("ENL",))
+    terms = {
+        "ENL": Quantity("Pa", "nonlinear elastic modulus ENL", -1e10, 1e10, nominal=1e4, display="MPa", ratio_to="E")
+    }
+    always = True
     neutral = {"ENL": 0.0}
     at_rest = True
+    local = True
+    typical = {"ENL": 1.0}
+    relative = {"ENL": ("E", "1")}
+    starts = ((1.0,), (4.0,))
     signature = "bends the loop's spine without area"
     confusable = ("external_pressure",)
     separator = "pressure level"
 
+    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
+        return replace(wall, e=values["ENL"] * wall.K_h / wall.K, bent=bool(np.any(values["ENL"] != 0.0)))
 
-class StressRelaxation(_NeedsViscosity):
+
+class StressRelaxation(Effect):
     name = "stress_relaxation"
     equation = "τ dσ_v/dt + σ_v = φ0 ε̇: the viscous stress has memory"
     owner = "segment"
     places = ("all", "segment")
     terms = {"tau": Quantity("s", "relaxation time tau of the viscous stress", 0.0, 10.0, nominal=1e-2, display="ms")}
     neutral = {"tau": 0.0}
+    needs = "phi0"
+    local = True
+    typical = {"tau": 0.01}
+    starts = ((0.3,), (1.0,), (3.0,), (10.0,), (30.0,))
     signature = "stiffness reaches a plateau at high frequency"
     confusable = ("wall_viscosity", "channel_lag")
     separator = "heart rate"
@@ -93,6 +135,8 @@ class ExternalPressure(Effect):
     terms = {"P_ext": Quantity("Pa", "external pressure P_ext", -1e5, 1e5, nominal=1e3, display="mmHg")}
     neutral = {"P_ext": 0.0}
     at_rest = True
+    local = True
+    typical = {"P_ext": 1333.0}
     signature = "offset without hysteresis; exact alias of a free R0"
     confusable = ("channel_offset",)
     separator = "measured R0"
@@ -109,6 +153,9 @@ class WallStiffness(Effect):
     terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2)}
     neutral = {"E_scale": 1.0}
     at_rest = True
+    local = True
+    scales = True
+    typical = {"E_scale": 0.3}
     signature = "reflections timed by place; wave speed"
     confusable = ("taper",)
     separator = "radius with pressure"
@@ -125,6 +172,7 @@ class Taper(Effect):
     terms = {"taper": Quantity("1", "taper s, R0(x) = R0 (1 + s (x/L - 1/2))", -1.5, 1.5, tunable=False)}
     neutral = {"taper": 0.0}
     at_rest = True
+    typical = {"taper": 0.2}
     signature = "amplification toward the periphery"
     confusable = ("wall_stiffness",)
     separator = "several sites"
@@ -141,9 +189,13 @@ class SideBranch(Effect):
     places = ("segment",)
     terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9)}
     neutral = {"leak": 0.0}
+    typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
     signature = "flow is lost across the segment"
     confusable = ("terminal_reflection",)
     separator = "Q at both sides"
+
+    def step(self, network: Described, owner: Any, key: str) -> float:
+        return self.typical[key] / (small_wave_impedance(network, owner) * float(owner.L))
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, leak=values["leak"])
@@ -159,6 +211,8 @@ class FluidFriction(Effect):
     places = ("all",)
     terms = {"friction_scale": Quantity("1", "friction scale s, C_f becomes s C_f", 0.0, 1e3)}
     neutral = {"friction_scale": 1.0}
+    scales = True
+    typical = {"friction_scale": 0.7}
     signature = "mean pressure gradient along the path"
     confusable = ("terminal_reflection", "stenosis")
     separator = "P at both ends with Q"
@@ -172,11 +226,16 @@ class VelocityProfile(Effect):
     equation = "∂(α Q²/A)/∂x"
     owner = "fluid"
     places = ("all",)
-    field_of = ("Fluid", ("alpha",))
+    terms = {"alpha": Quantity("1", "convective coefficient alpha", 0.0, 2.0, tunable=False)}
+    always = True
     neutral = {"alpha": 1.0}
+    typical = {"alpha": 0.2}
     signature = "proportional to the amplitude squared; systole, inlet"
     confusable = ("junction_loss",)
     separator = "amplitude"
+
+    def convection(self, alpha: Array, values: Values) -> Array:
+        return values["alpha"]
 
 
 # Σ_n 1/(s + j²_{2,n}) over the zeros of J_2: the first three as they are (weight 1), the rest by five exponentials
@@ -197,6 +256,7 @@ class UnsteadyFriction(Effect):
     places = ("all",)
     terms = {"unsteady_scale": Quantity("1", "part s of the frequency-dependent wall shear", 0.0, 1e2)}
     neutral = {"unsteady_scale": 0.0}
+    typical = {"unsteady_scale": 1.0}
     signature = "attenuation grows as √ω"
     confusable = ("terminal_reflection",)
     separator = "friction against harmonic"
@@ -216,6 +276,7 @@ class Stenosis(Effect):
     places = ("segment",)
     terms = {"K": Quantity("1", "loss coefficient K of a stenosis in the middle tenth", 0.0, 1e5, tunable=False)}
     neutral = {"K": 0.0}
+    typical = {"K": 10.0}
     cuts = (0.45, 0.55)
     signature = "systolic quadratic drop, timed reflection"
     confusable = ("fluid_friction",)
@@ -237,14 +298,19 @@ class TerminalReflection(Effect):
     equation = "Q = A w(A) (1 - R_t)/(1 + R_t)"
     owner = "outlet"
     places = ("all", "outlet")
-    field_of = ("Reflection", ("R_t",))
+    terms = {"R_t": quantities(Reflection)["R_t"]}
+    always = True
     neutral = {"R_t": 0.0}
+    typical = {"R_t": 0.2}
     signature = "size of the reflected wave, mean P"
     confusable = ("side_branch",)
     separator = "distal Q"
 
     def acts_on(self, owner: Any) -> bool:
-        return hasattr(owner, "R_t")
+        return "R_t" in quantities(owner)
+
+    def outlet(self, numbers: Values, values: Values) -> Values:
+        return {**numbers, **values} if "R_t" in numbers else numbers
 
 
 class TerminalCompliance(Effect):
@@ -254,28 +320,39 @@ class TerminalCompliance(Effect):
     equation = "the outlet becomes P = P_C + R1 Q, C dP_C/dt = Q - (P_C - P_venous)/R2"
     owner = "outlet"
     places = ("outlet",)
-    field_of = ("Windkessel", ("R1", "C", "R2"))
+    terms = {key: q for key, q in quantities(Windkessel).items() if not q.input}
+    always = True
     neutral: ClassVar[Mapping[str, float]] = {}
+    rewires = True
+    typical = {"R1": 0.3, "C": 0.7, "R2": 0.3}
     signature = "diastolic decay"
     confusable = ("wall_stiffness",)
     separator = "distal Q"
 
-    def add(self, network: Network, place: str, values: Mapping[str, float]) -> Network:
-        from .network import Windkessel  # which imports this module
-
+    def add(self, network: Anatomy, place: str, values: Mapping[str, float]) -> Anatomy:
         check_known(self.name, values, self.variables(network, place))
+        outlet = next(o for o in network.outlets if o.segment == place)
+        kept = {key: getattr(outlet, key) for key in quantities(outlet)} if isinstance(outlet, Windkessel) else {}
+        given = {"P_venous": outlet.P_venous} | kept | {key: float(value) for key, value in values.items()}
+        missing = [key for key in self.terms if key not in given]
+        if missing:
+            raise ValueError(f"{self.name} at {place}: give {', '.join(missing)} too; it needs R1, C and R2.")
+        return network.with_outlet(Windkessel(place, **given))
 
-        def changed(outlet: Any) -> Any:
-            if outlet.segment != place:
-                return outlet
-            kept = {f.name: getattr(outlet, f.name) for f in fields(outlet)} if isinstance(outlet, Windkessel) else {}
-            given = {key: float(value) for key, value in values.items()}
-            missing = [key for key in self.quantities if key not in kept | given]
-            if missing:
-                raise ValueError(f"{self.name} at {place}: give {', '.join(missing)} too; it needs R1, C and R2.")
-            return Windkessel(**{"segment": place, "P_venous": outlet.P_venous, **kept, **given})
-
-        return replace(network, outlets=tuple(changed(outlet) for outlet in network.outlets))
+    def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
+        """R1, C and R2 in place of a reflection, around the resistance that the reflection has for small waves."""
+        outlet = next((o for o in network.outlets if o.segment == place), None)
+        if not isinstance(outlet, Reflection) or outlet.R_t > 0.99:
+            return ()
+        Z = small_wave_impedance(network, network.segment(place))
+        total = Z * (1.0 + outlet.R_t) / (1.0 - outlet.R_t)
+        start = {"R1": 0.5 * min(Z, total), "C": 0.05 / total, "R2": total - 0.5 * min(Z, total)}
+        found = []
+        for key, value in start.items():
+            name, step = f"{place}.outlet.{key}", self.typical[key]
+            unit = self.terms[key].unit
+            found.append(Coordinate(name, SCALE, ((name, step),), -6.0 / step, 6.0 / step, unit, step, value))
+        return tuple(found)
 
 
 class JunctionLoss(Effect):
@@ -283,81 +360,16 @@ class JunctionLoss(Effect):
     equation = "P + k (ρ/2) (Q/A)² is common at the junction: k = 0 static … 1 total pressure"
     owner = "junction"
     places = ("all", "junction")
-    field_of = ("Junction", ("k",))
+    terms = {"k": Quantity("1", "pressure kept at the junction, k (0 static ... 1 total)", 0.0, 1.0)}
+    always = True
     neutral = {"k": 0.0}
+    typical = {"k": 1.0}
     signature = "systolic step at one junction"
     confusable = ("stenosis",)
     separator = "P either side"
 
-
-# --- the measurement chain ----------------------------------------------------------------------------------------
-
-
-class ChannelLag(Effect):
-    name = "channel_lag"
-    equation = "y(t) = x(t - lag)"
-    owner = "channel"
-    places = ("channel",)
-    terms = {"lag": Quantity("s", "delay of the channel", -1.0, 1.0, nominal=1e-3, display="ms")}
-    neutral = {"lag": 0.0}
-    signature = "one channel only: phase linear in frequency"
-    confusable = ("wall_viscosity", "stress_relaxation")
-    separator = "calibration of the sensor"
-
-    def observe(self, values: Values, X: Array, omega: Array) -> Array:
-        return X * np.exp(-1j * omega * values["lag"])
-
-
-class ChannelGain(Effect):
-    name = "channel_gain"
-    equation = "y(t) = g x(t)"
-    owner = "channel"
-    places = ("channel",)
-    terms = {"gain": Quantity("1", "gain g of the channel", 1e-3, 1e3)}
-    neutral = {"gain": 1.0}
-    signature = "one channel only: scale"
-    confusable = ("wall_stiffness",)
-    separator = "calibration of the sensor"
-
-    def observe(self, values: Values, X: Array, omega: Array) -> Array:
-        return X * values["gain"]
-
-
-class ChannelOffset(Effect):
-    name = "channel_offset"
-    equation = "y(t) = x(t) + o"
-    owner = "channel"
-    places = ("channel",)
-    terms = {"offset": Quantity("signal", "offset o of the channel, in the unit of its signal", -1e6, 1e6)}
-    neutral = {"offset": 0.0}
-    signature = "one channel only: mean"
-    confusable = ("external_pressure",)
-    separator = "calibration of the sensor"
-
-    def observe(self, values: Values, X: Array, omega: Array) -> Array:
-        return X + np.where(omega == 0.0, values["offset"], 0.0)
-
-
-class CatheterResonance(Effect):
-    name = "catheter_resonance"
-    equation = "Y/X = 1/(1 + 2iζ f/f_n - (f/f_n)²); f_n = 0 means none"
-    owner = "channel"
-    places = ("channel",)
-    terms = {
-        "f_n": Quantity("Hz", "natural frequency f_n of the catheter (0: no resonance)", 0.0, 1e5, nominal=10.0),
-        "zeta": Quantity("1", "damping ratio zeta of the catheter", 0.0, 100.0),
-    }
-    neutral = {"f_n": 0.0, "zeta": 1.0}
-    signature = "one channel only: peak near f_n"
-    confusable = ("wall_viscosity",)
-    separator = "calibration of the sensor"
-
-    def observe(self, values: Values, X: Array, omega: Array) -> Array:
-        natural = 2.0 * np.pi * np.asarray(values["f_n"])
-        ratio = np.divide(
-            omega, natural, out=np.zeros(np.broadcast_shapes(omega.shape, natural.shape)), where=natural > 0
-        )
-        return X / (1.0 + 2j * np.asarray(values["zeta"]) * ratio - ratio * ratio)
+    def junction(self, numbers: Values, values: Values) -> Values:
+        return {**numbers, **values}
 
 
 ALL: tuple[Effect, ...] = (
@@ -382,71 +394,3 @@ ALL: tuple[Effect, ...] = (
     CatheterResonance(),
 )
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in ALL}
-
-
-# --- terms of an owner --------------------------------------------------------------------------------------------
-
-
-def terms_of(owner: str) -> dict[str, Quantity]:
-    """The terms that a segment, fluid or channel may hold, by key, in the order of the catalogue."""
-    return {key: q for effect in ALL if effect.owner == owner for key, q in effect.terms.items()}
-
-
-def quantities_of(thing: Any) -> dict[str, Quantity]:
-    """The quantities of an object of the network: its fields and the terms that it holds."""
-    held = getattr(thing, "terms", {})
-    known = terms_of(thing.OWNER) if held else {}
-    return quantities(thing) | {key: q for key, q in known.items() if key in held}
-
-
-def value_of(thing: Any, key: str) -> float:
-    """The number behind a key of :func:`quantities_of`."""
-    held = getattr(thing, "terms", {})
-    return held[key] if key in held else getattr(thing, key)
-
-
-def neutral_value(key: str, variable: str = "") -> float:
-    """The value of a term that switches it off. Raises ValueError if no effect has such a term."""
-    for effect in ALL:
-        if key in effect.terms:
-            return effect.neutral[key]
-    raise ValueError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
-
-
-# --- the measurement chain as a whole -----------------------------------------------------------------------------
-
-
-def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
-    """What a channel with these terms (lag, gain, offset, f_n, zeta) shows of a periodic signal.
-
-    y(t) = g x(t - lag) + o, then the catheter's second order. X : (..., n) complex Fourier coefficients of e^{iωt} at
-    omega : (n,) [rad/s], the mean where ω = 0. The terms are numbers, or arrays that broadcast against X. Returns X's
-    shape. Raises ValueError for an unknown term.
-    """
-    check_known("channel", terms, terms_of("channel"))
-    X, omega = np.asarray(X), np.asarray(omega, float)
-    for effect in ALL:
-        if effect.owner == "channel" and any(key in terms for key in effect.terms):
-            X = effect.observe(dict(effect.neutral) | dict(terms), X, omega)
-    return X
-
-
-# --- documentation ------------------------------------------------------------------------------------------------
-
-
-def table() -> str:
-    """The catalogue as a Markdown table, for docs/effects.md."""
-    rows = ["| Effect | Equation | Key [unit], range, off | Where | Signature | Confused with | Told apart by |"]
-    rows += ["|---|---|---|---|---|---|---|"]
-    for e in ALL:
-        keys = "; ".join(_documented(key, q, e.neutral.get(key)) for key, q in e.quantities.items())
-        rivals = ", ".join(f"`{name}`" for name in e.confusable)
-        cells = (f"`{e.name}`", e.equation, keys, ", ".join(e.places), e.signature, rivals, e.separator)
-        rows.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
-    return "\n".join(rows)
-
-
-def _documented(key: str, q: Quantity, neutral: float | None) -> str:
-    unit = {"1": "–", "signal": "its signal's"}.get(q.unit, q.unit)
-    off = "" if neutral is None else f", {neutral:g}"
-    return f"`{key}` [{unit}] {q.low:g} to {q.high:g}{off}"

@@ -22,8 +22,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .effects import quantities_of, terms_of, value_of
-from .network import OUTLETS, Channel, Fluid, Inlet, Junction, Network, Outlet, Pressure, Segment, Site
+from .catalogue import quantities_of, terms_of, value_of
+from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
+from .outlets import OUTLETS, Outlet, Pressure
 from .quantity import Quantity, quantities
 
 _NETWORKS = Path(__file__).parent / "networks"
@@ -36,13 +37,7 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
     Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
-    return loads(text, str(path))
+    return loads(read_text(path), str(path))
 
 
 def loads(text: str, name: str) -> Network:
@@ -67,6 +62,16 @@ def loads(text: str, name: str) -> Network:
 def write_network(network: Network, path: str | os.PathLike[str]) -> None:
     """Write ``dumps(network)`` to a file, whole or not at all. Raises ValueError if it cannot be written."""
     write_whole(path, dumps(network))
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text of a file in UTF-8. Raises ValueError if it is none or cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
 
 
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
@@ -202,11 +207,11 @@ def _example(unit: str) -> str:
 def _network(data: Mapping[str, Any]) -> Network:
     check_keys("top level", data, (*_TEXTS, *_SECTIONS))
     texts: dict[str, Any] = {key: _text(data, key, "top level") for key in _TEXTS if key in data or key == "name"}
-    segments = tuple(Segment(name, **_with_terms(Segment, name, t)) for name, t in _tables(data, "segments"))
+    segments = tuple(Segment(name, **_numbers(Segment, name, t)) for name, t in _tables(data, "segments"))
     return Network(
         **texts,
         **_numbers(Network, "network", _table(data, "network")),
-        fluid=Fluid(**_with_terms(Fluid, "fluid", _table(data, "fluid"))),
+        fluid=Fluid(**_numbers(Fluid, "fluid", _table(data, "fluid"))),
         inlet=_inlet(_table(data, "inlet")),
         segments=segments,
         junctions=tuple(map(_junction, _list(data, "junctions"))),
@@ -243,7 +248,7 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     """The outlet whose own keys are in the table: R_t, or R1 C R2, or R, or none but P_venous."""
     where = f"{segment}.outlet"
     own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in OUTLETS}
-    check_keys(where, table, {key for kind in OUTLETS for key in quantities(kind)})
+    check_keys(where, table, [*dict.fromkeys(key for kind in OUTLETS for key in quantities(kind)), *terms_of("outlet")])
     found = [kind for kind in OUTLETS if any(key in table for key in own[kind])]
     choices = " or ".join(", ".join(keys) or "P_venous alone" for keys in own.values())
     if len(found) > 1:
@@ -270,26 +275,22 @@ def _channel(name: str, table: Mapping[str, Any]) -> Channel:
     return Channel(name, {key: parse_quantity(table[key], unit, f"{name}.{key}") for key, unit in given.items()})
 
 
-def _with_terms(kind: Any, where: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """As :func:`_numbers`, with the terms of effects under ``terms``."""
-    known = terms_of(kind.OWNER)
-    check_keys(where, table, (*quantities(kind), *known))
-    terms = {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
-    return {**_numbers(kind, where, {key: value for key, value in table.items() if key not in terms}), "terms": terms}
-
-
-def _numbers(kind: type, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
-    """The quantities of ``kind`` in a section, in SI; ``others`` are its keys that are not numbers."""
-    known = quantities(kind)
-    check_keys(where, table, (*known, *others))
+def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
+    """The quantities of ``kind`` in a section, in SI, with its terms of effects; ``others`` are no numbers."""
+    own, held = quantities(kind), terms_of(getattr(kind, "OWNER", ""))
+    check_keys(where, table, (*own, *held, *others))
     for f in fields(kind):
-        if f.name in known and f.default is MISSING and f.name not in table:
-            wanted = known[f.name]
+        if f.name in own and f.default is MISSING and f.name not in table:
+            wanted = own[f.name]
             raise ValueError(
                 f"{where}: the key {f.name} ({wanted.description}) is missing; "
                 f'add it, such as {f.name} = "{_example(wanted.display or wanted.unit)}".'
             )
-    return {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
+
+    def read(known: Mapping[str, Quantity]) -> dict[str, Any]:
+        return {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
+
+    return {**read(own), **({"terms": read(held)} if held else {})}
 
 
 def _numbers_out(owner: Any) -> list[str]:

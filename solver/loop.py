@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effects import neutral_value
+from .catalogue import neutral_value
 from .coefficients import coefficients
 from .network import Network
 

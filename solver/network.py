@@ -15,15 +15,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .effects import quantities_of, terms_of, value_of
-from .outlets import OUTLETS, Outlet, Pressure, Reflection, Resistance, Windkessel
+from . import effects
+from .catalogue import quantities_of, terms_of, value_of
+from .effect import Effect
+from .outlets import OUTLETS, Outlet
 from .quantity import Quantity, quantities, quantity
+from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms
+
+_BOTH = ("network", "wall")
 
 
 def _terms() -> Any:
     """A field for the terms of :mod:`solver.effects` that the object holds, SI values by key."""
     return field(default_factory=dict, hash=False)
+
+
+def _held(effect: type[Effect], key: str) -> Any:
+    """A field for a number of an effect that every owner of its kind holds; the effect says what it is."""
+    return field(default=effect.neutral[key], metadata={"quantity": effect.terms[key]})
 
 
 @dataclass(frozen=True)
@@ -32,7 +42,7 @@ class Fluid:
 
     rho: float = quantity(1060.0, "kg/m^3", "blood density rho", 1.0, 1e5, nominal=1e3, tunable=False)
     nu: float = quantity(3.5e-6, "m^2/s", "kinematic viscosity nu", 0.0, 1.0, nominal=1e-6, tunable=False)
-    alpha: float = quantity(1.0, "1", "convective coefficient alpha", 0.0, 2.0, tunable=False)
+    alpha: float = _held(effects.VelocityProfile, "alpha")
     friction: float = quantity(22.0, "1", "friction factor C_f/(pi nu)", 0.0, 1e4, nominal=10.0, tunable=False)
     terms: Mapping[str, float] = _terms()
 
@@ -45,12 +55,23 @@ class Segment:
 
     name: str
     L: float = quantity(None, "m", "length L", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False)
-    R0: float = quantity(None, "m", "radius R0 at P_ref", 1e-5, 0.2, nominal=5e-3, display="mm", tunable=False)
+    R0: float = quantity(
+        None,
+        "m",
+        "radius R0 at P_ref",
+        1e-5,
+        0.2,
+        nominal=5e-3,
+        display="mm",
+        tunable=False,
+        spread=0.01,
+        refit=("wall",),
+    )
     h: float = quantity(None, "m", "wall thickness h", 1e-6, 0.1, nominal=1e-3, display="mm", tunable=False)
-    E: float = quantity(None, "Pa", "Young's modulus E", 1e2, 1e10, nominal=1e6, display="MPa")
-    phi0: float = quantity(0.0, "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s")
-    phiNL: float = quantity(0.0, "Pa.s^2", "nonlinear wall viscosity phiNL", -1e8, 1e8, nominal=1e4, display="kPa.s^2")
-    ENL: float = quantity(0.0, "Pa", "nonlinear elastic modulus ENL", -1e10, 1e10, nominal=1e4, display="MPa")
+    E: float = quantity(None, "Pa", "Young's modulus E", 1e2, 1e10, nominal=1e6, display="MPa", spread=0.2, refit=_BOTH)
+    phi0: float = _held(effects.WallViscosity, "phi0")
+    phiNL: float = _held(effects.NonlinearWallViscosity, "phiNL")
+    ENL: float = _held(effects.NonlinearElasticity, "ENL")
     terms: Mapping[str, float] = _terms()
 
     OWNER: ClassVar[str] = "segment"
@@ -66,7 +87,10 @@ class Junction:
 
     inflow: tuple[str, ...]
     outflow: tuple[str, ...]
-    k: float = quantity(0.0, "1", "pressure kept at the junction, k (0 static ... 1 total)", 0.0, 1.0)
+    k: float = _held(effects.JunctionLoss, "k")
+    terms: Mapping[str, float] = _terms()
+
+    OWNER: ClassVar[str] = "junction"
 
     @property
     def name(self) -> str:
@@ -84,7 +108,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Channel:
-    """How a sensor shows an output of the network (``CA.P``) or ``inlet.Q``: see :func:`solver.effects.observe`.
+    """How a sensor shows an output of the network (``CA.P``) or ``inlet.Q``: see :func:`solver.catalogue.observe`.
 
     The observation is part of the network's description, but not of the FMU, whose outputs are the true quantities.
     """
@@ -96,11 +120,8 @@ class Channel:
 
     def quantities(self) -> dict[str, Quantity]:
         """The terms that it may hold, in the unit of its signal."""
-        unit = _SIGNAL_UNITS[self.name.rpartition(".")[2]]
+        unit = SIGNAL_UNITS[self.name.rpartition(".")[2]]
         return {key: replace(q, unit=unit) if q.unit == "signal" else q for key, q in terms_of("channel").items()}
-
-
-_SIGNAL_UNITS = {"P": "Pa", "Q": "m^3/s", "R": "m"}
 
 
 @dataclass(frozen=True)
@@ -215,15 +236,19 @@ class Network:
             channels=tuple(changed(c.name, c) for c in (*self.channels, *map(Channel, new))),
         )
 
+    def with_outlet(self, outlet: Outlet) -> Network:
+        """The same network with another condition at the end of one segment."""
+        return replace(self, outlets=tuple(outlet if o.segment == outlet.segment else o for o in self.outlets))
+
     # --- outputs --------------------------------------------------------------------------------------------------
 
     def output_units(self) -> dict[str, str]:
         """SI unit of every output, by name: inlet.P, <site>.P, .Q, .R and <segment>.outlet.P, .Q."""
         units = {"inlet.P": "Pa"}
         for site in self.sites:
-            units |= {f"{site.name}.{signal}": unit for signal, unit in _SIGNAL_UNITS.items()}
+            units |= {f"{site.name}.{signal}": unit for signal, unit in SIGNAL_UNITS.items()}
         for outlet in self.outlets:
-            units |= {f"{outlet.segment}.outlet.{signal}": _SIGNAL_UNITS[signal] for signal in "PQ"}
+            units |= {f"{outlet.segment}.outlet.{signal}": SIGNAL_UNITS[signal] for signal in "PQ"}
         return units
 
     def channel_names(self) -> tuple[str, ...]:
@@ -275,7 +300,14 @@ def from_dict(data: Mapping[str, Any]) -> Network:
         fluid=Fluid(**data["fluid"]),
         inlet=Inlet(**data["inlet"]),
         segments=tuple(Segment(**s) for s in data["segments"]),
-        junctions=tuple(Junction(tuple(j["inflow"]), tuple(j["outflow"]), j["k"]) for j in data["junctions"]),
+        junctions=tuple(
+            Junction(
+                tuple(j["inflow"]),
+                tuple(j["outflow"]),
+                **{k: v for k, v in j.items() if k not in ("inflow", "outflow")},
+            )
+            for j in data["junctions"]
+        ),
         outlets=tuple(outlet(o) for o in data["outlets"]),
         sites=tuple(Site(**s) for s in data["sites"]),
         channels=tuple(Channel(**c) for c in data.get("channels", ())),

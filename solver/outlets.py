@@ -49,7 +49,9 @@ class Outlet:
 
     segment: str
     P_venous: float = _venous_pressure("venous pressure P_venous")
+    terms: Mapping[str, float] = field(default_factory=dict, hash=False, kw_only=True)
 
+    OWNER: ClassVar[str] = "outlet"
     symbol: ClassVar[str]
     noun: ClassVar[str]
     stores: ClassVar[bool] = False
@@ -84,7 +86,7 @@ class Reflection(Outlet):
 
     For the β-law w = 4 (c - c0), as in the paper's code."""
 
-    R_t: float = quantity(None, "1", "reflection coefficient R_t", -0.999, 1.0)
+    R_t: float = quantity(None, "1", "reflection coefficient R_t", -0.999, 1.0, spread=0.2, refit=("network",))
 
     symbol = "R_t"
     noun = "reflection"
@@ -144,7 +146,9 @@ class Windkessel(Outlet):
 
     R1: float = quantity(None, "Pa.s/m^3", "proximal resistance R1", 0.0, 1e15, nominal=1e8, display="mmHg.s/mL")
     C: float = quantity(None, "m^3/Pa", "compliance C", 1e-16, 1.0, nominal=1e-9, display="mL/mmHg")
-    R2: float = quantity(None, "Pa.s/m^3", "distal resistance R2", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL")
+    R2: float = quantity(
+        None, "Pa.s/m^3", "distal resistance R2", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL", refit=("network",)
+    )
 
     symbol = "RCR"
     noun = "Windkessel"
@@ -167,7 +171,9 @@ class Windkessel(Outlet):
 class Resistance(Outlet):
     """Pure resistance: P - P_venous = R Q."""
 
-    R: float = quantity(None, "Pa.s/m^3", "resistance R", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL")
+    R: float = quantity(
+        None, "Pa.s/m^3", "resistance R", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL", refit=("network",)
+    )
 
     symbol = "R"
     noun = "resistance"

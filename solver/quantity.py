@@ -18,6 +18,10 @@ class Quantity:
     nominal : typical magnitude, for the FMU's ``nominal`` attribute.
     tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
     input : whether another model may drive it: an FMU input instead of a parameter.
+
+    What inference asks: spread : standard deviation between animals, of its logarithm, or of its value where that may
+    be negative (of its ratio, if it has one). refit : where a record refits it, one factor or shift for all that have
+    it: "network", "wall". ratio_to : the key that it is counted relative to, and keeps its ratio to when that changes.
     """
 
     unit: str
@@ -29,6 +33,9 @@ class Quantity:
     open_low: bool = False
     tunable: bool = True
     input: bool = False
+    spread: float = 0.3
+    refit: tuple[str, ...] = ()
+    ratio_to: str | None = None
 
     def check(self, name: str, value: float) -> None:
         """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""

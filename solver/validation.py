@@ -6,22 +6,20 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .effects import quantities_of, terms_of, value_of
+from .catalogue import quantities_of, terms_of, value_of
+from .effect import Described
 from .wall import ELASTIC_LAWS, VISCOUS_LAWS
-
-if TYPE_CHECKING:
-    from .network import Network
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
 _RESERVED = {"inlet", "fluid", "network", "time", "outlet"}
 
 
-def check_network(network: Network) -> None:
+def check_network(network: Described) -> None:
     _check_names("network", [network.name], reserved=set())
     _check_names("segment", [s.name for s in network.segments])
     _check_names("site", [s.name for s in network.sites])
@@ -41,7 +39,7 @@ def check_network(network: Network) -> None:
     _check_channels(network)
 
 
-def _all_owners(network: Network) -> Iterator[tuple[str, Any]]:
+def _all_owners(network: Described) -> Iterator[tuple[str, Any]]:
     junctions = {f"{junction.name}.junction": f"junction {junction.name}" for junction in network.junctions}
     for prefix, owner in network.owners():
         yield junctions.get(prefix, prefix), owner
@@ -56,7 +54,7 @@ def _check_keys(where: str, owner: Any) -> None:
             raise ValueError(f"{where}.{key}: not a term of a {owner.OWNER}; {_suggest(key, terms_of(owner.OWNER))}")
 
 
-def _check_channels(network: Network) -> None:
+def _check_channels(network: Described) -> None:
     names, known = [channel.name for channel in network.channels], network.channel_names()
     for channel in network.channels:
         if channel.name not in known:
@@ -70,9 +68,9 @@ def _check_channels(network: Network) -> None:
             channel.quantities()[key].check(f"{channel.name}.{key}", value)
 
 
-def check_terms(network: Network, values: Mapping[str, Any]) -> None:
-    """Raise ValueError unless every name is a term that a segment, the fluid or a channel of the network may hold."""
-    owners = {s.name: "segment" for s in network.segments} | {"fluid": "fluid"}
+def check_terms(network: Described, values: Mapping[str, Any]) -> None:
+    """Raise ValueError unless every name is a term that something of the network may hold."""
+    owners = {prefix: getattr(owner, "OWNER", "") for prefix, owner in network.owners()}
     owners |= dict.fromkeys(network.channel_names(), "channel")
     for name in values:
         prefix, _, key = name.rpartition(".")
@@ -119,7 +117,7 @@ def _suggest(name: str, known: Iterable[str]) -> str:
     return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
 
 
-def _check_references(network: Network) -> None:
+def _check_references(network: Described) -> None:
     names = [s.name for s in network.segments]
     mentions = [(f"junction {j.name}", s) for j in network.junctions for s in (*j.inflow, *j.outflow)]
     mentions += [(f"site {s.name}", s.segment) for s in network.sites]
@@ -130,7 +128,7 @@ def _check_references(network: Network) -> None:
             raise ValueError(f"{where}: there is no segment {segment!r}; {_suggest(segment, names)}")
 
 
-def _check_topology(network: Network) -> None:
+def _check_topology(network: Described) -> None:
     """One root, every end joined to exactly one thing, every segment reachable from the inlet."""
     starts: dict[str, list[str]] = {s.name: [] for s in network.segments}
     ends: dict[str, list[str]] = {s.name: [] for s in network.segments}
@@ -170,7 +168,7 @@ def _check_topology(network: Network) -> None:
     _check_reachable(network)
 
 
-def _check_reachable(network: Network) -> None:
+def _check_reachable(network: Described) -> None:
     reached = {network.inlet.segment}
     grew = True
     while grew:
@@ -185,7 +183,7 @@ def _check_reachable(network: Network) -> None:
             )
 
 
-def check_parameters(network: Network, values: Mapping[str, Any]) -> None:
+def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     """Raise ValueError unless every name is a parameter of the network and every value (scalar or array) is allowed."""
     known = network.parameter_quantities()
     for name, value in values.items():

@@ -6,7 +6,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from solver.network import OUTLETS, Fluid, Inlet, Junction, Network, Segment, Site
+from solver.network import Fluid, Inlet, Junction, Network, Segment, Site
+from solver.outlets import OUTLETS
 from solver.quantity import quantities
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 

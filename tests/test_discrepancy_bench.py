@@ -21,7 +21,7 @@ from discrepancy.observation import resonance_of, transfer
 from discrepancy.study import judge
 from discrepancy.terms import Term, candidates
 from fitting.records.record import Record
-from solver import effects
+from solver import catalogue
 
 SITE = "CA"
 BEAT = Beat(0.5, 40, 128)
@@ -140,12 +140,12 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
 @pytest.mark.parametrize("f_n", [8.0, 40.0])
 @pytest.mark.parametrize("zeta", [0.1, 1.5])
 def test_transfer_is_that_of_the_catalogue(f_n: float, zeta: float) -> None:
-    """g e^{-iω lag} / (1 + iωa - ω²b), a = 2ζ/ω_n, b = 1/ω_n², against effects.observe; and f_n, ζ back: round-off."""
+    """g e^{-iω lag} / (1 + iωa - ω²b), a = 2ζ/ω_n, b = 1/ω_n², against observe; and f_n, ζ back: round-off."""
     omega = 2.0 * np.pi / 0.5 * np.arange(30)
     natural = 2.0 * np.pi * f_n
     found = transfer(omega, 2e-3, 1.1, 2.0 * zeta / natural, natural**-2.0)
     terms = {"lag": 2e-3, "gain": 1.1, "f_n": f_n, "zeta": zeta}
-    np.testing.assert_allclose(found, effects.observe(terms, np.ones(30, complex), omega), rtol=1e-13)
+    np.testing.assert_allclose(found, catalogue.observe(terms, np.ones(30, complex), omega), rtol=1e-13)
     assert resonance_of(2.0 * zeta / natural, natural**-2.0) == pytest.approx((f_n, zeta), rel=1e-13)
 
 

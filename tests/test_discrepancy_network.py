@@ -6,7 +6,7 @@ The bank judges with the independent generator.
 
 from __future__ import annotations
 
-import json
+import pickle
 from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar
@@ -17,14 +17,14 @@ from forked import NETWORK, N, T, inflow, record
 
 from discrepancy.add import estimates, extended, sensor_parameters
 from discrepancy.fits import Fit, Member
-from discrepancy.journal import decode_naming, encode_naming
+from discrepancy.journal import with_problem, without_problem
 from discrepancy.name import Naming, name, quantile
 from discrepancy.network import NetworkProblem, network_problem
 from discrepancy.observation import sense
 from discrepancy.simulator import Simulator
 from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
 from fitting.records.beats import Beats
-from solver import NonPhysicalState, Settings, effects, simulate_periodic
+from solver import NonPhysicalState, Settings, catalogue, effects, simulate_periodic
 from solver.effect import Effect, Values
 from solver.files import dumps, loads
 from solver.quantity import Quantity
@@ -192,9 +192,9 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
 
 
 def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
-    """Through JSON and about a problem made anew: the same step and weights, bit by bit."""
-    data = json.loads(json.dumps(encode_naming(stiff)))
-    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    """Through a pickle and about a problem made anew: the same step and weights, bit by bit."""
+    kept = pickle.loads(pickle.dumps(without_problem(stiff)))
+    again = with_problem(kept, network_problem(beats(1.25), NETWORK))
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
     for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
@@ -206,8 +206,8 @@ def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
 
 def test_a_rested_problem_forgets_what_was_simulated(stiff: Naming) -> None:
     """After naming and read back, rested: the most probable beats are the same bit by bit."""
-    data = json.loads(json.dumps(encode_naming(stiff)))
-    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    kept = pickle.loads(pickle.dumps(without_problem(stiff)))
+    again = with_problem(kept, network_problem(beats(1.25), NETWORK))
     one, other = (n.problem.rested() for n in (stiff, again))
     assert isinstance(one, NetworkProblem) and isinstance(other, NetworkProblem)
     (X,), (Y,) = one.observe([stiff.best.fit.member]), other.observe([again.best.fit.member])
@@ -284,7 +284,7 @@ def test_an_outlet_that_is_rewired_reflects_no_more() -> None:
 
 
 def test_sense_is_the_catalogue() -> None:
-    """Lag, gain, offset and resonance of one channel against effects.observe; other channels stay, bit by bit."""
+    """Lag, gain, offset and resonance of one channel against catalogue.observe; other channels stay, bit by bit."""
     rng = np.random.default_rng(1)
     X = rng.normal(size=(6, len(NAMES))) + 1j * rng.normal(size=(6, len(NAMES)))
     omega = 2.0 * np.pi / T * np.arange(6)
@@ -292,7 +292,7 @@ def test_sense_is_the_catalogue() -> None:
         x = np.full(len(t.unknowns), 0.7)
         found = sense(Member((t,), t.unknowns, x), NAMES, X, T)
         fit = Fit((t,), t.unknowns, x, x, x, x, x, x)
-        expected = effects.observe(sensor_parameters(fit, t), X[:, -1], omega)
+        expected = catalogue.observe(sensor_parameters(fit, t), X[:, -1], omega)
         np.testing.assert_allclose(found[:, -1], expected, rtol=1e-12, err_msg=t.effect)
         assert np.array_equal(found[:, :-1], X[:, :-1])
         assert not np.allclose(found[:, -1], X[:, -1])

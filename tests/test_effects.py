@@ -16,7 +16,7 @@ from build_fmu import build
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.run import run_fmu
 from fmu_src.variables import variable_table
-from solver import Network, Settings, Windkessel, effects, sampled_inflow, simulate, simulate_periodic
+from solver import Network, Settings, Windkessel, catalogue, effects, sampled_inflow, simulate, simulate_periodic
 from solver.effect import Effect, Values
 from solver.effects import ALL, BY_NAME
 from solver.files import dumps, loads
@@ -41,7 +41,7 @@ ON = {
 
 
 def neutral(name: str) -> float:
-    return effects.neutral_value(name.rpartition(".")[2])
+    return catalogue.neutral_value(name.rpartition(".")[2])
 
 
 def same(one: Mapping[str, np.ndarray], two: Mapping[str, np.ndarray]) -> bool:
@@ -120,14 +120,14 @@ def test_tau_is_continuous(sheep: Network) -> None:
 @pytest.mark.parametrize("effect", ALL, ids=BY_NAME)
 def test_every_row_is_complete(effect: Effect, sheep: Network) -> None:
     """Texts, quantities with neutral values in range, and variables that a network accepts, at every place."""
-    assert effect.equation and effect.signature and effect.separator and effect.quantities
+    assert effect.equation and effect.signature and effect.separator and effect.terms
     assert all(rival in BY_NAME or rival == "area" for rival in effect.confusable)
-    assert set(effect.neutral) <= set(effect.quantities)
+    assert set(effect.neutral) <= set(effect.terms)
     for key, value in effect.neutral.items():
-        effect.quantities[key].check(key, value)
+        effect.terms[key].check(key, value)
     for place in effect.where(sheep, ("CA.P", "MD.Q")):
         names = effect.variables(sheep, place)
-        assert names.keys() == effect.quantities.keys()
+        assert names.keys() == effect.terms.keys()
         if effect.name not in ("terminal_compliance", "nonlinear_wall_viscosity", "wall_viscosity"):
             added = effect.add(sheep, place, effect.neutral)
             held = added.parameters() | {f"{c.name}.{key}": v for c in added.channels for key, v in c.terms.items()}
@@ -159,7 +159,7 @@ def test_terminal_compliance(sheep: Network) -> None:
 
 def test_docs_are_current() -> None:
     """docs/effects.md holds the table that the catalogue makes of itself."""
-    assert effects.table() in DOCS.read_text(encoding="utf-8")
+    assert catalogue.table() in DOCS.read_text(encoding="utf-8")
 
 
 # --- networks, files, errors ---------------------------------------------------------------------------------------
@@ -233,7 +233,7 @@ def _signal(t: np.ndarray) -> np.ndarray:
 
 def _observed(terms: dict[str, float]) -> np.ndarray:
     omega = 2 * np.pi / BEAT * np.arange(N // 2 + 1)
-    return np.fft.irfft(effects.observe(terms, np.fft.rfft(_signal(TIME), norm="forward"), omega), N, norm="forward")
+    return np.fft.irfft(catalogue.observe(terms, np.fft.rfft(_signal(TIME), norm="forward"), omega), N, norm="forward")
 
 
 def test_lag_gain_offset() -> None:
@@ -392,4 +392,4 @@ def test_a_new_effect(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
     s = sheep.segment("CA")
     exact = 0.5 * s.E * s.h / (0.75 * s.R0) * (R / s.R0 - 1.0)
     np.testing.assert_allclose(column(sheep, "CA.toy", R, BEAT), exact, atol=1e-7 * np.ptp(exact))
-    assert "| `toy` |" in effects.table()
+    assert "| `toy` |" in catalogue.table()

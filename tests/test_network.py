@@ -17,18 +17,15 @@ from solver.network import (
     Inlet,
     Junction,
     Network,
-    Pressure,
     Quantity,
-    Reflection,
-    Resistance,
     Segment,
     Site,
-    Windkessel,
     check_parameters,
     from_dict,
     quantities,
     to_dict,
 )
+from solver.outlets import Pressure, Reflection, Resistance, Windkessel
 
 AA = Segment("AA", L=0.04, R0=9.48e-3, h=3.8e-4, E=1.539e6, phi0=25451.0)
 BT = replace(AA, name="BT", phi0=0.0)

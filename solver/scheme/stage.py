@@ -26,9 +26,9 @@ _KEPT = 16  # lengths of step whose operators a model keeps
 
 @dataclass(frozen=True)
 class Loads:
-    """What the outlets put on the nodes at the end of a stage: scale ΣQ = flow(P - P_b), see :class:`~solver.outlets.Load`.
+    """What the outlets put on the nodes at the end of a stage: :class:`~solver.outlets.Load`, scale ΣQ = flow(P - P_b).
 
-    scale : (B, n_nodes), 1 but at outlets. keep, give, charge : (B, n_outlets). kinds : nodes, outlets and load of each.
+    scale : (B, n_nodes), 1 but at outlets. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
     """
 
     scale: Array
@@ -91,7 +91,7 @@ class NoMemory:
 
 
 class Memory:
-    """Stored pressures, viscous stress, history of a force: a backward Euler step of length τ, relaxation solved for."""
+    """Stored pressures, viscous stress, history of a force: backward Euler steps of length τ, relaxation solved for."""
 
     def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
         _, _, P_C, stress, history = model.layout.split(y)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from solver.network import Network, Pressure, Reflection, Resistance, Windkessel
+from solver.network import Network
+from solver.outlets import Pressure, Reflection, Resistance, Windkessel
 
 
 @dataclass(frozen=True)

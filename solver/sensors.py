@@ -1,0 +1,163 @@
+"""The measurement chain: what a sensor makes of the true output that it measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from .coordinate import SCALE, SHIFT, Coordinate
+from .effect import Array, Described, Effect, Values
+from .quantity import Quantity
+from .units import SIGNAL_UNITS
+
+
+class Sensor(Effect):
+    """An effect of a channel: y = H(ω) x, and an offset.
+
+    Its numbers in a search may differ from those of the catalogue, which may be undefined where it is absent.
+    """
+
+    owner = "channel"
+    places = ("channel",)
+
+    reach: ClassVar[Mapping[str, tuple[float, float]]] = {}  # x of a search, default ±30
+
+    def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
+        """The numbers of a search for it in a channel."""
+        kind = SCALE if self.scales else SHIFT
+        found = []
+        for key, q in self.searched(place).items():
+            step, nominal = self.typical.get(key, q.nominal), self.neutral[key] if self.scales else 0.0
+            low, high = self.reach.get(key, (-30.0, 30.0))
+            name = f"{place}.{key}"
+            found.append(Coordinate(name, kind, ((name, step),), low, high, q.unit, step, nominal))
+        return tuple(found)
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        """The numbers of a search by key; default: the terms."""
+        return self.terms
+
+    def transfer(self, values: Values, omega: Array) -> Array:
+        """H : (n,) at omega : (n,) [rad/s]; ``values`` by the keys of a search."""
+        return np.ones(np.shape(omega))
+
+    def offset(self, values: Values) -> Array | float:
+        """What is added to the mean; ``values`` by the keys of a search."""
+        return 0.0
+
+    def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The catalogue's numbers of those of a search."""
+        return dict(values)
+
+    def as_coordinates(self, terms: Values) -> Values:
+        """The numbers of a search of the catalogue's."""
+        return terms
+
+    def observe(self, terms: Values, X: Array, omega: Array) -> Array:
+        """Fourier coefficients X : (..., n) of a channel at omega : (n,) as the sensor shows them."""
+        values = self.as_coordinates(terms)
+        return X * self.transfer(values, omega) + np.where(omega == 0.0, self.offset(values), 0.0)
+
+
+class ChannelLag(Sensor):
+    name = "channel_lag"
+    equation = "y(t) = x(t - lag)"
+    terms = {"lag": Quantity("s", "delay of the channel", -1.0, 1.0, nominal=1e-3, display="ms")}
+    neutral = {"lag": 0.0}
+    typical = {"lag": 3e-3}
+    signature = "one channel only: phase linear in frequency"
+    confusable = ("wall_viscosity", "stress_relaxation")
+    separator = "calibration of the sensor"
+
+    def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
+        """On a bench, where only P against R is known, a sensor can only be late."""
+        found = super().coordinates(network, place, bench)
+        return tuple(replace(c, low=0.0) for c in found) if bench else found
+
+    def transfer(self, values: Values, omega: Array) -> Array:
+        return np.exp(-1j * omega * values["lag"])
+
+
+class ChannelGain(Sensor):
+    name = "channel_gain"
+    equation = "y(t) = g x(t)"
+    terms = {"gain": Quantity("1", "gain g of the channel", 1e-3, 1e3)}
+    neutral = {"gain": 1.0}
+    scales = True
+    typical = {"gain": 0.03}
+    signature = "one channel only: scale"
+    confusable = ("wall_stiffness",)
+    separator = "calibration of the sensor"
+
+    def transfer(self, values: Values, omega: Array) -> Array:
+        return values["gain"] * np.ones(np.shape(omega))
+
+
+class ChannelOffset(Sensor):
+    name = "channel_offset"
+    equation = "y(t) = x(t) + o"
+    terms = {"offset": Quantity("signal", "offset o of the channel, in the unit of its signal", -1e6, 1e6)}
+    neutral = {"offset": 0.0}
+    reach = {"offset": (-1e3, 1e3)}
+    signature = "one channel only: mean"
+    confusable = ("external_pressure",)
+    separator = "calibration of the sensor"
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        signal = channel.rpartition(".")[2]
+        size = {"P": 400.0, "Q": 1e-6, "R": 1e-4}[signal]
+        return {"offset": replace(self.terms["offset"], unit=SIGNAL_UNITS[signal], nominal=size)}
+
+    def offset(self, values: Values) -> Array | float:
+        return values["offset"]
+
+
+# Catheters from which a search begins: a resonance has many valleys
+_NATURAL_FREQUENCIES, _DAMPINGS = (8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 27.0, 33.0, 40.0), (0.1, 0.35, 1.2)
+
+
+class CatheterResonance(Sensor):
+    """Searched by a = 2ζ/ω_n (slow) and b = 1/ω_n² (resonance), which are 0 for a perfect sensor, where f_n and ζ run
+    away."""
+
+    name = "catheter_resonance"
+    equation = "Y/X = 1/(1 + 2iζ f/f_n - (f/f_n)²); f_n = 0 means none"
+    terms = {
+        "f_n": Quantity("Hz", "natural frequency f_n of the catheter (0: no resonance)", 0.0, 1e5, nominal=10.0),
+        "zeta": Quantity("1", "damping ratio zeta of the catheter", 0.0, 100.0),
+    }
+    neutral = {"f_n": 0.0, "zeta": 1.0}
+    typical = {"slow": 5e-3, "resonance": 1e-4}
+    reach = {"slow": (0.0, 100.0), "resonance": (0.0, 300.0)}
+    starts = tuple(
+        (2.0 * zeta / (2.0 * math.pi * f_n) / 5e-3, (2.0 * math.pi * f_n) ** -2.0 / 1e-4)
+        for f_n in _NATURAL_FREQUENCIES
+        for zeta in _DAMPINGS
+    )
+    signature = "one channel only: peak near f_n"
+    confusable = ("wall_viscosity",)
+    separator = "calibration of the sensor"
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        return {
+            "slow": Quantity("s", "2 zeta/omega_n", 0.0, math.inf),
+            "resonance": Quantity("s^2", "1/omega_n^2", 0.0, math.inf),
+        }
+
+    def transfer(self, values: Values, omega: Array) -> Array:
+        return 1.0 / (1.0 + 1j * omega * values["slow"] - omega**2 * values["resonance"])
+
+    def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
+        """f_n [Hz] and ζ; of a sensor that is only slow, ζ = 50 stands for the overdamped limit."""
+        slow, resonance = values["slow"], values["resonance"]
+        b = max(resonance, (slow / 100.0) ** 2, 1e-12)
+        return {"f_n": 1.0 / (2.0 * math.pi * math.sqrt(b)), "zeta": slow / (2.0 * math.sqrt(b))}
+
+    def as_coordinates(self, terms: Values) -> Values:
+        natural = 2.0 * np.pi * np.asarray(terms["f_n"], float)
+        per = np.divide(1.0, natural, out=np.zeros_like(natural), where=natural > 0.0)
+        return {"slow": 2.0 * np.asarray(terms["zeta"]) * per, "resonance": per * per}
