@@ -16,16 +16,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fitting.inference.forward import Forward
 from solver.files import write_whole
 
-from .name import Naming, Problem
-from .network import NetworkProblem
+from .name import Naming
 
 Result = TypeVar("Result")
-
-
-def _same(result: Any) -> Any:
-    return result
 
 
 class Journal:
@@ -36,28 +32,25 @@ class Journal:
         self.key = json.dumps(inputs, sort_keys=True).encode()
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def stage(
-        self,
-        name: str,
-        compute: Callable[[], Result],
-        kept: Callable[[Result], Any] = _same,
-        restored: Callable[[Any], Result] = _same,
-    ) -> Result:
-        """The result of a stage: read if it is there, else computed and written.
-
-        kept, restored : what of a result is written, and the result made of it again.
-        """
+    def stage(self, name: str, compute: Callable[[], Result]) -> Result:
+        """The result of a stage: read if it is there, else computed and written."""
         path = self.folder / f"{name}.pickle"
         try:
             seal, content = path.read_bytes().split(b"\n", 1)
         except (OSError, ValueError):
             seal = content = b""
         if seal and seal == self._seal(content):
-            return restored(pickle.loads(content))
+            found: Result = pickle.loads(content)
+            return found
         result = compute()
-        content = pickle.dumps(kept(result))
+        content = pickle.dumps(result)
         write_whole(path, self._seal(content) + b"\n" + content)
         return result
+
+    def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
+        """The stage "naming", which is kept without its problem: that is made anew, weighted as it was."""
+        kept, weights = self.stage("naming", lambda: parted(compute()))
+        return replace(kept, problem=problem.restored(weights))
 
     def close(self) -> None:
         """The study is done: its state is no longer needed."""
@@ -68,16 +61,6 @@ class Journal:
         return hashlib.sha256(self.key + b"\n" + content).hexdigest().encode()
 
 
-def without_problem(naming: Naming) -> tuple[Naming, tuple[Any, ...] | None]:
-    """A naming without its problem, which is made anew when it is read, and what a network's was weighted with."""
-    problem = naming.problem
-    weights = problem.weights if isinstance(problem, NetworkProblem) else None
-    return replace(naming, problem=None), weights  # type: ignore[arg-type]
-
-
-def with_problem(kept: tuple[Naming, tuple[Any, ...] | None], problem: Problem) -> Naming:
-    """The naming of :func:`without_problem`, about ``problem`` weighted as it was."""
-    naming, weights = kept
-    if weights is not None and isinstance(problem, NetworkProblem):
-        problem = problem.restored(*weights)
-    return replace(naming, problem=problem)
+def parted(naming: Naming) -> tuple[Naming, Any]:
+    """A naming without its problem, and what that was weighted with at last."""
+    return replace(naming, problem=None), naming.problem.weights  # type: ignore[arg-type]

@@ -136,18 +136,15 @@ def batch_size(parameters: Parameters) -> int | None:
     return next(iter(sizes.values()))[0] if sizes else None
 
 
-def coefficients(network: Network, parameters: Parameters | None = None) -> Coefficients:
+def coefficients(network: Network, parameters: Parameters | None = None, *, checked: bool = True) -> Coefficients:
     """The coefficients of a network with some parameters replaced by numbers or by arrays of B numbers.
 
-    Raises ValueError for an unknown name, a value out of range, or arrays of different lengths.
+    checked : whether the parameters must be allowed: then raises ValueError for an unknown name, a value out of range,
+    or arrays of different lengths.
     """
     parameters = parameters or {}
-    check_parameters(network, parameters)
-    return laid_over(network, parameters)
-
-
-def laid_over(network: Network, parameters: Parameters) -> Coefficients:
-    """As :func:`coefficients`, of parameters that have been checked."""
+    if checked:
+        check_parameters(network, parameters)
     size = batch_size(parameters)
     numbers = _Numbers(network, parameters, size or 1)
     segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]

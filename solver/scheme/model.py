@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..coefficients import Coefficients, Parameters, changes, coefficients, laid_over
+from ..coefficients import Coefficients, Parameters, changes, coefficients
 from ..effect import Drag, Points
 from ..network import Network
 from ..validation import check_parameters
@@ -88,7 +88,8 @@ class Model:
         parameters = {**self.parameters, **changed}
         owners = {name.rpartition(".")[0] for name in changed}
         check_parameters(self.network, {n: v for n, v in parameters.items() if n.rpartition(".")[0] in owners})
-        return _lay_out(self.network, parameters, self.settings, laid_over(self.network, parameters), self.mesh)
+        c = coefficients(self.network, parameters, checked=False)
+        return _lay_out(self.network, parameters, self.settings, c, self.mesh)
 
     def at_rest(self) -> Array:
         """The state vector of a fluid at rest under P_0, whose walls have been at rest for ever."""
