@@ -1,8 +1,8 @@
 """What a study has done so far, on disk: an interrupted one goes on where it was, and gives the same answer.
 
-Every stage is one pickle in ``<folder>/.state``, written whole, bit for bit what was computed. A stage counts only if
-it was made from the same inputs (record, network, thresholds and software, whose hash is the journal's key) and if the
-file is whole. A pickle runs code when it is read: a study goes on in a folder of one's own, not in one from elsewhere.
+Every stage is one file in ``<folder>/.state``, written whole: the journal's key, and the pickled result. A stage counts
+only if it was made from the same inputs: record, network, thresholds and software, whose hash is the key. A pickle runs
+code when it is read: a study goes on in a folder of one's own, not in one from elsewhere.
 """
 
 from __future__ import annotations
@@ -12,72 +12,51 @@ import json
 import pickle
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fitting.inference.forward import Forward
 from solver.files import write_whole
 
-from .name import Naming, Problem
-from .network import NetworkProblem
+from .name import Naming
 
 Result = TypeVar("Result")
 
 
-def _same(result: Any) -> Any:
-    return result
-
-
 class Journal:
-    """The stages of one study in ``folder``; those of another study there do not count."""
+    """The stages of one study in ``folder``; those of another study there are thrown away."""
 
     def __init__(self, folder: Path, inputs: Any) -> None:
         self.folder = folder / ".state"
-        self.key = json.dumps(inputs, sort_keys=True).encode()
+        self.key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
         self.folder.mkdir(parents=True, exist_ok=True)
 
-    def stage(
-        self,
-        name: str,
-        compute: Callable[[], Result],
-        kept: Callable[[Result], Any] = _same,
-        restored: Callable[[Any], Result] = _same,
-    ) -> Result:
-        """The result of a stage: read if it is there, else computed and written.
-
-        kept, restored : what of a result is written, and the result made of it again.
-        """
+    def stage(self, name: str, compute: Callable[[], Result]) -> Result:
+        """The result of a stage: read if it is there, else computed and written."""
         path = self.folder / f"{name}.pickle"
-        try:
-            seal, content = path.read_bytes().split(b"\n", 1)
-        except (OSError, ValueError):
-            seal = content = b""
-        if seal and seal == self._seal(content):
-            return restored(pickle.loads(content))
+        head = self.key.encode()
+        if path.is_file():
+            data = path.read_bytes()
+            if data.startswith(head):  # of this study: nothing else is unpickled
+                with suppress(pickle.UnpicklingError, EOFError):  # cut off
+                    found: Result = pickle.loads(data[len(head) :])
+                    return found
         result = compute()
-        content = pickle.dumps(kept(result))
-        write_whole(path, self._seal(content) + b"\n" + content)
+        write_whole(path, head + pickle.dumps(result))
         return result
+
+    def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
+        """The stage "naming", which is kept without its problem: that is made anew, weighted as it was."""
+        kept, weights = self.stage("naming", lambda: parted(compute()))
+        return replace(kept, problem=problem.restored(weights))
 
     def close(self) -> None:
         """The study is done: its state is no longer needed."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _seal(self, content: bytes) -> bytes:
-        """A hash of the inputs and of a stage."""
-        return hashlib.sha256(self.key + b"\n" + content).hexdigest().encode()
 
-
-def without_problem(naming: Naming) -> tuple[Naming, tuple[Any, ...] | None]:
-    """A naming without its problem, which is made anew when it is read, and what a network's was weighted with."""
-    problem = naming.problem
-    weights = problem.weights if isinstance(problem, NetworkProblem) else None
-    return replace(naming, problem=None), weights  # type: ignore[arg-type]
-
-
-def with_problem(kept: tuple[Naming, tuple[Any, ...] | None], problem: Problem) -> Naming:
-    """The naming of :func:`without_problem`, about ``problem`` weighted as it was."""
-    naming, weights = kept
-    if weights is not None and isinstance(problem, NetworkProblem):
-        problem = problem.restored(*weights)
-    return replace(naming, problem=problem)
+def parted(naming: Naming) -> tuple[Naming, Any]:
+    """A naming without its problem, and what that was weighted with at last."""
+    return replace(naming, problem=None), naming.problem.weights  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.estimate import Estimate as Estimate
+from fitting.estimate import Estimate
 from fitting.result_files import finite
 from solver.network import Network
 

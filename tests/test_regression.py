@@ -13,7 +13,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from fitting.doubts import COLLINEAR
-from fitting.inference.errors_in_variables import Loop, NoFit, solve
+from fitting.inference.errors_in_variables import solve
+from fitting.inference.loop import Loop, NoFit
 from fitting.records.beats import Beats, align
 from fitting.records.record import Record
 from fitting.records.spectral import coefficients, derivative, resample, shift
