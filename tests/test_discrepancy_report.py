@@ -320,7 +320,7 @@ def browse(folder: Path, profile: Path, *wanted: str, hash_: str = "") -> subpro
     address = (folder / "report.html").as_uri() + hash_
     command = [str(CHROMIUM), *FLAGS, f"--user-data-dir={profile}", *wanted, address]
     environment = {**os.environ, "HOME": str(profile)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100, env=environment, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
     assert "CONSOLE" not in done.stderr, done.stderr
     return done
 

@@ -26,6 +26,8 @@ from fitting.records.record import Record, write_record
 from solver import load, simulate_periodic
 from solver.files import write_network
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 DT = T / N
 NAMES = ("inlet.Q", "A.P", "B.P", "C.Q")
 UNITS = {"A.P": "mmHg", "B.P": "mmHg", "C.Q": "mL/s", "inlet.Q": "mL/s"}

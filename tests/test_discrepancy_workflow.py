@@ -30,6 +30,8 @@ from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 SITE = "CA"
 HIDDEN = Effect("nonlinear_elasticity", (SITE,), 4.0)
 
