@@ -14,7 +14,7 @@ from solver.units import readable
 from ..calibrate import Calibration
 from ..estimate import Estimate, decimals
 from ..indices import read_in
-from ..wall import WallFit
+from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS
 
 
