@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 from discrepancy import workflow
 from discrepancy.__main__ import app
-from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
+from discrepancy.outcome import Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from fitting.bench import on_bench
+from fitting.estimate import Estimate
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
