@@ -128,7 +128,7 @@ def test_fmu_variables(sheep: Network) -> None:
     for names, kind in re.findall(r"^\| (`.*?) \| ([\w ]+) \|", _text("docs/fmu.md"), flags=re.MULTILINE):
         first, *others = re.findall(r"`([^`]+)`", names)
         stem = first.rpartition(".")[0]
-        known |= {name: kind for name in (first, *(stem + other for other in others))}
+        known |= dict.fromkeys((first, *(stem + other for other in others)), kind)
     patterns = {re.sub(r"<\w+>", r"\\w+", name.replace(".", r"\.")): kind for name, kind in known.items()}
     for v in variable_table(sheep, Settings()):
         kinds = [kind for pattern, kind in patterns.items() if re.fullmatch(pattern, v.name)]
