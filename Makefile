@@ -1,4 +1,4 @@
-# make demo | discover | test | check | bench | docs | clean
+# make demo | discover | test | test-slow | check | bench | docs | clean
 #
 # Everything runs in .venv, which is made when it is missing and updated when pyproject.toml changes.
 # Another Python: make demo PYTHON=/path/to/python3
@@ -12,14 +12,15 @@ ifeq ($(origin PYTHON),undefined)
 PYTHON := $(shell for p in python3.11 python3 python; do $$p -c "" 2>/dev/null && { echo $$p; break; }; done)
 endif
 
-.PHONY: help demo discover test check bench docs clean
+.PHONY: help demo discover test test-slow check bench docs clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
 	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
-	@echo "make test      run the tests"
+	@echo "make test      run the tests: four minutes on two cores"
+	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"
 	@echo "make check     formatting, lint, types"
 	@echo "make bench     measure speed and memory, and the accuracy of the fits"
 	@echo "make docs      write the API reference to build/docs"
@@ -32,7 +33,11 @@ discover: $(VENV)/installed-run
 	$(BIN)/python examples/discover.py
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+
+# a file on one core: the snippets of a document build on one another
+test-slow: $(VENV)/installed-test
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff format --check .

@@ -3,18 +3,80 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 # before NumPy is imported, and inherited by the processes that tests start: the matrices are small, and threads that
 # wait for one another take several times as long on a busy machine
 for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import hypothesis
 import pytest
+from commands import in_process
+from fmus import COARSE, Instance, mixed
 
+from build_fmu import build
 from solver import Network, load
+
+# a slow machine is no fault
+hypothesis.settings.register_profile("no deadline", deadline=None)
+hypothesis.settings.load_profile("no deadline")
 
 
 @pytest.fixture(scope="session")
 def sheep() -> Network:
     """The paper's network, Table 1."""
     return load("sheep")
+
+
+@pytest.fixture(scope="module")
+def one_process() -> Iterator[None]:
+    """``python -m build_fmu`` and ``python -m fmu_src.run`` are run where the test runs, by the same command line.
+
+    For tests whose claim is not about processes: those that start them for good are in test_build.py, test_run.py,
+    test_fmu*.py, and in the examples.
+    """
+    commands = {name: import_module(name).main for name in ("build_fmu", "fmu_src.run")}
+    real = subprocess.run
+
+    def run(line: list[str], **options: Any) -> Any:
+        if isinstance(line, list) and line[:2] == [sys.executable, "-m"] and line[2] in commands:
+            return in_process(commands[line[2]], line[3:])
+        return real(line, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess, "run", run)
+        yield
+
+
+@pytest.fixture(scope="session")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """FMUs by name; three of them are called sheep.fmu."""
+    folder = tmp_path_factory.mktemp("fmus")
+    sheep = load("sheep")
+    return {
+        "sheep": build(sheep, folder),
+        "sheep_nonlinear": build(load("sheep_nonlinear"), folder),
+        "mixed": build(mixed(), folder),
+        "coarse sheep": build(sheep, folder / "coarse", COARSE),
+        "stiff sheep": build(sheep.with_parameters({"CA.E": 8e6}), folder / "stiff"),
+    }
+
+
+@pytest.fixture
+def instantiate(fmus: dict[str, Path], tmp_path: Path) -> Iterator[Callable[..., Instance]]:
+    """Makes instances of FMUs by name, and frees them after the test."""
+    made: list[Instance] = []
+
+    def make(name: str, **options: Any) -> Instance:
+        made.append(Instance(fmus[name], tmp_path / f"{len(made)}", **options))
+        return made[-1]
+
+    yield make
+    for instance in made:
+        instance.slave.freeInstance()

@@ -9,29 +9,27 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from checked import COARSE, Array, N, T, bench_set, recorded
 
 from build_fmu import build
 from fitting import fmu_run
-from fitting.bench import LENGTH, bench_network
+from fitting.bench import bench_network
 from fitting.check import CheckReport, check
 from fitting.fmu_run import RunFailed, fourier
+from fitting.pages.check_page import page, write_check
 from fitting.parameter_set import ParameterSet, Value, read_set
-from fitting.records.record import Record, read_record, write_record
-from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from solver import Inlet, Network, Segment, Settings, Site, Windkessel, load, simulate_periodic
+from fitting.records.record import Record
+from solver import Inlet, Network, Segment, Settings, Site, Windkessel, simulate_periodic
 
-Array = np.ndarray
-COARSE = Settings(dt=2e-3, element_length=0.1)
-T, N, BEATS = 0.5, 125, 15
+pytestmark = pytest.mark.usefixtures("one_process")
 SITES = ("AA", "MD", "CA")
-DISPLAY = {"P": "mmHg", "Q": "mL/s", "R": "mm"}
 
 
 def inflow(t: Array) -> Array:
@@ -39,18 +37,6 @@ def inflow(t: Array) -> Array:
     X = 2.0 * np.fft.rfft(Inlet("AA").Q(np.arange(500) * 1e-3), norm="forward")[:21]
     X[0] /= 2.0
     return np.polynomial.polynomial.polyval(np.exp(2j * np.pi * np.asarray(t) / T), X).real
-
-
-def recorded(folder: Path, channels: Mapping[str, Array], noise: float = 0.0) -> Record:
-    """A record of repeated beats (N,), with white noise relative to the pulsatile standard deviation."""
-    rng = np.random.default_rng(5)
-    samples = {name: np.tile(beat, BEATS) for name, beat in channels.items()}
-    if noise:
-        samples = {name: x + rng.normal(0.0, noise * x.std(), x.size) for name, x in samples.items()}
-    n = len(next(iter(channels.values())))
-    time = np.arange(n * BEATS) * (T / n)
-    write_record(folder / "record.csv", time, samples, {name: DISPLAY[name[-1]] for name in channels})
-    return read_record(folder / "record.csv")
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +47,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fmu(folder: Path, sheep: Network) -> Path:
     return build(sheep, folder, COARSE)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(bench_network("AA", bench_set()), tmp_path_factory.mktemp("bench"), COARSE)
 
 
 @pytest.fixture(scope="module")
@@ -173,76 +164,6 @@ def test_says_when_it_is_not_periodic(
     )
 
 
-# --- bench --------------------------------------------------------------------------------------------------------
-
-
-def bench_set(site: str = "AA", viscous: str = "monotone", **changes: float) -> ParameterSet:
-    """The wall of Table 1 with the paper's nonlinear viscosity, as a set."""
-    wall = table_wall(site, **changes)
-    units = {"R0": "m", "h": "m", "E": "Pa", "phi0": "Pa.s", "phiNL": "Pa.s^2"}
-    values = {f"{site}.{key}": Value(getattr(wall, key), unit) for key, unit in units.items()}
-    laws = {"network.elastic_law": "regression", "network.viscous_law": viscous}
-    return ParameterSet(f"bench {site}", values, laws, {"source": "virtual wall"})
-
-
-def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:
-    """P and R of a virtual wall on the bench, from rest to periodic by DOP853."""
-    p = jarvik_pressure(T)
-    return {f"{site}.P": pressure_at(p, T, np.arange(n) * T / n), f"{site}.R": solve_radius(table_wall(site), p, T, n)}
-
-
-@pytest.fixture(scope="module")
-def bench(folder: Path) -> Path:
-    return build(bench_network("AA", bench_set()), folder, COARSE)
-
-
-def test_bench(tmp_path: Path) -> None:
-    """The radius of an independent integrator, nonlinear viscosity and all: to 7e-5 of its pulse; its loop to 4e-4."""
-    fmu = build(bench_network("AA", bench_set()), tmp_path)
-    report = check(bench_set(), fmu, recorded(tmp_path, loop_channels()))
-    (channel,), (loop,) = report.channels, report.loops
-    assert (report.mode, report.driver, channel.name) == ("bench", "AA.P", "AA.R")
-    assert channel.largest <= 8e-5
-    assert loop.simulated == pytest.approx(loop.measured, rel=5e-4)
-    assert not report.warnings
-
-
-def test_bench_sees_the_law(tmp_path: Path, bench: Path) -> None:
-    """The other elastic law, as a start value, is off by 15 % in strain; what does not count here is said."""
-    other = bench_set()
-    values = {**other.values, "CA.E": Value(4e6, "Pa"), "AA.L": Value(0.04, "m")}
-    other = ParameterSet("other", values, {**other.texts, "network.elastic_law": "beta"})
-    report = check(other, bench, recorded(tmp_path, loop_channels()))
-    assert report.worst.largest > 0.1
-    assert report.warnings == ("Not used on this bench: CA.E, AA.L.",)
-
-
-def test_bench_with_noise(tmp_path: Path, bench: Path) -> None:
-    """40 dB on P and R: the whitened residual is 1 ± 0.25, the noise of P seen through the wall included."""
-    rng = np.random.default_rng(2)
-    clean = loop_channels()
-    samples = {name: measured(np.tile(beat, BEATS), rng, 40.0) for name, beat in clean.items()}
-    write_record(tmp_path / "loop.csv", np.arange(100 * BEATS) * T / 100, samples)
-    report = check(bench_set(), bench, read_record(tmp_path / "loop.csv"))
-    assert report.worst.whitened == pytest.approx(1.0, abs=0.25)
-    assert report.title.startswith("agrees to the noise; worst channel AA.R: 0.")
-
-
-def test_bench_network() -> None:
-    """One millimetre of the site with its wall and laws, closed at the inlet; R0, h and E are needed."""
-    network = bench_network("CA", read_set("sheep_table1"), T=0.4)
-    table = load("sheep").segment("CA")
-    assert network.segments == (replace(table, L=LENGTH),)
-    assert (network.name, network.elastic_law, network.inlet.Q_max, network.inlet.T) == (
-        "bench_CA",
-        "regression",
-        0,
-        0.4,
-    )
-    with pytest.raises(ValueError, match=r"parameter set x: a bench of CA needs CA\.R0, CA\.h; add it\."):
-        bench_network("CA", ParameterSet("x", {"CA.E": Value(4e6, "Pa")}))
-
-
 # --- what is written ----------------------------------------------------------------------------------------------
 
 
@@ -255,7 +176,7 @@ def of_site(report: CheckReport, site: str) -> CheckReport:
 def test_written_report(tmp_path: Path, report: CheckReport) -> None:
     """JSON with every number, one page that needs nothing else, PNG figures; twice the same bytes."""
     report = of_site(report, "CA")
-    page = report.write(tmp_path / "deep" / "report")
+    page = write_check(report, tmp_path / "deep" / "report")
     files = {path.name: path.read_bytes() for path in page.parent.iterdir()}
     assert set(files) == {"check.json", "check.html", "waveforms.png", "residuals.png", "loops.png"}
     data = json.loads(files["check.json"])
@@ -273,14 +194,12 @@ def test_written_report(tmp_path: Path, report: CheckReport) -> None:
     assert data["loops"]["CA"]["unit"] == "J/m" and "∮ P dA measured [mJ/m]" in text
     assert f"<td>{1e3 * data['loops']['CA']['measured']:.4g}</td>" in text
     assert all(files[name].startswith(b"\x89PNG") for name in files if name.endswith(".png"))
-    report.write(tmp_path / "again")
+    write_check(report, tmp_path / "again")
     assert all((tmp_path / "again" / name).read_bytes() == content for name, content in files.items())
 
 
 def test_page_escapes(report: CheckReport) -> None:
     """A script in the provenance of the set is text on the page, not markup."""
-    from fitting.pages.check_page import page
-
     sources = json.loads(json.dumps(report.sources))
     sources["parameter_set"]["provenance"] = {"source": "<script>alert(1)</script>"}
     text = page(replace(report, sources=sources), {})
@@ -291,8 +210,8 @@ def test_page_escapes(report: CheckReport) -> None:
 def test_report_is_not_written(tmp_path: Path, report: CheckReport) -> None:
     """A file where the directory should be: one sentence with its path and what to do."""
     (tmp_path / "taken").write_text("")
-    with pytest.raises(ValueError, match=r"taken: cannot be made \(File exists\); give another directory\."):
-        report.write(tmp_path / "taken")
+    with pytest.raises(ValueError, match=r"taken: cannot be made \(File exists\); give another folder\."):
+        write_check(report, tmp_path / "taken")
 
 
 # --- refusals -----------------------------------------------------------------------------------------------------
@@ -357,12 +276,6 @@ def test_refused_fmus(tmp_path: Path, noisy: Record) -> None:
         check(ParameterSet("x", {}), tmp_path / "nowhere.fmu", noisy)
     with pytest.raises(ValueError, match=r"record\.csv: not an FMU; build one with build_fmu\.py\."):
         check(ParameterSet("x", {}), noisy.path, noisy)
-
-
-def test_fmu_that_stops(tmp_path: Path, bench: Path) -> None:
-    """The paper's quadratic viscosity beyond its monotone range: the FMU's own sentence, with place and time."""
-    with pytest.raises(RunFailed, match=r"bench_AA\.fmu: .*segment AA at x = .*, t = .* s: .*; .*\.$"):
-        check(bench_set(viscous="quadratic", phiNL=-2.0 * 25451.0), bench, recorded(tmp_path, loop_channels()))
 
 
 def test_value_that_the_fmu_refuses(fmu: Path, noisy: Record) -> None:

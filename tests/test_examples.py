@@ -193,7 +193,6 @@ def test_own_network(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_fit_and_check(tmp_path: Path) -> None:
     """Virtual cohort -> fits -> means -> FMU -> check: every P, Q and R within 1 % of the pulse (measured: 0.3 %).
 
@@ -216,7 +215,6 @@ def test_fit_and_check(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(400)
 def test_discover(tmp_path: Path) -> None:
     """A hidden wall viscosity is located, named and added to the FMU, φ0 within 0.5 % (measured: 0.005 %).
 

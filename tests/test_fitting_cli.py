@@ -20,6 +20,8 @@ from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solv
 from fitting.wall import fit
 from solver import load, read_network, simulate_periodic
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 T = 0.4724  # s, no whole number of samples
 WALL = table_wall("AA")
 

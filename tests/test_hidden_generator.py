@@ -85,6 +85,7 @@ EFFECTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "tolerance"), EFFECTS, ids=lambda x: getattr(x, "name", ""))
 def test_every_effect_agrees_with_the_solver(sheep: Network, effect: Effect, tolerance: float) -> None:
     """The solver's own term with the truth's parameters, at ten sites, relative to the pulse (dt 1 ms)."""

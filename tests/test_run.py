@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
+from commands import in_process
 from compare import relative_error
 from scipy.integrate import solve_ivp
-from typer.testing import CliRunner
 
 from build_fmu import build
 from fmu_src.run import main, run_fmu
@@ -78,15 +77,7 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*arguments: str | os.PathLike[str]) -> subprocess.CompletedProcess[str]:
     line = [sys.executable, "-m", "fmu_src.run", *map(os.fspath, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, cwd=ROOT, timeout=60)
-
-
-def in_process(*arguments: str | os.PathLike[str]) -> tuple[int, str, str]:
-    """Exit code, output and error output of the same command, spared a second of imports."""
-    app = typer.Typer()
-    app.command()(main)
-    done = CliRunner().invoke(app, list(map(os.fspath, arguments)))
-    return done.exit_code, done.stdout, done.stderr
+    return subprocess.run(line, capture_output=True, text=True, cwd=ROOT)
 
 
 def table(path: Path) -> dict[str, Array]:
@@ -215,10 +206,10 @@ def test_command_refuses_inputs(coarse: Path, tmp_path: Path, text: str, sentenc
     (tmp_path / "in.csv").write_text(text)
     stop = "1 s" if "1,2" in text else "0.01 s"
     arguments = ("--inputs", tmp_path / "in.csv", "--stop-time", stop, "--out", tmp_path / "out.csv", "-q")
-    code, output, error = in_process(coarse, *arguments)
-    assert (code, output) == (2, "")
-    assert sentence in error
-    assert (error.startswith("Error: "), error.count("\n")) == (True, 1)
+    done = in_process(main, [coarse, *arguments])
+    assert (done.returncode, done.stdout) == (2, "")
+    assert sentence in done.stderr
+    assert (done.stderr.startswith("Error: "), done.stderr.count("\n")) == (True, 1)
     assert not (tmp_path / "out.csv").exists()
 
 
@@ -240,10 +231,10 @@ def test_command_refuses(coarse: Path, tmp_path: Path, options: list[str], sente
         (tmp_path / f"{name}.json").write_text(text)
     options = [os.fspath(tmp_path / f"{o.lower()}.json") if o.isupper() else o for o in options]
     out = [] if "--out" in options else ["--out", os.fspath(tmp_path / "out.csv")]
-    code, output, error = in_process(coarse, "--stop-time", "0.01 s", *out, *options, "-q")
-    assert (code, output) == (2, "")
-    assert sentence in error
-    assert (error.startswith("Error: "), error.count("\n")) == (True, 1)
+    done = in_process(main, [coarse, "--stop-time", "0.01 s", *out, *options, "-q"])
+    assert (done.returncode, done.stdout) == (2, "")
+    assert sentence in done.stderr
+    assert (done.stderr.startswith("Error: "), done.stderr.count("\n")) == (True, 1)
 
 
 def test_command_describes_itself() -> None:

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import in_process
 from compare import relative_error
 
 from solver import Network, NotPeriodic, Settings, Windkessel, sampled_inflow, simulate, simulate_periodic
+from solver.__main__ import main
 
 QUICK = Settings(dt=5e-3)
 
@@ -121,15 +123,11 @@ def test_csv_is_whole_or_absent(sheep: Network, tmp_path: Path) -> None:
 # --- command line -------------------------------------------------------------------------------------------------
 
 
-def _solver(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "solver", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-
-
 def test_command_line(tmp_path: Path) -> None:
     """Runs the bundled network with a changed parameter, prints a table, writes the CSV."""
     out = tmp_path / "beat.csv"
-    done = _solver("sheep", "--dt", "5 ms", "--set", "CA.phi0=0 kPa*s", "--out", str(out))
+    command = [sys.executable, "-m", "solver", "sheep", "--dt", "5 ms", "--set", "CA.phi0=0 kPa*s", "--out", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "CA" in done.stdout
     assert "beats" in done.stdout
@@ -151,7 +149,7 @@ def test_command_line(tmp_path: Path) -> None:
 )
 def test_command_line_refuses(arguments: list[str], words: str) -> None:
     """Exit code 2 and one sentence, never a traceback."""
-    done = _solver(*arguments)
+    done = in_process(main, arguments)
     assert done.returncode == 2, done.stdout + done.stderr
     message = " ".join(done.stderr.split())
     assert words in message

@@ -1,0 +1,22 @@
+"""Commands run where the test runs, by the same command line: a new process for each costs a second of imports."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import typer
+from typer.testing import CliRunner
+
+
+def in_process(main: Callable[..., Any], arguments: Sequence[str | os.PathLike[str]]) -> Any:
+    """Exit code, output and error output of a command, as ``subprocess.run`` gives them."""
+    app = typer.Typer()
+    app.command()(main)
+    line = list(map(os.fspath, arguments))
+    done = CliRunner().invoke(app, line)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return subprocess.CompletedProcess(line, done.exit_code, done.stdout, done.stderr)

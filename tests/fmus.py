@@ -1,0 +1,75 @@
+"""FMUs for the tests, and an instance of one that is driven by names."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import fmpy
+from fmpy.fmi2 import FMU2Slave
+
+from solver import Network, Pressure, Resistance, Settings, Windkessel, load
+
+MS = 1e-3
+COARSE = Settings(dt=2e-3, element_length=0.1)
+
+
+def mixed() -> Network:
+    """The sheep network at physiological pressure, with every kind of outlet."""
+    outlets = {o.segment: o for o in load("sheep").outlets} | {
+        "CA": Windkessel("CA", R1=3e8, C=4e-10, R2=3e9, P_venous=500.0),
+        "VA1": Resistance("VA1", R=3e9),
+        "VA2": Pressure("VA2", P_venous=10e3),
+        "VA3": Windkessel("VA3", R1=5e7, C=3e-9, R2=6e8),
+    }
+    return replace(load("sheep"), name="mixed", outlets=tuple(outlets.values()), P_ref=10e3, P_0=10e3)
+
+
+class Instance:
+    """An FMU extracted and instantiated, with variables by name and the log in ``messages``."""
+
+    def __init__(self, fmu: Path, folder: Path, logging: bool = True) -> None:
+        self.messages: list[str] = []
+        description = fmpy.read_model_description(os.fspath(fmu))
+        self.references = {v.name: v.valueReference for v in description.modelVariables}
+        self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        self.folder = Path(fmpy.extract(os.fspath(fmu), os.fspath(folder)))
+
+        def log(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
+            self.messages.append(message.decode())
+
+        self.slave: FMU2Slave = fmpy.instantiate_fmu(
+            os.fspath(folder), description, fmi_type="CoSimulation", logger=log, debug_logging=logging
+        )
+
+    def set(self, values: Mapping[str, float | str]) -> None:
+        for name, value in values.items():
+            call = self.slave.setString if isinstance(value, str) else self.slave.setReal
+            call([self.references[name]], [value])
+
+    def get(self, names: Sequence[str] | None = None) -> list[float]:
+        return self.slave.getReal([self.references[name] for name in names or self.outputs])
+
+    def initialize(self, values: Mapping[str, float | str] | None = None, start_time: float = 0.0) -> None:
+        self.slave.setupExperiment(startTime=start_time)
+        self.set(values or {})
+        self.slave.enterInitializationMode()
+        self.slave.exitInitializationMode()
+
+    def step(self, i: int, Q: float, h: float = MS) -> list[float]:
+        """Step number i, to the time (i + 1) h with inlet.Q = Q; the outputs there."""
+        self.set({"inlet.Q": Q})
+        self.slave.doStep(i * h, h)
+        return self.get()
+
+
+TEXTS = {"network.elastic_law": "beta", "network.viscous_law": "quadratic", "inlet.interpolation": "hold"}
+
+
+def run_python(code: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, cwd=cwd)

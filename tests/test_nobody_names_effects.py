@@ -1,0 +1,84 @@
+"""Facts about an effect are stated in its class alone: nobody else in the product spells its name or its keys."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from test_layout import PRODUCT, ROOT
+
+from solver.effects import ALL
+from solver.outlets import OUTLETS
+from solver.wall import Wall
+
+NAMES = {effect.name for effect in ALL}
+KEYS = {key for effect in ALL for key in effect.terms}
+
+# fields that every network has: named where they are defined and checked, in the law of one wall, and where that law
+# is fitted and its numbers are shown; and what the law calls its own numbers
+FIELDS = {key for effect in ALL if effect.always for key in effect.terms}
+PHYSICS = (
+    *("solver/network.py", "solver/validation.py", "solver/branching.py", "solver/wall.py"),
+    *("fitting/wall.py", "fitting/wall_model.py", "fitting/inference/errors_in_variables.py", "fitting/doubts.py"),
+    *("fitting/indices.py", "fitting/records/virtual.py", "fitting/cohort/", "fitting/pages/"),
+)
+OWN = {"solver/wall.py": {f.name for f in fields(Wall)}}
+
+
+def classes_of_effects(path: Path) -> list[range]:
+    """The lines of the classes in a file that belong to an effect of the catalogue."""
+    kinds = {kind for effect in ALL for kind in type(effect).__mro__[:-1] if inspect.getsourcefile(kind) == str(path)}
+    spans = [inspect.getsourcelines(kind) for kind in kinds]
+    return [range(first, first + len(lines)) for lines, first in spans]
+
+
+def literals(path: Path) -> Iterator[ast.Constant]:
+    """Every text in the code, parts of f-strings included, docstrings not."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docs = {
+        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
+            yield node
+
+
+def words(text: str) -> set[str]:
+    """What a text names: a variable's parts by their names and keys; a sentence effects by their full names alone."""
+    if re.fullmatch(r"[\w.]+", text):
+        return set(text.split(".")) & (NAMES | KEYS)
+    return {word for word in re.findall(r"\w+", text) if "_" in word} & NAMES
+
+
+@pytest.mark.parametrize("path", PRODUCT, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_no_effect_is_named(path: Path) -> None:
+    """No name and no key of the catalogue in a text of the code outside the classes of the effects."""
+    inside, name = classes_of_effects(path), path.relative_to(ROOT).as_posix()
+    allowed = (FIELDS if name.startswith(PHYSICS) else set()) | OWN.get(name, set())
+    offenders = [
+        f"{name}:{node.lineno}: {word}"
+        for node in literals(path)
+        for word in sorted(words(node.value) - allowed)
+        if not any(node.lineno in span for span in inside)
+    ]
+    assert not offenders, "\n".join(offenders)
+
+
+@pytest.mark.parametrize("path", PRODUCT, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_nobody_asks_for_a_kind(path: Path) -> None:
+    """No ``isinstance`` of an effect or an outlet of one kind, outside the classes of the effects."""
+    kinds = {kind.__name__ for kind in (*OUTLETS, *map(type, ALL))}
+    inside, name = classes_of_effects(path), path.relative_to(ROOT).as_posix()
+    offenders = [
+        f"{name}:{call.lineno}: {sorted(asked)}"
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "isinstance"
+        if (asked := {n.id for n in ast.walk(call.args[1]) if isinstance(n, ast.Name)} & kinds)
+        if not any(call.lineno in span for span in inside)
+    ]
+    assert not offenders, "\n".join(offenders)
