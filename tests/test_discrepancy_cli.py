@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import refused_in_one_sentence
 from typer.testing import CliRunner
 
 from discrepancy import workflow
@@ -178,13 +179,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
 def test_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str) -> None:
     """Exit code 2, one sentence on the error stream that names the thing, and nothing new in the folder."""
     monkeypatch.chdir(folder)
-    before = sorted(folder.rglob("*"))
-    done = run(*arguments, "-q")
-    assert done.exit_code == 2, done.output
-    assert sentence in done.stderr
-    assert done.stderr.startswith("Error: ")
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert sorted(folder.rglob("*")) == before
+    refused_in_one_sentence(app, arguments, sentence, folder)
 
 
 def test_an_unusable_record_leaves_a_report(folder: Path) -> None:
