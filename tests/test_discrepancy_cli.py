@@ -14,11 +14,13 @@ import pytest
 from commands import refused_in_one_sentence
 from typer.testing import CliRunner
 
+from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
 from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from discrepancy.show import bench_of
+from discrepancy.source import build_fmu
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
@@ -247,3 +249,12 @@ def test_import_is_cheap() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "discrepancy.workflow", "")
+
+
+def test_an_fmu_from_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
+    """Byte for byte the FMU that is built here; what that process refuses is an error with its sentence."""
+    fmu = build_fmu(folder / "bench.toml", tmp_path)
+    assert fmu.read_bytes() == build(read_network(folder / "bench.toml"), tmp_path / "here").read_bytes()
+    (tmp_path / "BAD.toml").write_text("name = ")
+    with pytest.raises(ValueError, match=r"^.*BAD\.toml: not valid TOML: "):
+        build_fmu(tmp_path / "BAD.toml", tmp_path)
