@@ -32,7 +32,8 @@ from rich.progress import Progress
 from rich.table import Table
 from scipy.stats import norm
 
-from fitting.inference.errors_in_variables import Loop, solve
+from fitting.inference.errors_in_variables import solve
+from fitting.inference.loop import Loop
 from fitting.records.beats import align
 from fitting.records.record import Record
 from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall

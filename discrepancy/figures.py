@@ -7,7 +7,6 @@ data there are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -17,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from fitting.pages.panels import BAND, DASHED, Drawing, by_place, drawing, legend, shown
+from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
 from fitting.pages.style import BLACK, BLUE, ORANGE, STYLE, VERMILION
 from solver.layout import Lane, lanes
 from solver.network import Network
@@ -232,42 +231,28 @@ def _scale(figure: Figure, scale: Scale) -> None:
 # --- beats --------------------------------------------------------------------------------------------------------
 
 
+_CURVES: tuple[Curve, ...] = (("measured", MEASURED, "-"), ("before", BEFORE, DASHED), ("after", AFTER, (0, (1, 1))))
+
+
 def _waveforms(outcome: Outcome) -> Drawing:
     """Every channel: measured mean beat with its band, the model before, and after."""
-    figure, panels = by_place([channel.name for channel in outcome.channels])
-    T = _period(outcome)
-    for channel in outcome.channels:
-        panel = panels[channel.name]
-        measured, band, before = shown(channel.name, channel.measured, channel.band, channel.before)
-        time = np.linspace(0.0, T, len(measured))
-        panel.fill_between(time, measured - 2 * band, measured + 2 * band, color=BAND, alpha=0.6, linewidth=0)
-        panel.plot(time, measured, color=MEASURED)
-        panel.plot(time, before, color=BEFORE, linestyle=DASHED)
-        if channel.after is not None:
-            panel.plot(time, *shown(channel.name, channel.after), color=AFTER, linestyle=(0, (1, 1)))
-        panel.margins(x=0)
-    legend(figure, *_curves(outcome), band="± 2 sd of the mean")
+    beats = {c.name: (c.measured, c.before, c.after)[: len(_curves(outcome))] for c in outcome.channels}
+    bands = {c.name: c.band for c in outcome.channels}
+    figure, _ = waveforms(_period(outcome), beats, bands, _curves(outcome), "± 2 sd of the mean")
     return drawing(figure, "Mean beats of every channel. The band is ± 2 standard deviations of the measured mean.")
 
 
 def _loops(outcome: Outcome) -> Drawing:
     """Pressure against radius of every site that has both."""
-    sites, channels = loop_sites(outcome), {channel.name: channel for channel in outcome.channels}
-    columns = min(4, len(sites))
-    rows = -(-len(sites) // columns)
-    figure = Figure(figsize=(2.8 * max(2, columns), 2.4 * rows + 0.4), layout="constrained")
-    for i, site in enumerate(sites):
-        panel = figure.add_subplot(rows, columns, i + 1)
-        P, R = channels[f"{site}.P"], channels[f"{site}.R"]
-        panel.plot(*shown("R", R.measured), *shown("P", P.measured), color=MEASURED)
-        panel.plot(*shown("R", R.before), *shown("P", P.before), color=BEFORE, linestyle=DASHED)
-        if P.after is not None and R.after is not None:
-            panel.plot(*shown("R", R.after), *shown("P", P.after), color=AFTER, linestyle=(0, (1, 1)))
-        panel.set_title(site, loc="left")
-        panel.set_xlabel("radius [mm]")
-        panel.set_ylabel("pressure [mmHg]")
-    legend(figure, *_curves(outcome))
-    return drawing(figure, "Pressure against radius, mean beats.")
+    beats = {c.name: (c.measured, c.before, c.after) for c in outcome.channels}
+    pairs = {
+        site: [
+            None if P is None or R is None else (P, R)
+            for P, R, _ in zip(beats[f"{site}.P"], beats[f"{site}.R"], _curves(outcome), strict=False)
+        ]
+        for site in loop_sites(outcome)
+    }
+    return drawing(loops(pairs, _curves(outcome)), "Pressure against radius, mean beats.")
 
 
 def _gap(outcome: Outcome) -> Drawing:
@@ -303,11 +288,9 @@ def _gap(outcome: Outcome) -> Drawing:
     return drawing(figure, "Gap of every channel in units of its sensor's noise; 1 is noise alone.")
 
 
-def _curves(outcome: Outcome) -> list[tuple[str, str, Any]]:
-    curves: list[tuple[str, str, Any]] = [("measured", MEASURED, "-"), ("before", BEFORE, DASHED)]
-    if any(channel.after is not None for channel in outcome.channels):
-        curves.append(("after", AFTER, (0, (1, 1))))
-    return curves
+def _curves(outcome: Outcome) -> tuple[Curve, ...]:
+    """Measured, before, and after where something was added."""
+    return _CURVES if any(channel.after is not None for channel in outcome.channels) else _CURVES[:2]
 
 
 def _period(outcome: Outcome) -> float:

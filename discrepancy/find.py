@@ -14,11 +14,11 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import norm
 
+from fitting.inference.bench import bench, fit
 from fitting.records.beats import Beats
 from solver.network import Network
 
 from . import thresholds
-from .bench import bench, fit
 from .outcome import Balance, Located
 
 Array = np.ndarray

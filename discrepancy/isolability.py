@@ -11,10 +11,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from fitting.inference.fit import Fit, projected
+from fitting.inference.terms import Term
+from fitting.inference.unknown import Unknown, precision
+
 from . import thresholds
-from .fits import Fit, precision, projected
 from .outcome import Isolability
-from .terms import Term, Unknown
 
 Array = np.ndarray
 

@@ -13,68 +13,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
-from scipy.stats import t as t_distribution
+
+from fitting.inference.fit import Fit, misfit
+from fitting.inference.forward import Forward
+from fitting.inference.search import bounded_step
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, joins
+from fitting.inference.unknown import bounds, penalty, precisions
+from fitting.inference.unknown import quantile as of_dof
 
 from . import thresholds as at
-from .fits import Fit, bounded_step, bounds, misfit, penalty
-from .terms import Term, joins
 
 Array = np.ndarray
-
-
-class Problem(Protocol):
-    """A record and the model that it is compared with: a bench or a network."""
-
-    @property
-    def n_effective(self) -> int:
-        """Independent numbers in the record."""
-        ...
-
-    @property
-    def dof_of_noise(self) -> float:
-        """Degrees of freedom that the noise is known from."""
-        ...
-
-    def refit(
-        self,
-        hypotheses: Sequence[tuple[Term, ...]],
-        start: Fit | None = None,
-        columns: Mapping[str, Array] | None = None,
-        known: float = math.inf,
-    ) -> list[Fit | None]:
-        """The most probable unknowns of every hypothesis; those that stay far above a ``known`` cost need not be."""
-        ...
-
-    def refine(self, fits: Sequence[Fit]) -> list[Fit | None]:
-        """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
-        ...
-
-    def sharpened(self, fit: Fit) -> Problem:
-        """The same record weighted and simulated as a fit needs it."""
-        ...
-
-    def rested(self) -> Problem:
-        """The same problem, whose answers depend on nothing that was simulated before."""
-        ...
-
-    def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
-        """Fits under the weights of another problem of this record, where they are, under these."""
-        ...
-
-    def columns(self, at: Fit, terms: Sequence[Term]) -> dict[str, Array]:
-        """Whitened derivatives by terms that may be added."""
-        ...
-
-    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """Terms that can act only beside those of a fit."""
-        ...
-
-    def refined(self, fit: Fit, term: Term) -> Term | None:
-        """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -106,7 +58,7 @@ class Naming:
     unknown."""
 
     verdict: str
-    problem: Problem
+    problem: Forward
     base: Named
     ranked: tuple[Named, ...]
     members: tuple[Named, ...]
@@ -142,7 +94,7 @@ def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> li
         low, high = (np.concatenate([a, b]) for a, b in zip(bounds(base.unknowns), bounds(term.unknowns), strict=True))
         n = len(base.x)
         x = np.concatenate([base.x, np.zeros(len(term.unknowns))])
-        prior = np.concatenate([base.prior, np.full(len(term.unknowns), at.PRIOR_WIDTH**-2.0)])
+        prior = precisions((*base.unknowns, *term.unknowns))
         step = bounded_step(J, base.z, prior, x, low, high)
         left = base.z + J @ step
         gain = base.cost - base.log_volume - float(left @ left) - penalty(prior[:n], (x + step)[:n])
@@ -167,7 +119,7 @@ def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
     return list(chosen.values())
 
 
-def score(problem: Problem, fit: Fit, terms: Sequence[Term]) -> float:
+def score(problem: Forward, fit: Fit, terms: Sequence[Term]) -> float:
     """BIC and the price of having had many candidates: 2 ln(effects x places of this effect) for every term."""
     effects = {t.effect for t in terms}
     price = 0.0
@@ -177,38 +129,38 @@ def score(problem: Problem, fit: Fit, terms: Sequence[Term]) -> float:
     return fit.cost + price
 
 
-def name(problem: Problem, terms: Sequence[Term]) -> Naming:
+def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None) -> Naming:
     """The verdict on one record: effects are added one by one until the residual is noise or nothing helps.
 
     Raises ArithmeticError if the model as given cannot be simulated with this record.
     """
-    terms = tuple(terms)
-    (found,) = problem.refit([()])
+    terms, runs = tuple(terms), runs or Runs()
+    (found,) = problem.refit([()], runs=runs)
     if found is None:
         raise ArithmeticError("the model as given cannot be simulated with this record")
     none = _none(problem, found)
     if none.misfit < at.FAR_OFF:  # else the best hypothesis will tell how fine the steps must be
-        problem, none, _ = _polished(problem, found, [], terms)
-    columns = problem.columns(none.fit, terms)
-    fits = _singles(problem, none, columns, terms)
-    none = _lower(problem, none, fits)
-    problem, none, ranked = _ranking(problem, none, fits, terms)
+        problem, none, _ = _polished(problem, found, [], terms, runs)
+    columns = problem.columns(none.fit, terms, runs)
+    fits = _singles(problem, none, columns, terms, runs)
+    none = _lower(problem, none, fits, runs)
+    problem, none, ranked = _ranking(problem, none, fits, terms, runs)
     # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
     rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not none.explains and not (ranked and ranked[0].explains):
         lowest = min((n.fit.cost for n in ranked), default=none.fit.cost)
-        others = problem.refit(rewiring, none.fit, known=lowest)
+        others = problem.refit(rewiring, none.fit, runs, known=lowest)
         fits = [n.fit for n in ranked] + [f for f in others if f is not None]
-        problem, none, ranked = _ranking(problem, none, fits, terms)
+        problem, none, ranked = _ranking(problem, none, fits, terms, runs)
     if not ranked or ranked[0].score > none.score - at.BIC_NONE:
         if none.explains:
             return Naming("none", problem, none, ranked, (), columns, terms)
         return Naming("unknown", problem, none, ranked, (), columns, terms, _left(none.fit, problem))
     while not ranked[0].explains and len(ranked[0].fit.terms) < at.MOST_EFFECTS:
-        more = _ranked(problem, none, _more(problem, ranked, terms), terms)
+        more = _ranked(problem, none, _more(problem, ranked, terms, runs), terms)
         if not more or more[0].score > ranked[0].score - at.SECOND:
             break
-        problem, none, ranked = _polished(problem, none.fit, more, terms)
+        problem, none, ranked = _polished(problem, none.fit, more, terms, runs)
     best = ranked[0]
     if not best.explains:
         reason = f"{best.label} comes nearest, but more remains: {_left(best.fit, problem)}"
@@ -218,48 +170,50 @@ def name(problem: Problem, terms: Sequence[Term]) -> Naming:
     return Naming(verdict, problem, none, ranked, members, columns, terms)
 
 
-def _lower(problem: Problem, none: Named, fits: Sequence[Fit]) -> Named:
+def _lower(problem: Forward, none: Named, fits: Sequence[Fit], runs: Runs) -> Named:
     """No effect, searched again from where an effect of no size came lower: the first search ended in a side valley."""
     best = min(fits, key=lambda f: f.cost, default=none.fit)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]
     if not sizes or max(sizes) > at.NO_SIZE or best.cost > none.fit.cost - at.BIC_NONE:
         return none
-    (again,) = problem.refit([()], best)
+    (again,) = problem.refit([()], best, runs)
     lower = again is not None and again.cost < none.fit.cost
     return _none(problem, again) if again is not None and lower else none
 
 
-def _none(problem: Problem, fit: Fit) -> Named:
+def _none(problem: Forward, fit: Fit) -> Named:
     return Named(fit, fit.cost, misfit(fit, problem.dof_of_noise), 1.0, 0.0)
 
 
-def _singles(problem: Problem, none: Named, columns: Mapping[str, Array], terms: tuple[Term, ...]) -> list[Fit]:
+def _singles(
+    problem: Forward, none: Named, columns: Mapping[str, Array], terms: tuple[Term, ...], runs: Runs
+) -> list[Fit]:
     """The promising effects refitted, each by itself."""
     plain = shortlist(scores(none.fit, columns, terms), at.SHORTLIST)
-    return [f for f in problem.refit([(t,) for t in plain], none.fit, columns) if f is not None]
+    return [f for f in problem.refit([(t,) for t in plain], none.fit, runs, columns) if f is not None]
 
 
 def _ranking(
-    problem: Problem, none: Named, fits: Sequence[Fit], terms: tuple[Term, ...]
-) -> tuple[Problem, Named, tuple[Named, ...]]:
+    problem: Forward, none: Named, fits: Sequence[Fit], terms: tuple[Term, ...], runs: Runs
+) -> tuple[Forward, Named, tuple[Named, ...]]:
     """The hypotheses ranked, and where one of them beats none, polished."""
     ranked = _ranked(problem, none, fits, terms)
     if ranked and ranked[0].score < none.score - at.BIC_NONE:
-        return _polished(problem, none.fit, ranked, terms)
+        return _polished(problem, none.fit, ranked, terms, runs)
     return problem, none, ranked
 
 
 def _polished(
-    problem: Problem, base: Fit, ranked: Sequence[Named], terms: tuple[Term, ...]
-) -> tuple[Problem, Named, tuple[Named, ...]]:
+    problem: Forward, base: Fit, ranked: Sequence[Named], terms: tuple[Term, ...], runs: Runs
+) -> tuple[Forward, Named, tuple[Named, ...]]:
     """The problem as the best hypothesis needs it, and those near the best refitted with fresh derivatives."""
     best = ranked[0].fit if ranked else base
-    sharp = problem.sharpened(best)
+    sharp = problem.sharpened(best, runs)
     near = [n.fit for n in ranked if n.score < ranked[0].score + at.NEAR][: at.SHORTLIST // 2]
     if sharp is problem:
         return problem, _none(problem, base), tuple(ranked)
-    anew, *again = sharp.refine([base, *near])
+    anew, *again = sharp.refine([base, *near], runs)
     fits = [f for f in again if f is not None]
     base = base if anew is None else anew
     none = _none(sharp, base)
@@ -268,7 +222,7 @@ def _polished(
     return sharp, none, _ranked(sharp, none, [*fits, *far], terms)
 
 
-def _ranked(problem: Problem, none: Named, fits: Sequence[Fit], terms: Sequence[Term]) -> tuple[Named, ...]:
+def _ranked(problem: Forward, none: Named, fits: Sequence[Fit], terms: Sequence[Term]) -> tuple[Named, ...]:
     """Hypotheses by score, with probabilities."""
     if not fits:
         return ()
@@ -288,7 +242,7 @@ def _members(ranked: Sequence[Named]) -> tuple[Named, ...]:
     return tuple(n for n in ranked if n.score - ranked[0].score < 2.0 * math.log(at.CLASS_ODDS))
 
 
-def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> list[Fit]:
+def _more(problem: Forward, ranked: Sequence[Named], terms: Sequence[Term], runs: Runs) -> list[Fit]:
     """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
     to one for each; of one combination the better fit."""
     found: dict[frozenset[str], Fit] = {}
@@ -305,19 +259,19 @@ def _more(problem: Problem, ranked: Sequence[Named], terms: Sequence[Term]) -> l
         there = {t.label for t in first.fit.terms}
         others = [t for t in terms if t.label not in there and not t.rewires and joins(t, first.fit.terms)]
         others += problem.followers(first.fit, terms)
-        (anew,) = problem.refine([first.fit])
+        (anew,) = problem.refine([first.fit], runs)
         base = first.fit if anew is None else anew
-        columns = problem.columns(base, others)
+        columns = problem.columns(base, others, runs)
         seconds = shortlist(scores(base, columns, others), at.SHORTLIST)
-        fits = problem.refit([(*first.fit.terms, t) for t in seconds], base, columns)
-        for f in [*fits, *problem.refit(_refinements(problem, first.fit))]:
+        fits = problem.refit([(*first.fit.terms, t) for t in seconds], base, runs, columns)
+        for f in [*fits, *problem.refit(_refinements(problem, first.fit), runs=runs)]:
             if f is not None:
                 key = frozenset(t.label for t in f.terms)
                 found[key] = min(f, found.get(key, f), key=lambda fit: fit.cost)
     return list(found.values())
 
 
-def _refinements(problem: Problem, fit: Fit) -> list[tuple[Term, ...]]:
+def _refinements(problem: Forward, fit: Fit) -> list[tuple[Term, ...]]:
     found = []
     for i, term in enumerate(fit.terms):
         finer = problem.refined(fit, term)
@@ -326,7 +280,7 @@ def _refinements(problem: Problem, fit: Fit) -> list[tuple[Term, ...]]:
     return found
 
 
-def _left(fit: Fit, problem: Problem) -> str:
+def _left(fit: Fit, problem: Forward) -> str:
     """Where the residual of a fit is largest, in words."""
     power = {}
     for s in np.unique(fit.signal):
@@ -334,12 +288,11 @@ def _left(fit: Fit, problem: Problem) -> str:
         power[int(s)] = float(np.mean(fit.z[mine] ** 2))
     rms = math.sqrt(float(np.mean(fit.z**2)))
     low = float(np.mean(fit.z[fit.order <= 3] ** 2)) ** 0.5
-    signals = getattr(problem, "signals", ())
     worst = max(power, key=lambda s: power[s])
-    where = f", most in {signals[worst]}" if len(power) > 1 and len(signals) > worst else ""
+    where = f", most in {problem.signals[worst]}" if len(power) > 1 else ""
     return f"whitened RMS {rms:.2g} ({low:.2g} up to the third harmonic){where}"
 
 
-def quantile(problem: Problem) -> float:
+def quantile(problem: Forward) -> float:
     """Half a 95 % interval in standard deviations."""
-    return float(t_distribution.ppf(0.975, problem.dof_of_noise))
+    return of_dof(problem.dof_of_noise)

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from fitting.estimate import Estimate
+from fitting.result_files import finite
 from solver.network import Network
 
 Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "unknown", "unusable")
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter's value with unit and 95 % interval, all in SI."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -94,14 +86,13 @@ class Absorbed:
 
 
 @dataclass(frozen=True)
-class Channel:
+class ChannelBeats:
     """Mean beats of one channel : (N,) [SI] at the times of the study; ``band`` one standard deviation of the mean.
 
     after : None where nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats.
     """
 
     name: str
-    unit: str
     measured: Array
     band: Array
     before: Array
@@ -144,7 +135,7 @@ class Outcome:
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable size per "effect
     at place", with its unit, where the verdict is ``none``; NaN where none in the allowed range would show. sites :
-    whitened RMS of each site as the others foretell it. gap_before, gap_after : whitened RMS by the sensors' noise
+    whitened RMS of each site, predicted from the others. gap_before, gap_after : whitened RMS by the sensors' noise
     alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from
     the direct solver, of a channel's pulse: under the record's inflow, or, of a bench, under the network's own.
     """
@@ -160,7 +151,7 @@ class Outcome:
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
     balances: tuple[Balance, ...] = ()
-    channels: tuple[Channel, ...] = ()
+    channels: tuple[ChannelBeats, ...] = ()
     time: Array = field(default_factory=lambda: np.zeros(0))
     z_map: Array = field(default_factory=lambda: np.zeros((0, 0)))
     candidates: tuple[Candidate, ...] = ()
@@ -185,23 +176,11 @@ class Outcome:
         return self.isolability.invisible if self.isolability else ()
 
 
-def _plain(value: Any) -> Any:
-    """The same data, null for what is not a finite number: JSON has neither NaN nor infinity."""
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
     """The plain content of verdict.json; null where a number could not be told."""
 
-    def estimate(e: Estimate) -> dict[str, Any]:
-        return {"value": e.value, "unit": e.unit, "ci95": list(e.ci95)}
-
     def effect(e: NamedEffect) -> dict[str, Any]:
-        parameters = {name: estimate(p) for name, p in e.parameters.items()}
+        parameters = {name: p.plain for name, p in e.parameters.items()}
         return {"name": e.name, "where": list(e.where), "parameters": parameters, "confidence": e.confidence}
 
     def gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
@@ -227,7 +206,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
         "held_out_sites": dict(outcome.sites),
-        "smallest_detectable": {name: estimate(e) for name, e in outcome.smallest.items()},
+        "smallest_detectable": {name: e.plain for name, e in outcome.smallest.items()},
         "fmu_against_solver": outcome.parity,
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),
@@ -235,4 +214,4 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "model": outcome.model,
         "provenance": dict(outcome.provenance),
     }
-    return dict(_plain(content))
+    return dict(finite(content))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solver.effects import BY_NAME
+from solver import effects
+from solver.effect import Effect
 
 from .outcome import Outcome
 
@@ -40,8 +41,18 @@ def marks(outcome: Outcome) -> list[Mark]:
 
 def _kind(name: str) -> str:
     """The kind of place of an effect; one of the fluid acts in the segments."""
-    owner = BY_NAME[name].owner
+    owner = entry(name).owner
     return "segment" if owner == "fluid" else owner
+
+
+def entry(name: str) -> Effect:
+    """The effect of the catalogue that has this name."""
+    return next(effect for effect in effects.ALL if effect.name == name)
+
+
+def of_sensor(name: str) -> bool:
+    """Whether the effect belongs to a measurement chain, not to the arteries."""
+    return entry(name).owner == "channel"
 
 
 def plain(name: str) -> str:

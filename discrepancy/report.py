@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
+from fitting.pages.page import environment, words
+from fitting.result_files import make_folder
 from solver.files import write_whole
 
 from . import tables, thresholds
@@ -35,11 +35,7 @@ def write_report(outcome: Outcome, folder: Path) -> None:
         raise ValueError(f"verdict {outcome.verdict!r} is not known; it must be one of {', '.join(VERDICTS)}.")
     drawings = figures(outcome)
     html = page(outcome, drawings)
-    pictures = Path(folder) / "figures"
-    try:
-        pictures.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{pictures}: cannot be made ({error.strerror}); give another folder.") from None
+    pictures = make_folder(Path(folder) / "figures")
     for name, drawn in drawings.items():
         write_whole(pictures / f"{name}.png", drawn.png)
     for name in set(NAMES) - set(drawings):
@@ -49,21 +45,15 @@ def write_report(outcome: Outcome, folder: Path) -> None:
 
 def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
     """The page with its figures inside."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
+    templates = environment(Path(__file__).parent / "templates")
+    templates.filters |= {
         "plain": plain,
         "number": tables.number,
         "p": tables.p_text,
         "places": tables.places_text,
         "label": label_text,
     }
-    return environment.get_template("report.html.j2").render(
+    return templates.get_template("report.html.j2").render(
         outcome=outcome,
         heading=heading(outcome),
         meaning=meaning(outcome),
@@ -92,7 +82,7 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
         "classes": tables.classes_text(isolability) if isolability else [],
         "beats": json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
         "provenance": {
-            key.replace("_", " "): tables.words(v)
+            key.replace("_", " "): words(v)
             for key, v in outcome.provenance.items()
             if v not in ([], {}) and v not in (outcome.record, outcome.model)
         },

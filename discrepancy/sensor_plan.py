@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 
+from fitting.inference.fit import Fit, Member
+from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.subset import Subset
+from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats
 from fitting.records.virtual import measured
 from fitting.threads import single_threaded
-from fitting.units import INFLOW
 from solver import simulate_periodic
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
 from . import thresholds
-from .fits import Fit, Member
 from .isolability import isolability
-from .network import NetworkProblem, network_problem
 from .outcome import Isolability
-from .subset import Subset
-from .terms import Term, candidates
 
 Array = np.ndarray
 
@@ -124,7 +124,7 @@ def _rewired_columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term]) 
     at = dict(zip((u.name for u in base.unknowns), base.x, strict=True))
     members = []
     for term in terms:
-        unknowns = problem.hypothesis((term,))[0]
+        unknowns = problem.hypothesis((term,))
         members.append(Member((term,), unknowns, np.array([at.get(u.name, 0.0) for u in unknowns])))
     found = zip(terms, problem.observe(members), strict=True)
     return {term.label: (problem.residual(X) - base.z)[:, None] for term, X in found if X is not None}
@@ -149,7 +149,7 @@ def _table(
 ) -> Isolability:
     """Isolability by some of the problem's channels."""
     keep = np.array([problem.names.index(name) for name in dict.fromkeys(chosen)])
-    part = Subset(problem, keep)
+    part = Subset(problem.target, keep)
     seen = [t for t in terms if not t.is_sensor or t.place in chosen]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
     return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from solver.effects import BY_NAME
-
 from .name import Naming
+from .places import entry, of_sensor
 from .study import Study
 
 
@@ -14,7 +13,7 @@ def separating_measurement(naming: Naming, study: Study) -> str | None:
         return None
     effects = list(dict.fromkeys(t.effect for n in naming.members for t in n.fit.terms))
     places = list(dict.fromkeys(t.place for n in naming.members for t in n.fit.terms))
-    sensors = [e for e in effects if BY_NAME[e].owner == "channel"]
+    sensors = [e for e in effects if of_sensor(e)]
     if sensors and len(effects) > len(sensors):
         channels = [t.place for n in naming.members for t in n.fit.terms if t.is_sensor]
         named = " and ".join(dict.fromkeys(channels))
@@ -27,5 +26,5 @@ def separating_measurement(naming: Naming, study: Study) -> str | None:
             f"The effect is clear, its place is not ({', '.join(places)}): record pressure, flow and radius between "
             f"these places."
         )
-    said = dict.fromkeys(BY_NAME[e].separator for e in effects)
+    said = dict.fromkeys(entry(e).separator for e in effects)
     return f"Measure what tells them apart: {'; '.join(said)}."

@@ -7,29 +7,22 @@ was, not only the one noisy sensor. What is left is divided by the sensors' own 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
-from fitting.records.beats import Beats
+from fitting.inference.fit import Fit
+from fitting.inference.observation import mean_wander, sense
 from fitting.records.noise import mean_beat
-from fitting.units import INFLOW
 from solver import Settings, simulate, simulate_periodic
-from solver.network import Inlet, Network, Site
-from solver.outlets import Pressure
+from solver.network import Network
+from solver.units import INFLOW
 
-from .bench import Bench, most_probable
-from .fits import Fit
-from .network import NetworkProblem
-from .observation import mean_wander, sense
 from .study import Study
 
 Array = np.ndarray
-
-BENCH_LENGTH = 1e-3  # [m]; over a millimetre the pressure falls by less than a pascal, and the radius follows the wall
-_BENCH_BEATS = 3  # a wall forgets its start in φ0/E or τ, a small part of a beat
 
 _OWN_BEATS = 2
 
@@ -51,46 +44,6 @@ class Run:
     gap: Gap
 
 
-def bench_of(network: Network, site: str) -> Network:
-    """One millimetre of the site's artery, with the pressure ``<site>.outlet.P_venous`` at its end."""
-    return replace(
-        network,
-        name=f"bench_{site}",
-        segments=(replace(network.segment(site), L=BENCH_LENGTH),),
-        inlet=Inlet(site, Q_max=0.0, T=network.inlet.T),
-        junctions=(),
-        outlets=(Pressure(site),),
-        sites=(Site(site, site),),
-        channels=(),
-        reference=f"One artery on the bench, from network {network.name}.",
-    )
-
-
-def drive(study: Study, fit: Fit) -> Array:
-    """The wave (N,) that drives the FMU, as the record says it most probably was under a hypothesis."""
-    if isinstance(study.problem, Bench):
-        return most_probable(study.problem, fit)
-    (X,) = study.problem.observe([fit.member])
-    return most_probable_inflow(study.problem, study.fitted, X)
-
-
-def most_probable_inflow(problem: NetworkProblem, beats: Beats, X: Array | None) -> Array:
-    """Q : (N,) given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual x = n - H q + e.
-
-    X : (K+1, m) of the hypothesis under the measured inflow; None (it breaks down) leaves the inflow as measured.
-    """
-    Q = beats.mean(INFLOW)
-    if X is None:
-        return Q
-    residual = problem.target.X - X
-    S = beats.covariance((INFLOW,))[: problem.K + 1, 0, 0].real
-    weighted = np.einsum("kij,kj->ki", np.linalg.inv(problem.target.covariance), residual)
-    q = -S * np.einsum("ki,ki->k", problem.response.conj(), weighted)
-    full = np.zeros(beats.N // 2 + 1, complex)
-    full[: len(q)] = q
-    return Q - np.fft.irfft(full, beats.N, norm="forward")
-
-
 def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str, float]) -> Run:
     """Run an FMU under a wave and compare it. ``fit`` says what the sensors do; starts : by FMU variable.
 
@@ -101,15 +54,13 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
     values: dict[str, float | str] = {
         n: v for n, v in starts.items() if n in (*described.parameters, *described.inputs)
     }
-    if study.site is not None:
-        driver = f"{study.site}.outlet.P_venous"
-        answer = periodic_answer(described, driver, wave, T, {**values, "network.P_0": float(wave[0])}, _BENCH_BEATS)
-        waves = {names[0]: fourier(wave, steps_per_beat(described, T)), names[1]: answer.values[names[1]]}
-    else:
-        # a run begins at rest: best where the flow is least
-        first = int(np.argmin(np.abs(wave)))
-        answer = periodic_answer(described, INFLOW, np.roll(wave, -first), T, values)
-        waves = {name: _delayed(beat, first / len(wave)) for name, beat in answer.values.items()}
+    drive = study.problem.driven(wave)
+    values.update(drive.values)
+    rolled = np.roll(wave, -drive.first)
+    answer = periodic_answer(described, drive.variable, rolled, T, values, drive.beats)
+    waves = {name: _delayed(beat, drive.first / len(wave)) for name, beat in answer.values.items()}
+    if drive.imposed is not None:
+        waves[drive.imposed] = fourier(wave, steps_per_beat(described, T))
     return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))
 
 

@@ -8,18 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fitting.inference.bench import bench
+from fitting.inference.forward import Forward
+from fitting.inference.network import network_problem
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats, align
 from fitting.records.record import Record
-from fitting.units import INFLOW
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
 from . import thresholds
-from .bench import Bench, bench
 from .name import Naming, name
-from .network import NetworkProblem, network_problem
-from .simulator import Tell
-from .terms import Term, candidates
 
 _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
 _SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
@@ -41,12 +42,12 @@ class Study:
     network: Network
     fitted: Beats
     held_out: Beats
-    problem: Bench | NetworkProblem
+    problem: Forward
     terms: tuple[Term, ...]
     warnings: tuple[str, ...] = ()
 
 
-def prepare(record: Record, network: Network, period: float | None = None, tell: Tell = lambda _: None) -> Study:
+def prepare(record: Record, network: Network, period: float | None = None, runs: Runs | None = None) -> Study:
     """Cut the record into beats, keep the last quarter of them apart, and set up the comparison.
 
     Raises Unusable if the record cannot be used with this network.
@@ -58,7 +59,7 @@ def prepare(record: Record, network: Network, period: float | None = None, tell:
     fitted, kept, warnings = parts(beats)
     try:
         if INFLOW in record.channels:
-            problem: Bench | NetworkProblem = network_problem(fitted, network, channels(record, network), tell)
+            problem: Forward = network_problem(fitted, network, channels(record, network), runs)
             terms = candidates(network, problem.signals)
             return Study("network", None, network, fitted, kept, problem, terms, warnings)
         site = bench_site(record, network)
@@ -131,12 +132,11 @@ def check_scatter(beats: Beats) -> None:
             )
 
 
-def judge(
-    record: Record, network: Network, period: float | None = None, tell: Tell = lambda _: None
-) -> tuple[Study, Naming]:
+def judge(record: Record, network: Network, period: float | None = None) -> tuple[Study, Naming]:
     """Find and name, without FMU or files: what the bank of hidden effects calls. Raises Unusable."""
-    study = prepare(record, network, period, tell)
-    return study, name(study.problem, study.terms)
+    runs = Runs()
+    study = prepare(record, network, period, runs)
+    return study, name(study.problem, study.terms, runs)
 
 
 def channels(record: Record, network: Network) -> tuple[str, ...]:

@@ -9,26 +9,23 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
+from fitting.inference.added import estimates
+from fitting.inference.fit import Fit
 from fitting.provenance import software
 from fitting.records.noise import mean_beat
 from fitting.records.record import Record
-from fitting.units import INFLOW
-from solver.effects import BY_NAME
 from solver.network import Network
+from solver.units import INFLOW
 
 from . import thresholds
-from .add import estimates
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
-from .fits import Fit
 from .isolability import isolability, smallest
 from .name import Naming, quantile
-from .network import NetworkProblem
-from .outcome import Absorbed, Balance, Candidate, Channel, NamedEffect, Outcome, Round
-from .places import plain
+from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
+from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
 from .study import Study, Unusable
-from .subset import leave_one_site_out
 
 _SHOWN = 12  # candidates in the report
 _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
@@ -92,7 +89,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         absorbed=_absorbed(final),
         isolability=isolability(naming.base.fit, naming.columns, naming.terms),
         smallest={t.label: u.estimate(np.nan if x is None else x, 0.0, 1.0) for t, u, x in least.values()},
-        sites=_left_out(naming, final),
+        sites=naming.problem.left_out(final),
         rounds=shown.rounds,
         gap_before=before.gap.total,
         gap_after=after.gap.total if after else None,
@@ -111,7 +108,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
     The pressure drives a bench, so that its channel has no residual there: that of the wall law, with the errors of
     both, is judged.
     """
-    if study.kind == "network":
+    if study.problem.driven(study.problem.measured_wave(study.fitted)).imposed is None:
         return of_map
     base = naming.base.fit
     return float(chi2_distribution.sf(base.chi2, max(1, len(base.z) - len(base.x))))
@@ -151,25 +148,16 @@ def located_in(study: Study, before: Run) -> Found:
     problem = study.problem
     K = len(before.X) - 1
     residual = mean_beat(study.fitted, problem.signals, K) - before.X
-    if isinstance(problem, NetworkProblem):
-        return find(problem.signals, residual, problem.target.covariance[: K + 1])
-    covariance = study.fitted.covariance(problem.signals)[: K + 1]
-    return find(problem.signals, residual, covariance)
+    return find(problem.signals, residual, problem.covariance(study.fitted)[: K + 1])
 
 
 def _balances(study: Study, before: Run) -> tuple[Balance, ...]:
     """Mass, momentum and wall law where the measured channels tell them."""
     beats, network, problem = study.fitted, study.network, study.problem
-    if not isinstance(problem, NetworkProblem):
-        return wall_balances(beats, network)
     K = len(before.X) - 1
-    residual = mean_beat(beats, problem.names, K) - before.X
-    momentum = momentum_balances(problem.names, residual, problem.target.covariance[: K + 1], network)
+    residual = mean_beat(beats, problem.signals, K) - before.X
+    momentum = momentum_balances(problem.signals, residual, problem.covariance(beats)[: K + 1], network)
     return (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
-
-
-def _left_out(naming: Naming, fit: Fit) -> dict[str, float]:
-    return leave_one_site_out(naming.problem, fit) if isinstance(naming.problem, NetworkProblem) else {}
 
 
 def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
@@ -185,8 +173,8 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
         case "none":
             return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
         case "effect":
-            if BY_NAME[effects[0].name].owner == "channel":
-                return f"A sensor explains it, no artery: {labels}; with it {gap}."
+            if of_sensor(effects[0].name):
+                return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
             return f"The model lacks {labels}: with it {gap}."
         case "several" if not others:
             return f"The model lacks {labels}: with both {gap}."
@@ -203,12 +191,10 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
     return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
 
 
-def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Channel:
-    unit = {"P": "Pa", "Q": "m^3/s", "R": "m"}[channel.rpartition(".")[2]]
+def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
     band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    return Channel(
+    return ChannelBeats(
         channel,
-        unit,
         study.fitted.mean(channel),
         band,
         before.beats[channel],

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from fitting.units import DISPLAY, MMHG
-from solver.effects import BY_NAME
+from fitting.estimate import decimals
+from solver import effects
+from solver.quantity import Quantity
+from solver.units import of_signal, printed, readable
 
 from . import thresholds
-from .outcome import Candidate, Channel, Estimate, Isolability, NamedEffect, Outcome
-from .places import label_text, place_text, plain
+from .outcome import Candidate, ChannelBeats, Estimate, Isolability, NamedEffect, Outcome
+from .places import entry, label_text, place_text, plain
 from .scales import Z
 
 Array = np.ndarray
@@ -24,22 +26,6 @@ _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
 _OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
-
-# SI unit of a parameter -> unit people read it in, factor from SI
-_READ: Mapping[str, tuple[str, float]] = {
-    "1": ("", 1.0),
-    "Pa": ("mmHg", 1.0 / MMHG),
-    "Pa.s": ("kPa·s", 1e-3),
-    "Pa.s^2": ("kPa·s²", 1e-3),
-    "Pa.s/m^3": ("mmHg·s/mL", 1e-6 / MMHG),
-    "m": ("mm", 1e3),
-    "m^2/(Pa.s)": ("mm²/(mmHg·s)", 1e6 * MMHG),
-    "m^3/Pa": ("mL/mmHg", 1e6 * MMHG),
-    "m^3/s": ("mL/s", 1e6),
-    "s": ("ms", 1e3),
-    "s^2": ("ms²", 1e6),
-}
-_MODULI = ("E", "ENL")  # pressures that are not read in mmHg
 
 
 # --- what there is ------------------------------------------------------------------------------------------------
@@ -86,9 +72,14 @@ def number(value: float, digits: int = 3) -> str:
 
 def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
     """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
-    unit, factor = _READ.get(estimate.unit, (estimate.unit, 1.0))
-    if estimate.unit == "Pa" and name.rpartition(".")[2] in _MODULI:
-        unit, factor = "MPa", 1e-6
+    key = name.rpartition(".")[2]
+    return _estimate_text(estimate, next((e.terms[key] for e in effects.ALL if key in e.terms), None))
+
+
+def _estimate_text(estimate: Estimate, quantity: Quantity | None) -> tuple[str, str]:
+    """The same of a quantity; a ratio to another, with a unit of its own, is none."""
+    display = quantity.display if quantity and quantity.unit == estimate.unit else None
+    unit, factor = readable(estimate.unit, display)
     value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
     value_text, low_text, high_text = (_to_digits(x, high - low) for x in (value, low, high))
     interval = f"{low_text} … {high_text}" if math.isfinite(low) and math.isfinite(high) else DASH
@@ -100,11 +91,11 @@ def _to_digits(value: float, width: float) -> str:
     half = 0.5 * abs(width)
     if not math.isfinite(value) or not math.isfinite(half) or half == 0.0:
         return number(value)
-    decimals = 1 - math.floor(math.log10(half))
-    if not -6 <= decimals <= 6:
+    places = decimals(half)
+    if not -6 <= places <= 6:
         return number(value)
-    rounded = round(value, decimals) + 0.0  # no −0
-    return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
+    rounded = round(value, places) + 0.0  # no −0
+    return f"{rounded:.{max(places, 0)}f}".replace("-", "−")
 
 
 def p_text(value: float) -> str:
@@ -131,7 +122,7 @@ def places_text(where: Iterable[str]) -> str:
 
 def effect_row(effect: NamedEffect) -> dict[str, Any]:
     """An effect of the verdict: name, place, equation, confidence, parameters, and what the catalogue says of it."""
-    row = BY_NAME[effect.name]
+    row = entry(effect.name)
     return {
         "signature": row.signature,
         "confusable": ", ".join(map(plain, row.confusable)),
@@ -145,17 +136,12 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
                 "name": name,
                 "value": value,
                 "interval": interval,
-                "si": f"{number(p.value, 5)} {_si(p.unit)}".strip(),
+                "si": f"{number(p.value, 5)} {printed(p.unit)}".strip(),
             }
             for name, p in effect.parameters.items()
             for value, interval in [estimate_text(name, p)]
         ],
     }
-
-
-def _si(unit: str) -> str:
-    """An SI unit as it is printed: "Pa.s^2" as Pa·s²."""
-    return "" if unit == "1" else unit.replace(".", "·").replace("^2", "²").replace("^3", "³")
 
 
 def candidate_row(candidate: Candidate) -> dict[str, Any]:
@@ -173,13 +159,14 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
     }
 
 
-def channel_row(channel: Channel) -> dict[str, str]:
+def channel_row(channel: ChannelBeats) -> dict[str, str]:
     """The gap of a channel before and after."""
     (before_fit, before_held), (after_fit, after_held) = gap_text(channel.gap_before), gap_text(channel.gap_after)
-    pulse = float(np.ptp(channel.measured)) * DISPLAY[channel.name[-1]][1]
+    unit, factor = of_signal(channel.name)
+    pulse = factor * float(np.ptp(channel.measured))
     return {
         "name": channel.name,
-        "pulse": f"{number(pulse)} {DISPLAY[channel.name[-1]][0]}",
+        "pulse": f"{number(pulse)} {unit}",
         "before_fit": before_fit,
         "before_held": before_held,
         "after_fit": after_fit,
@@ -249,10 +236,15 @@ def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
     return [
         {
             "name": label_text(label),
-            "size": estimate_text(_key(label), size)[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
+            "size": _estimate_text(size, _first_quantity(label))[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
         }
         for label, size in outcome.smallest.items()
     ]
+
+
+def _first_quantity(label: str) -> Quantity | None:
+    """What "nonlinear_elasticity at CA" is counted in."""
+    return next(iter(entry(label.partition(" at ")[0]).terms.values()), None)
 
 
 def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
@@ -294,7 +286,7 @@ def beats(outcome: Outcome) -> dict[str, Any]:
 
     channels = []
     for channel in outcome.channels:
-        unit, factor = DISPLAY[channel.name[-1]]
+        unit, factor = of_signal(channel.name)
         channels.append(
             {
                 "name": channel.name,
@@ -309,16 +301,3 @@ def beats(outcome: Outcome) -> dict[str, Any]:
     worst = channel_z(outcome)
     first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]
     return {"time": [float(f"{t:.6g}") for t in times.tolist()], "channels": channels, "first": first}
-
-
-def words(value: Any) -> str:
-    """Provenance in words."""
-    if isinstance(value, Mapping):
-        return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(map(words, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _key(label: str) -> str:
-    return "ENL" if label.startswith("nonlinear_elasticity") else label

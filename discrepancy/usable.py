@@ -1,4 +1,4 @@
-"""Whether record and model belong together at all: what would make every later step lie, said in one sentence."""
+"""Whether record and model belong together: wrong units, clocks and dead sensors, each refused in one sentence."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from fitting.records.period import find_period
 from fitting.records.record import Record
-from fitting.units import MMHG
+from solver.units import MMHG
 
 from .study import Study, Unusable
 

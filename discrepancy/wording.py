@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from solver.effects import BY_NAME
-
 from .outcome import Outcome
-from .places import plain
+from .places import of_sensor, plain
 
 _HEADINGS: Mapping[str, str] = {
     "none": "No effect is missing",
@@ -54,7 +52,7 @@ def meaning(outcome: Outcome) -> str:
 
 
 def _of_sensors(outcome: Outcome) -> bool:
-    return bool(outcome.effects) and all(BY_NAME[effect.name].owner == "channel" for effect in outcome.effects)
+    return bool(outcome.effects) and all(of_sensor(effect.name) for effect in outcome.effects)
 
 
 def next_steps(outcome: Outcome) -> list[str]:

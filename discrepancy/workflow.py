@@ -5,7 +5,6 @@ Everything is made in ``<out>/.state`` first; the folder gets its files when all
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -18,27 +17,28 @@ from typing import Any
 
 import numpy as np
 
+from fitting.bench import on_bench
 from fitting.fmu_run import RunFailed
+from fitting.inference.added import estimates, extended
+from fitting.inference.fit import Fit
+from fitting.inference.simulator import Meter, Runs
+from fitting.inference.unknown import parameter_values
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
+from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
-from fitting.units import INFLOW
 from solver import NonPhysicalState, Settings
+from solver.effects import BY_NAME
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
-from .add import extended, named
-from .bench import Bench
-from .fits import Fit
-from .journal import Journal, decode_naming, decode_run, encode_naming, encode_run
+from .journal import Journal
 from .name import Naming, name, quantile
-from .network import NetworkProblem
-from .outcome import Outcome, Round, verdict_json
-from .show import Run, bench_of, drive, free_run, own_parity, parity
+from .outcome import NamedEffect, Outcome, Round, verdict_json
+from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable
-from .terms import values
 from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
 
 Array = np.ndarray
@@ -88,10 +88,7 @@ def discover(
 
 def _check_folder(folder: Path) -> None:
     """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
+    make_folder(folder)
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
             raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
@@ -135,7 +132,8 @@ class _Work:
         self.record, self.network, self.model, self.journal = record, network, model, journal
         self.progress = progress
         progress(0.02, "cutting the beats")
-        self.study = prepare(record, network, period, lambda label: progress(0.08, label))
+        tell = Meter(lambda simulations: progress(0.08, f"{simulations} simulations"))
+        self.study = prepare(record, network, period, Runs(tell))
         check_beats(self.study)
         check_radii(self.study)
         check_pressures(self.study)
@@ -154,15 +152,15 @@ class _Work:
         fmu = self._fmu(self.network, "given")
         # a record may be of another network, or its channels of two clocks: seen before the long search
         self.progress(0.1, "running the model as given")
-        wave = study.problem.P if isinstance(study.problem, Bench) else study.fitted.mean(INFLOW)
+        wave = study.problem.measured_wave(study.fitted)
         given = self._free(fmu, "given", _nothing(), wave, {})
         check_waves(study, given.beats)
         naming = self._name()
-        study = replace(study, problem=naming.problem)  # type: ignore[arg-type]
+        study = replace(study, problem=naming.problem)
         added = naming.verdict in ("effect", "ambiguous", "several")
         best = naming.best.fit if added else naming.base.fit
         self.progress(0.75, "running the model with its nuisances refitted")
-        wave = drive(study, best)
+        wave = study.problem.wave(study.fitted, best)
         base = naming.base.fit
         before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
         shown = Shown(given, before)
@@ -175,23 +173,19 @@ class _Work:
     def _name(self) -> Naming:
         self.progress(0.2, "naming")
         problem = self.study.problem
-        if isinstance(problem, NetworkProblem):
-            problem.simulator.tell = lambda label: self.progress(0.2 + 0.5 * _saturating(label), f"naming, {label}")
-        naming = self.journal.stage(
-            "naming",
-            lambda: name(problem, self.study.terms),
-            encode_naming,
-            lambda data: decode_naming(data, problem),
-        )
-        # what follows is the same whether naming was done now or before an interruption
-        return replace(naming, problem=naming.problem.rested())
+
+        def told(simulations: int) -> None:
+            self.progress(0.2 + 0.5 * (1.0 - 0.5 ** (simulations / 60.0)), f"naming, {simulations} simulations")
+
+        runs = Runs(Meter(told))
+        return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs))
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""
         if self.study.site is None and stage == "given" and self.model.suffix.lower() == ".fmu":
             return self.model
         if self.study.site is not None:
-            network = bench_of(network, self.study.site)
+            network = on_bench(network, self.study.site)
         file = self.place / f"{stage}.toml"
         write_network(network, file)
         return build_fmu(file, self.place / stage)
@@ -203,8 +197,6 @@ class _Work:
             return self.journal.stage(
                 f"run_{stage}",
                 lambda: free_run(fmu, study or self.study, fit, wave, starts),
-                encode_run,
-                decode_run,
             )
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
@@ -239,14 +231,25 @@ class _Work:
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
         half, best = quantile(naming.problem), naming.best
-        effects = [named(self.network, best.fit, t, best.probability, half) for t in best.fit.terms]
+        effects = [
+            NamedEffect(
+                t.effect,
+                t.where,
+                estimates(self.network, best.fit, t, half),
+                best.probability,
+                BY_NAME[t.effect].equation,
+            )
+            for t in best.fit.terms
+        ]
         if len(effects) == 1:
             return (Round(effects[0], before.gap.total, after.gap.total),)
         (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit)
         if alone is None:
             return (Round(effects[0], before.gap.total, None), Round(effects[1], before.gap.total, after.gap.total))
         middle = extended(self.network, alone)
-        run = self._free(self._fmu(middle, "middle"), "middle", alone, drive(study, best.fit), {}, study)
+        run = self._free(
+            self._fmu(middle, "middle"), "middle", alone, study.problem.wave(study.fitted, best.fit), {}, study
+        )
         return (
             Round(effects[0], before.gap.total, run.gap.total),
             Round(effects[1], run.gap.total, after.gap.total),
@@ -256,7 +259,7 @@ class _Work:
 def _nothing() -> Fit:
     """The hypothesis that nothing is missing and nothing moves."""
     empty = np.zeros(0)
-    return Fit((), (), empty, empty, np.zeros((0, 0)), empty, np.zeros(0, int), np.zeros(0, int))
+    return Fit((), (), empty, empty, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
 
 
 def _has_sensor(fit: Fit) -> bool:
@@ -265,20 +268,14 @@ def _has_sensor(fit: Fit) -> bool:
 
 def _moved(network: Network, fit: Fit) -> dict[str, float]:
     """Start values of the parameters that a fit without terms moves."""
-    nominal = network.parameters()
-    return {n: float(v) for n, v in values(fit.unknowns, fit.x, nominal).items() if n in nominal}
-
-
-def _saturating(label: str) -> float:
-    count = int("".join(c for c in label if c.isdigit()) or 0)
-    return 1.0 - 0.5 ** (count / 60.0)
+    return {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
 
 
 def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
     """All files of a study; those of an earlier one that this verdict does not have are removed.
 
-    All are made aside first. Then the earlier verdict goes, the new files come, and the new verdict last: whatever
-    happens, a folder with a verdict.json has what belongs to it.
+    All are written to a folder of their own first. Then the earlier verdict is removed, the new files replace the old
+    ones, and the new verdict is written last: a folder with a verdict.json always holds the files that belong to it.
     """
     from . import report  # matplotlib takes a second
 
@@ -291,8 +288,7 @@ def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress
             write_whole(aside / "model.toml", dumps(outcome.network_after))
             write_whole(aside / "model.fmu", fmu)
         report.write_report(outcome, aside)
-        text = json.dumps(verdict_json(outcome), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_whole(aside / "verdict.json", text)
+        write_whole(aside / "verdict.json", json_text(verdict_json(outcome)))
         _move(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

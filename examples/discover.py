@@ -23,10 +23,10 @@ from rich.progress import Progress
 
 from discrepancy import discover
 from discrepancy.command_tables import effects_table, gap_text
-from discrepancy.observation import transfer
 from fitting.records.record import write_record
 from fitting.records.virtual import measured
 from solver import Network, Settings, load, simulate_periodic
+from solver.catalogue import observe
 from solver.files import write_network
 
 Array = np.ndarray
@@ -77,9 +77,8 @@ def waves(network: Network) -> dict[str, Array]:
 
 def slowed(X: dict[str, Array], channel: str) -> dict[str, Array]:
     """The same with one channel through a second-order sensor."""
-    omega, omega_n = 2.0 * np.pi / T * np.arange(len(X[channel])), 2.0 * np.pi * F_N
-    sensor = transfer(omega, lag=0.0, gain=1.0, slow=2.0 * ZETA / omega_n, resonance=omega_n**-2)
-    return {**X, channel: sensor * X[channel]}
+    omega = 2.0 * np.pi / T * np.arange(len(X[channel]))
+    return {**X, channel: observe({"f_n": F_N, "zeta": ZETA}, X[channel], omega)}
 
 
 def write(path: Path, X: dict[str, Array]) -> None:

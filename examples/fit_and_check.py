@@ -26,6 +26,7 @@ from build_fmu import build
 from fitting.check import CheckReport, check
 from fitting.cohort.fits import fit_cohort, read_cohort
 from fitting.cohort.virtual import virtual_cohort, write_cohort
+from fitting.pages.check_page import write_check
 from fitting.parameter_set import write_set
 from fitting.records.record import read_record, write_record
 from solver import Network, load, simulate_periodic
@@ -60,7 +61,7 @@ def main(
         law = means.texts["network.elastic_law"]
         record = table1_record(replace(network, elastic_law=law), out / "table1.csv")
         report = check(means, fmu, read_record(record), progress=lambda what: tell(0.5, what))
-        page = report.write(out / "fit_and_check")
+        page = write_check(report, out / "fit_and_check")
     show(report)
     print(f"{len(cohort.recordings)} virtual recordings fitted; {law} law; wrote {out / 'means.json'} and {page}")
 

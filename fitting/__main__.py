@@ -13,8 +13,9 @@ from solver.console import PACE, bar, say, say_notes, say_written, sentences, sh
 from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
 
 from .bench import bench_network
+from .estimate import Estimate
 from .fmu_run import RunFailed
-from .indices import Estimate, indices, plain
+from .indices import indices, plain
 from .inference.errors_in_variables import NoFit
 from .parameter_set import ParameterSet, read_set, set_format, write_set
 from .records.beats import Beats, align
@@ -122,13 +123,14 @@ def cohort_command(
     quiet: Quiet = False,
 ) -> None:
     """Fit many animals at many sites; means, spread, and the paper's claims tested."""
+    from .cohort import report
     from .cohort.fits import fit_cohort, read_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
-        written = found.write(out)
+        written = report.write(found, out)
     if not quiet:
-        show(*found.tables())
+        show(*report.tables(found))
         say_written(*written)
 
 
@@ -184,6 +186,7 @@ def check_command(
 ) -> None:
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
     from .check import check
+    from .pages.check_page import write_check  # matplotlib takes a second
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         report = check(
@@ -193,7 +196,7 @@ def check_command(
             period=_seconds(period, "--period"),
             progress=lambda what: progress(0.0, what),
         )
-        page = report.write(out)
+        page = write_check(report, out)
     if not quiet:
         say(report.title)
         say_notes(report.warnings)

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from solver.units import SIGNAL_UNITS
+
 from .indices import loop_area
 from .records.beats import Beats
 from .records.spectral import coefficients
-from .units import UNITS
 
 Array = np.ndarray
 
@@ -19,7 +20,7 @@ _NOISELESS = 1e-8  # of the pulse: less noise than this is round-off
 
 
 @dataclass(frozen=True)
-class Channel:
+class Agreement:
     """How well one channel agrees: simulated less measured, in SI.
 
     relative : L2 norm of the difference over that of the measured beat, without its mean for P and R.
@@ -67,7 +68,7 @@ def is_noisy(S: Array, beats: Beats, name: str) -> bool:
     return bool(S[:, 0, 0].real.min() > least)
 
 
-def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) -> Channel:
+def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) -> Agreement:
     """Measured against simulated beat; S : (K + 1, 2, 2) covariance of channel and drive, H : (K + 1,) the FMU's answer
     to each harmonic of the drive, None if there is no noise."""
     kind = name[-1]
@@ -75,9 +76,9 @@ def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) ->
     difference = simulated - measured
     size = np.linalg.norm(measured if kind == "Q" else measured - measured.mean())
     pulse = float(np.ptp(measured))
-    return Channel(
+    return Agreement(
         name=name,
-        unit=UNITS[kind],
+        unit=SIGNAL_UNITS[kind],
         rmse=float(np.sqrt(np.mean(difference**2))),
         relative=float(np.linalg.norm(difference) / size),
         largest=float(np.abs(difference).max() / pulse),

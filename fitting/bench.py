@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from solver.network import Inlet, Network, Segment, Site
@@ -27,15 +28,26 @@ def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Networ
     wall: dict[str, Any] = {
         key.removeprefix(f"{site}."): own.values[key].value for key in own.values if key.startswith(f"{site}.")
     }
-    network = Network(
-        f"bench_{site}",
-        (Segment(site, LENGTH, **wall),),
-        Inlet(site, Q_max=0.0, T=T),
+    network = Network(f"bench_{site}", (Segment(site, LENGTH, **wall),), Inlet(site), outlets=(Pressure(site),))
+    return own.apply(on_bench(network, site, T, f"the parameter set {parameters.name}"))
+
+
+def on_bench(network: Network, site: str, T: float | None = None, source: str = "") -> Network:
+    """A millimetre of one artery of a network, with the pressure `<site>.outlet.P_venous` at its end and no inflow.
+
+    T : period of the default inflow (which is 0) [s]; default that of the network. source : where it is from.
+    """
+    return replace(
+        network,
+        name=f"bench_{site}",
+        segments=(replace(network.segment(site), L=LENGTH),),
+        inlet=Inlet(site, Q_max=0.0, T=T or network.inlet.T),
+        junctions=(),
         outlets=(Pressure(site),),
         sites=(Site(site, site),),
-        reference=f"One artery on the bench, from the parameter set {parameters.name}.",
+        channels=(),
+        reference=f"One artery on the bench, from {source or f'network {network.name}'}.",
     )
-    return own.apply(network)
 
 
 def own_values(site: str, parameters: ParameterSet) -> ParameterSet:

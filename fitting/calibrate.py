@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -23,25 +23,28 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 from solver.report import output_variables
+from solver.units import INFLOW
 
+from .inference.asked import parse_unknowns
 from .inference.identify import Determined, determined, sentences
-from .inference.network import DERIVATIVE_ERROR, Meter, Point, Problem, Progress
-from .inference.unknown import Unknown, parameter_intervals, parameter_values, parse_unknowns, quantile
+from .inference.search import held_step
+from .inference.simulator import Meter
+from .inference.stage import DERIVATIVE_ERROR, Point, Problem, problem_of
+from .inference.unknown import Unknown, parameter_intervals, parameter_values, quantile
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
 from .records.beats import Beats
-from .records.noise import MAX_HARMONICS, harmonics_above_noise, pulses, solver_error
+from .records.noise import MAX_HARMONICS, degrees_of_freedom, harmonics_above_noise, pulses, solver_error
 from .threads import single_threaded
-from .units import INFLOW
 
 Array = np.ndarray
+Progress = Callable[[float, str], None]
 
 _COARSE_ERROR = 1e-3  # of a channel's pulse: enough for the coarse stage, whose own error is below it
 _NEAR = 5e-3  # in prior units: from here one step of the fine stage leads home
 _EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
 _LARGEST_STEP = 3.0  # in prior units
 _FEWEST_STEPS = 20  # of the solver in a beat
-_POOLED = 4.0  # degrees of freedom of the noise for each beat but one: neighbouring harmonics are pooled
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ class Calibration:
     @property
     def quantile(self) -> float:
         """Half a 95 % interval in standard deviations."""
-        return quantile(_noise_dof(self.beats))
+        return quantile(degrees_of_freedom(self.beats, at_ends=True))
 
     def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
         """The values that moved, with their intervals: start values of the network's FMU.
@@ -140,19 +143,20 @@ def calibrate(
     found = parse_unknowns(unknowns, network)
     names = _channels(beats, network, channels)
     K = _harmonics(beats, names, settings)
-    fine = Problem(beats, network, found, names, K, settings, Meter(progress))
+    told = _Stages(progress)
+    meter = Meter(told.simulated)
+    fine = problem_of(beats, network, found, names, K, settings, meter)
     coarse = fine.coarser()
     pulse = pulses(beats, names)
 
     x = np.zeros(len(found))
     first = coarse.with_target(x, np.full((K + 1, len(names)), _COARSE_ERROR) * pulse)
-    meter = fine.meter
-    meter.stage(0.0, 0.4, "coarse")
+    told.begin(0.0, 0.4, "coarse")
     with _refusal(f"{beats.source}: with its inflow, network {network.name} as given cannot be simulated"):
         start = first.evaluate(x)
     near = _minimise(first, start, max_iterations, (0.1, _NEAR))
 
-    meter.stage(0.4, 1.0, "fine")
+    told.begin(0.4, 1.0, "fine")
     x = near.point.x
     with _refusal(
         f"{beats.source}: network {network.name}, found with longer steps, cannot be simulated with fine ones"
@@ -202,6 +206,23 @@ def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
 
 
 # --- the search ---------------------------------------------------------------------------------------------------
+
+
+class _Stages:
+    """Tells how far each stage of the search is, which takes some four simulations."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self.progress = progress
+        self.begin(0.0, 1.0, "")
+
+    def begin(self, low: float, high: float, label: str) -> None:
+        self.span, self.label, self.done = (low, high), label, 0
+
+    def simulated(self, _: int) -> None:
+        self.done += 1
+        if self.progress:
+            low, high = self.span
+            self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
 
 
 @dataclass(frozen=True)
@@ -265,17 +286,7 @@ def _step(problem: Problem, point: Point, known: Determined, damping: float) -> 
     # along directions that the Jacobian's error alone makes up, a step would be a leap in the dark
     blind = np.where(known.singular_values > 0.0, 0.0, known.doubt**2)
     normal = J.T @ J + np.diag(prior + damping) + known.directions.T @ (blind[:, None] * known.directions)
-    free = np.ones(len(typical), bool)
-    step = np.zeros(len(typical))
-    for _ in range(len(typical)):
-        held = normal[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-13)[0]
-        to = np.clip(point.x + typical * step, low, high)
-        crossed = free & (to != point.x + typical * step)
-        step[crossed] = ((to - point.x) / typical)[crossed]
-        free &= ~crossed
-        if not crossed.any() or not free.any():
-            break
+    step = held_step(normal, gradient, point.x / typical, low / typical, high / typical, 1e-13)
     longest = np.abs(step).max()
     return typical * step * min(1.0, _LARGEST_STEP / longest) if longest > 0.0 else step
 
@@ -289,7 +300,7 @@ def _determined(problem: Problem, point: Point, scale: float) -> Determined:
 
 def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> Calibration:
     assert problem.target is not None
-    point, unknowns = best.point, problem.unknowns
+    point, unknowns, network = best.point, problem.unknowns, problem.simulator.network
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - _determined(problem, point, 1.0).effective)
     known = _determined(problem, point, max(1.0, chi2 / dof))
@@ -306,15 +317,15 @@ def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> C
     ]
     if not best.converged:
         report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
-    values = parameter_values(unknowns, problem.network, point.x)
+    values = parameter_values(unknowns, network, point.x)
     return Calibration(
-        network=problem.network.name,
+        network=network.name,
         unknowns=unknowns,
         x=point.x,
         covariance=known.covariance,
         values={name: float(value) for name, value in values.items()},
         ci95=parameter_intervals(
-            unknowns, problem.network, point.x, known.covariance, _noise_dof(problem.beats.n_beats)
+            unknowns, network, point.x, known.covariance, degrees_of_freedom(problem.beats.n_beats, at_ends=True)
         ),
         shrinkage=tuple(u.prior_sd and float(s) / u.prior_sd for u, s in zip(unknowns, sd, strict=True)),
         chi2=chi2,
@@ -326,17 +337,17 @@ def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> C
         report=tuple(report),
         history=(near.history, best.history),
         converged=best.converged,
-        harmonics=problem.K,
+        harmonics=problem.simulator.K,
         simulations=problem.meter.simulations,
         seconds=seconds,
         others={
             name: value
-            for name, value in problem.network.parameters().items()
-            if name not in values and not problem.network.parameter_quantities()[name].input
+            for name, value in network.parameters().items()
+            if name not in values and not network.parameter_quantities()[name].input
         },
         laws={
-            "network.elastic_law": problem.network.elastic_law,
-            "network.viscous_law": problem.network.viscous_law,
+            "network.elastic_law": network.elastic_law,
+            "network.viscous_law": network.viscous_law,
         },
         beats=problem.beats.n_beats,
         source=problem.beats.source,
@@ -353,7 +364,3 @@ def _misfit(ratio: float, dof: float, channels: Mapping[str, float]) -> list[str
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {worst} "
         f"({channels[worst]:.3g} times its noise); the intervals are widened by {math.sqrt(ratio):.3g}"
     ]
-
-
-def _noise_dof(beats: int) -> float:
-    return _POOLED * (beats - 1.0)

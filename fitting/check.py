@@ -1,4 +1,4 @@
-"""The last word on a parameter set: the FMU, run with it, against the record.
+"""Check of a parameter set: the FMU, run with it, is compared with the record.
 
 Network: the record's mean inflow drives the FMU until its beat repeats, and every channel that both have is compared.
 Bench: there is no inflow; the measured pressure of one site drives the FMU of one short segment, and the radius is
@@ -12,25 +12,23 @@ not what drove the artery; the solver's own error is not in the noise.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from solver.files import write_whole
+from solver.units import INFLOW
 
-from .agreement import Channel, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
+from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
 from .records.beats import Beats, align
 from .records.record import Record
 from .records.spectral import coefficients
-from .units import INFLOW
+from .result_files import json_text
 
 Array = np.ndarray
 Progress = Callable[[str], None]
@@ -51,7 +49,7 @@ class CheckReport:
     mode: str
     driver: str
     T: float
-    channels: tuple[Channel, ...]
+    channels: tuple[Agreement, ...]
     loops: tuple[LoopArea, ...]
     sources: Mapping[str, Any]
     run: Mapping[str, Any]
@@ -59,7 +57,7 @@ class CheckReport:
     waveforms: Mapping[str, Waveform] = field(repr=False)
 
     @property
-    def worst(self) -> Channel:
+    def worst(self) -> Agreement:
         """The channel with the largest relative error."""
         return max(self.channels, key=lambda channel: channel.relative)
 
@@ -91,26 +89,7 @@ class CheckReport:
             "run": self.run,
             "sources": self.sources,
         }
-        return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-    def write(self, directory: str | os.PathLike[str]) -> Path:
-        """Write check.json, check.html and figures as PNG (waveforms, residuals, loops); returns the path of the page.
-
-        Raises ValueError if the directory cannot be written.
-        """
-        from .pages.check_page import figures, page  # matplotlib takes a second
-
-        folder = Path(directory)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another directory.") from None
-        drawn = figures(self)
-        write_whole(folder / "check.json", self.to_json())
-        for name, figure in drawn.items():
-            write_whole(folder / f"{name}.png", figure.png)
-        write_whole(folder / "check.html", page(self, drawn))
-        return folder / "check.html"
+        return json_text(data)
 
 
 def _percent(part: float) -> str:

@@ -18,9 +18,10 @@ from tempfile import TemporaryDirectory
 import fmpy
 import numpy as np
 
+from solver.units import INFLOW
+
 from .records.spectral import resample
 from .threads import ENVIRONMENT
-from .units import INFLOW
 
 Array = np.ndarray
 

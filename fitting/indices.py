@@ -7,18 +7,20 @@ not depend on how fast the wall moves.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.stats import norm
-from scipy.stats import t as t_distribution
 
+from solver.network import Segment
+from solver.quantity import quantities
+from solver.units import readable
 from solver.wall import Wall
 
+from .estimate import Estimate
+from .inference.unknown import quantile
 from .records.beats import Beats
 from .records.spectral import coefficients
-from .units import READ
 from .wall import WallFit, without_lag
 
 Array = np.ndarray
@@ -28,18 +30,9 @@ _STEP = 1e-5  # relative, of the central differences: their error is then 1e-10
 _ABOVE_NOISE = 3.0  # standard deviations: harmonics of a measured loop that count
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A number in SI with its 95 % interval."""
-
-    value: float
-    unit: str
-    ci95: tuple[float, float]
-
-    def __str__(self) -> str:
-        unit, factor = READ[self.unit]
-        low, high = self.ci95
-        return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
+def read_in(unit: str) -> tuple[str, float]:
+    """The unit that an index is read in, and its factor from SI; one in Pa is a modulus."""
+    return readable(unit, "MPa" if unit == "Pa" else None)
 
 
 def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estimate]:
@@ -70,7 +63,7 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
         raise ValueError(
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
-    half = float(t_distribution.ppf(0.975, fit.dof)) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
+    half = quantile(fit.dof) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
     return estimates(value, half) | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
 
 
@@ -113,7 +106,7 @@ def estimates(values: Array, half: Array) -> dict[str, Estimate]:
 
 def plain(found: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
     """Indices of a site, ready for JSON: value and 95 % interval in SI, unit."""
-    return {name: {"value": x.value, "unit": x.unit, "ci95": list(x.ci95)} for name, x in found.items()}
+    return {name: x.plain for name, x in found.items()}
 
 
 def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array]:
@@ -131,10 +124,11 @@ def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array
 
 def _delta(fit: WallFit, made: Callable[[Values], Array]) -> tuple[Array, Array, Array]:
     """Derivatives by the free parameters (indices, p), their covariance (p, p), and the derivatives again."""
-    sizes = {"phiNL": fit.values["phi0"], "ENL": fit.values["E"]}  # may be 0 themselves
+    # what is counted relative to another parameter may be 0 itself
+    ratios = {name: q.ratio_to for name, q in quantities(Segment).items() if q.ratio_to}
     columns = []
     for name in fit.model.free:
-        step = _STEP * sizes.get(name, fit.values[name])
+        step = _STEP * fit.values[ratios.get(name, name)]
         up, down = (made({**fit.values, name: fit.values[name] + sign * step}) for sign in (1.0, -1.0))
         columns.append((up - down) / (2.0 * step))
     slope = np.stack(columns, axis=1)

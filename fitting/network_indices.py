@@ -9,9 +9,10 @@ from solver.mesh import coefficients
 from solver.network import Network
 
 from .calibrate import Calibration
-from .indices import Estimate, estimates, loop_area, measured_estimate, of_wall
-from .inference.network import STEP
-from .inference.unknown import parameter_values
+from .estimate import Estimate
+from .indices import estimates, loop_area, measured_estimate, of_wall
+from .inference.stage import STEP
+from .inference.unknown import finite_steps, parameter_values
 from .records.beats import Beats
 from .records.noise import inflow
 from .threads import single_threaded
@@ -39,8 +40,7 @@ def network_indices(
     Raises ValueError for another network than the one that was calibrated, or a record without inflow.
     """
     _check_network(calibration, network)
-    steps = STEP * np.array([u.typical_sd for u in calibration.unknowns])
-    steps = np.where(calibration.x + steps > [u.high for u in calibration.unknowns], -steps, steps)
+    steps = finite_steps(calibration.unknowns, calibration.x, STEP)
     x = np.concatenate([calibration.x[None], calibration.x + np.diag(steps)])
     values = indices_at(x, calibration, network, beats, settings)
     slope = (values[1:] - values[0]) / steps[:, None, None]

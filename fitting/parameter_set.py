@@ -17,16 +17,16 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 from xml.etree import ElementTree
 
+from solver import outlets
 from solver.catalogue import terms_of
-from solver.files import check_keys, did_you_mean, parse_quantity, write_whole
+from solver.files import check_keys, did_you_mean, parse_quantity, read_text, write_whole
 from solver.network import Fluid, Junction, Network, Segment
-from solver.outlets import OUTLETS
 from solver.quantity import quantities
+from solver.units import base_units
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 _BUNDLED = Path(__file__).parent / "parameter_sets"
@@ -39,7 +39,6 @@ _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _ANNOTATION = "arterial-fmu.parameter-set"
 _NAMES = {"ssv": _SSV, "ssc": _SSC}
-_BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s"}
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def unit_of(name: str) -> str:
     prefix, dot, key = name.rpartition(".")
     last = prefix.rpartition(".")[2]
     what = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
-    known = _units()[what]
+    known = _units(what)
     if not dot or not prefix or key not in known:
         raise ValueError(
             f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
@@ -116,12 +115,7 @@ def read_set(path: str | os.PathLike[str]) -> ParameterSet:
     """
     path = _find(path)
     reader = _from_json if set_format(path) == ".json" else _from_ssv
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+    text = read_text(path)
     try:
         return reader(text)
     except RecursionError:
@@ -162,20 +156,13 @@ def set_format(path: Path) -> str:
 # --- checks -------------------------------------------------------------------------------------------------------
 
 
-@cache
-def _units() -> dict[str, dict[str, str]]:
-    """Units by kind of owner and key, from the quantities of the solver: a new quantity needs no change here."""
-    owners: dict[str, tuple[type, ...]] = {
-        "network": (Network,),
-        "fluid": (Fluid,),
-        "segment": (Segment,),
-        "outlet": OUTLETS,
-        "junction": (Junction,),
-    }
-    return {
-        kind: {key: q.unit for owner in classes for key, q in (quantities(owner) | terms_of(kind)).items()}
-        for kind, classes in owners.items()
-    }
+_OWNERS: Mapping[str, type] = {"network": Network, "fluid": Fluid, "segment": Segment, "junction": Junction}
+
+
+def _units(what: str) -> dict[str, str]:
+    """Units of an owner by key, from the quantities of the solver: a new quantity needs no change here."""
+    kinds = outlets.OUTLETS if what == "outlet" else (_OWNERS[what],)
+    return {key: q.unit for kind in kinds for key, q in (quantities(kind) | terms_of(what)).items()}
 
 
 def _checked(name: str, value: Value) -> Value:
@@ -297,7 +284,8 @@ def _to_ssv(parameters: ParameterSet) -> bytes:
         units = ElementTree.SubElement(root, f"{{{_SSV}}}Units")
         for unit in used:
             definition = ElementTree.SubElement(units, f"{{{_SSC}}}Unit", name=unit)
-            ElementTree.SubElement(definition, f"{{{_SSC}}}BaseUnit", _base_unit(unit))
+            powers = {base: str(power) for base, power in base_units(unit).items()}
+            ElementTree.SubElement(definition, f"{{{_SSC}}}BaseUnit", powers)
     annotations = ElementTree.SubElement(root, f"{{{_SSV}}}Annotations")
     annotation = ElementTree.SubElement(annotations, f"{{{_SSC}}}Annotation", type=_ANNOTATION)
     intervals = {name: [v.value, *v.ci95] for name, v in parameters.values.items() if v.ci95 is not None}
@@ -305,14 +293,6 @@ def _to_ssv(parameters: ParameterSet) -> bytes:
     ElementTree.SubElement(annotation, "json").text = json.dumps(extra)  # ASCII: XML has no control characters
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
-
-
-def _base_unit(unit: str) -> dict[str, str]:
-    """Powers of the SI base units: "Pa.s" -> {"kg": "1", "m": "-1", "s": "-1"}; the factor of an SI unit is 1."""
-    import pint  # half a second
-
-    powers = pint.get_application_registry().Unit("" if unit == "1" else unit.replace(".", "*")).dimensionality
-    return {base: str(round(powers[dimension])) for dimension, base in _BASE.items() if powers.get(dimension)}
 
 
 def _from_ssv(text: str) -> ParameterSet:

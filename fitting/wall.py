@@ -22,7 +22,8 @@ from solver.wall import Wall
 
 from . import wall_model
 from .doubts import doubts
-from .inference.errors_in_variables import Loop, NoFit, Solution, plain, solve
+from .inference.errors_in_variables import Solution, plain, solve
+from .inference.loop import Loop, NoFit
 from .parameter_set import ParameterSet, Value
 from .provenance import software
 from .records import spectral

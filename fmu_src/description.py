@@ -7,35 +7,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 from solver import effects
 from solver.network import Network
+from solver.units import base_units, display_factor, display_units
 
 from .variables import Variable
-
-# SI base units of each unit in the tables of quantities, and the display units with display = factor · SI
-_BASE_UNITS: dict[str, dict[str, int]] = {
-    "m": {"m": 1},
-    "s": {"s": 1},
-    "Pa": {"kg": 1, "m": -1, "s": -2},
-    "Pa.s": {"kg": 1, "m": -1, "s": -1},
-    "Pa.s^2": {"kg": 1, "m": -1},
-    "m^3/s": {"m": 3, "s": -1},
-    "m^2/s": {"m": 2, "s": -1},
-    "kg/m^3": {"kg": 1, "m": -3},
-    "Pa.s/m^3": {"kg": 1, "m": -4, "s": -1},
-    "m^3/Pa": {"m": 4, "s": 2, "kg": -1},
-    "m^2/(Pa.s)": {"m": 3, "s": 1, "kg": -1},
-    "1": {},
-}
-_MMHG = 133.322387415  # conventional millimetre of mercury [Pa]
-DISPLAY_UNITS: dict[str, dict[str, float]] = {
-    "m": {"cm": 1e2, "mm": 1e3},
-    "s": {"ms": 1e3},
-    "Pa": {"mmHg": 1 / _MMHG, "MPa": 1e-6},
-    "Pa.s": {"kPa.s": 1e-3},
-    "Pa.s^2": {"kPa.s^2": 1e-3},
-    "m^3/s": {"mL/s": 1e6},
-    "Pa.s/m^3": {"mmHg.s/mL": 1e-6 / _MMHG},
-    "m^3/Pa": {"mL/mmHg": 1e6 * _MMHG},
-}
 
 
 def description(network: Network) -> str:
@@ -71,11 +45,13 @@ def complete(root: Element, table: tuple[Variable, ...], version: str) -> Elemen
 
 def _unit_definitions(table: tuple[Variable, ...]) -> Element:
     definitions = Element("UnitDefinitions")
-    for name in sorted({v.quantity.unit for v in table if v.quantity is not None}):
+    quantities = [v.quantity for v in table if v.quantity is not None]
+    for name in sorted({q.unit for q in quantities}):
         unit = SubElement(definitions, "Unit", name=name)
-        SubElement(unit, "BaseUnit", {base: str(power) for base, power in _BASE_UNITS[name].items()})
-        for display, factor in DISPLAY_UNITS.get(name, {}).items():
-            SubElement(unit, "DisplayUnit", name=display, factor=repr(factor))
+        SubElement(unit, "BaseUnit", {base: str(power) for base, power in base_units(name).items()})
+        asked = {q.display for q in quantities if q.unit == name and q.display}
+        for display in sorted(asked.union(display_units(name)), key=str.lower):
+            SubElement(unit, "DisplayUnit", name=display, factor=repr(display_factor(display)))
     return definitions
 
 

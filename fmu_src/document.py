@@ -10,8 +10,8 @@ import numpy as np
 
 from solver.network import Network
 from solver.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.units import display_factor
 
-from .description import DISPLAY_UNITS
 from .drawing import model_png, network_svg
 from .variables import Variable
 
@@ -143,7 +143,7 @@ def _row(v: Variable) -> str:
         if v.start is not None:
             start = f"{v.start:.6g}"
             if q.display:
-                start += f" ({float(v.start) * DISPLAY_UNITS[q.unit][q.display]:.5g} {q.display})"
+                start += f" ({float(v.start) * display_factor(q.display):.5g} {q.display})"
         if np.isfinite(q.high):
             allowed = f"{q.low:g} … {q.high:g}"
         elif np.isfinite(q.low):

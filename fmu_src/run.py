@@ -28,7 +28,7 @@ from fmpy.model_description import ModelDescription
 from rich.console import Console
 
 from solver.console import bar, sentences
-from solver.files import parse_quantity, write_whole
+from solver.files import parse_quantity, read_text, write_whole
 
 Array = np.ndarray
 Input = Callable[[Array], Array]
@@ -242,7 +242,7 @@ def main(
 
 def _read_inputs(path: Path, variables: Mapping[str, Any], fmu: Path, stop_time: float) -> dict[str, Input]:
     """Piecewise linear inputs by name, in SI. Raises ValueError, one sentence with file and line."""
-    rows = list(csv.reader(_text(path).splitlines()))
+    rows = list(csv.reader(read_text(path).splitlines()))
     titles = [re.fullmatch(r"\s*([^\s\[]+)\s*(?:\[(.*)\])?\s*", title) for title in rows[0]] if rows else []
     names = [match[1] if match else "" for match in titles]
     if len(rows) < 2 or names[0] != "time" or len(set(names)) < len(names):
@@ -280,7 +280,7 @@ def _finite(text: str) -> bool:
 
 def _read_start_values(path: Path) -> dict[str, float | str]:
     try:
-        values = json.loads(_text(path))
+        values = json.loads(read_text(path))
     except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not valid JSON ({error}); correct it.") from None
     if not isinstance(values, dict) or not all(
@@ -288,15 +288,6 @@ def _read_start_values(path: Path) -> dict[str, float | str]:
     ):
         raise ValueError(f'{path}: must be a JSON object of numbers and texts, such as {{"CA.phi0": 0}}.')
     return values
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
 
 
 def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[str, Any]) -> None:

@@ -14,8 +14,7 @@ from .files import find_network, parse_quantity, read_network
 from .network import Network
 from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
 from .staggered import NonPhysicalState, Settings
-
-_MMHG = 133.322387415
+from .units import MMHG
 
 
 def main(
@@ -87,8 +86,8 @@ def _show(network: Network, result: Waveforms, out: Path | None) -> None:
         P, Q, R = (result[f"{site.name}.{kind}"] for kind in "PQR")
         table.add_row(
             site.name,
-            f"{P.min() / _MMHG:.2f}",
-            f"{P.max() / _MMHG:.2f}",
+            f"{P.min() / MMHG:.2f}",
+            f"{P.max() / MMHG:.2f}",
             f"{Q.max() * 1e6:.3f}",
             f"{R.mean() * 1e3:.3f}",
         )

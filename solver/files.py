@@ -37,13 +37,7 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
     Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
-    return loads(text, str(path))
+    return loads(read_text(path), str(path))
 
 
 def loads(text: str, name: str) -> Network:
@@ -68,6 +62,16 @@ def loads(text: str, name: str) -> Network:
 def write_network(network: Network, path: str | os.PathLike[str]) -> None:
     """Write ``dumps(network)`` to a file, whole or not at all. Raises ValueError if it cannot be written."""
     write_whole(path, dumps(network))
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text of a file in UTF-8. Raises ValueError if it is none or cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
 
 
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:

@@ -1,37 +1,104 @@
-"""The local wall law on a periodic loop: the pressure of one segment's wall from its radius, and its derivatives."""
+"""The local wall law on a periodic loop: the pressure of a wall from its radius, and its derivatives.
+
+Walls are those of the network with all effects that are on (:meth:`Coefficients.wall_at`). A viscous stress with memory
+is periodic, too: σ_v -> M σ_v with M = 1/(1 + iωτ) for every harmonic.
+"""
 
 from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from .catalogue import neutral_value
-from .mesh import coefficients
+from .mesh import Parameters, coefficients
 from .network import Network
+from .wall import Wall
 
 Array = np.ndarray
+
+
+def wall_of(network: Network, segment: str, parameters: Parameters | None = None) -> Wall:
+    """The wall at the middle of a segment : arrays (B, 1), for parameters as :func:`solver.simulate` takes them.
+
+    They are not checked: a search may pass through what no network may have. Raises ValueError where there is no such
+    segment.
+    """
+    names = [s.name for s in network.segments]
+    if segment not in names:
+        raise ValueError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
+    return coefficients(network, parameters, checked=False).wall_at(np.array([names.index(segment)]), np.array([0.5]))
+
+
+def pressure(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
+    """P [Pa] of walls (B, 1), or of one whose arrays are numbers, on a loop R, R' : (…, N) of period T [s]."""
+    A, A_t = np.pi * R * R, 2.0 * np.pi * R * R_t
+    return _present(wall, A, A_t, T).pressure(A, A_t)
+
+
+def slopes(wall: Wall, R: Array, R_t: Array, T: float) -> tuple[Array, Array]:
+    """∂P/∂R at fixed viscous stress : (…, N) [Pa/m], and ∂P/∂R' of the viscous stress of the moment [Pa·s/m]."""
+    A, A_t = np.pi * R * R, 2.0 * np.pi * R * R_t
+    elastic = wall.elastic.pressure(np.sqrt(A / wall.A0), wall.K, wall.e) + wall.P_ref
+    viscous = _present(wall, A, A_t, T).pressure(A, A_t) - elastic
+    return 2.0 * np.pi * R * wall.stiffness(A) - viscous / R, 2.0 * np.pi * R * wall.viscosity(A, A_t)
+
+
+def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
+    """dP/dR : (N, N) [Pa/m] of the first of some walls on a loop R, R' : (N,), R' moving along."""
+    by_R, by_R_t = (np.atleast_2d(x)[0] for x in slopes(wall, R, R_t, T))
+    D = derivative_matrix(len(R), T)
+    if wall.tau is None:
+        matrix = by_R_t[:, None] * D
+    else:  # the stress is σ = P_v R / (K_h R0)
+        memory = circulant(_memory(wall, len(R), T)[0], len(R))
+        matrix = (memory @ ((by_R_t * R)[:, None] * D)) / R[:, None]
+    matrix[np.diag_indices(len(R))] += by_R
+    return matrix
+
+
+def _present(wall: Wall, A: Array, A_t: Array, T: float) -> Wall:
+    """The wall with the viscous stress that its memory leaves of a periodic one."""
+    if wall.tau is None:
+        return wall
+    faded = _memory(wall, A.shape[-1], T) * np.fft.rfft(wall.viscous_stress(A, A_t))
+    return wall.remembering(np.fft.irfft(faded, A.shape[-1]), 0.0)
+
+
+def _memory(wall: Wall, N: int, T: float) -> Array:
+    """M : (B, N//2 + 1) for every harmonic."""
+    assert wall.tau is not None
+    return 1.0 / (1.0 + 2j * np.pi / T * np.arange(N // 2 + 1) * wall.tau)
+
+
+def circulant(h: Array, N: int) -> Array:
+    """(N, N) that multiplies harmonic k of N samples by h_k : (N//2 + 1,)."""
+    c = np.fft.irfft(h, N)
+    at = np.arange(N)
+    return c[at[:, None] - at]
+
+
+@lru_cache(maxsize=8)
+def derivative_matrix(N: int, T: float) -> Array:
+    """D : (N, N) with D x = dx/dt of N periodic samples, by the trigonometric interpolant."""
+    omega = 2.0 * np.pi / T * np.arange(N // 2 + 1)
+    omega[N // 2 :] *= N % 2  # the highest harmonic of an even number has no sine
+    return circulant(1j * omega, N)
 
 
 def loop_pressure(network: Network, segment: str, R: Array, T: float) -> Array:
     """The pressure [Pa] of a segment's wall, at its middle, on a periodic loop.
 
-    R : (N,) [m], evenly spaced over the period T [s] without its end. dA/dt is that of the trigonometric interpolant;
-    memory is periodic too. Raises ValueError where R or T do not fit or there is no such segment.
+    R : (N,) [m], evenly spaced over the period T [s] without its end. dR/dt is that of the trigonometric interpolant.
+    Raises ValueError where R or T do not fit or there is no such segment.
     """
     R = np.asarray(R, float)
     if R.ndim != 1 or len(R) < 3 or not np.all(R > 0.0) or not (np.isfinite(T) and T > 0.0):
         raise ValueError(
             f"loop of {segment}: give at least 3 positive radii [m] and a positive period, not T = {T!r} s."
         )
-    names = [s.name for s in network.segments]
-    if segment not in names:
-        raise ValueError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
-    wall = coefficients(network).wall_at(np.array([names.index(segment)]), np.array([0.5])).at(np.zeros(len(R), int))
-    A, omega = np.pi * R * R, 2.0 * np.pi / T * np.arange(len(R) // 2 + 1)
-    A_t = np.fft.irfft(1j * omega * np.fft.rfft(A), len(R))
-    if wall.tau is not None:
-        fading = np.fft.rfft(wall.viscous_stress(A, A_t)) / (1.0 + 1j * omega * wall.tau.flat[0])
-        wall = wall.remembering(np.fft.irfft(fading, len(R)), 0.0)
-    return wall.pressure(A, A_t)[0]
+    return pressure(wall_of(network, segment), R, derivative_matrix(len(R), T) @ R, T)[0]
 
 
 def column(network: Network, variable: str, R: Array, T: float) -> Array:
@@ -50,7 +117,7 @@ def column(network: Network, variable: str, R: Array, T: float) -> Array:
     q, value = network.parameter_quantities()[variable], network.parameters()[variable]
     step = 1e-5 * max(abs(value), q.nominal)
 
-    def at(n: float) -> Array:
+    def at(n: float) -> Any:
         return loop_pressure(network.with_terms({variable: value + n * step}), segment, R, T)
 
     if value - step > q.low and value + step <= q.high:

@@ -146,13 +146,15 @@ def batch_size(parameters: Parameters) -> int | None:
     return next(iter(sizes.values()))[0] if sizes else None
 
 
-def coefficients(network: Network, parameters: Parameters | None = None) -> Coefficients:
+def coefficients(network: Network, parameters: Parameters | None = None, *, checked: bool = True) -> Coefficients:
     """The coefficients of a network with some parameters replaced by numbers or by arrays of B numbers.
 
-    Raises ValueError for an unknown name, a value out of range, or arrays of different lengths.
+    checked : whether the parameters must be allowed: then raises ValueError for an unknown name, a value out of range,
+    or arrays of different lengths.
     """
     parameters = dict(parameters or {})
-    check_parameters(network, parameters)
+    if checked:
+        check_parameters(network, parameters)
     size = batch_size(parameters)
     numbers = _Numbers(network, {**network.parameters(), **parameters}, size or 1)
     terms = _terms(numbers)

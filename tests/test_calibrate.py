@@ -15,7 +15,7 @@ import pytest
 from compare import reference
 from forked import CHANNELS, NETWORK, SETTINGS, T, clean, inflow, record
 
-import fitting.inference.network
+import fitting.inference.simulator
 from fitting.calibrate import calibrate
 from fitting.parameter_set import read_set, write_set
 from fitting.records.beats import Beats
@@ -153,7 +153,7 @@ def test_parameter_set(tmp_path: Path) -> None:
 
 def test_a_breakdown_halves_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first trial step breaks down: the next is half as long, and the search still finds the truth."""
-    real, tried = fitting.inference.network.simulate_periodic, []
+    real, tried = fitting.inference.simulator.simulate_periodic, []
 
     def fragile(*args, parameters, **kwargs):
         tried.append(float(np.log(parameters["A.E"][0] / (1.2 * 8e5))))
@@ -161,7 +161,7 @@ def test_a_breakdown_halves_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
             raise NonPhysicalState("the area fell to zero", "A", 0.0, 0.1, "lower the inflow")
         return real(*args, parameters=parameters, **kwargs)
 
-    monkeypatch.setattr(fitting.inference.network, "simulate_periodic", fragile)
+    monkeypatch.setattr(fitting.inference.simulator, "simulate_periodic", fragile)
     found = calibrate(record(clean()), START, UNKNOWNS, settings=SETTINGS)
     assert tried[0] == 0.0 and tried[2] == pytest.approx(tried[1] / 2.0, rel=1e-10)
     np.testing.assert_allclose(found.x, TRUTH, atol=1e-8)

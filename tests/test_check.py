@@ -23,6 +23,7 @@ from fitting import fmu_run
 from fitting.bench import bench_network
 from fitting.check import CheckReport, check
 from fitting.fmu_run import RunFailed, fourier
+from fitting.pages.check_page import page, write_check
 from fitting.parameter_set import ParameterSet, Value, read_set
 from fitting.records.record import Record
 from solver import Inlet, Network, Segment, Settings, Site, Windkessel, simulate_periodic
@@ -175,7 +176,7 @@ def of_site(report: CheckReport, site: str) -> CheckReport:
 def test_written_report(tmp_path: Path, report: CheckReport) -> None:
     """JSON with every number, one page that needs nothing else, PNG figures; twice the same bytes."""
     report = of_site(report, "CA")
-    page = report.write(tmp_path / "deep" / "report")
+    page = write_check(report, tmp_path / "deep" / "report")
     files = {path.name: path.read_bytes() for path in page.parent.iterdir()}
     assert set(files) == {"check.json", "check.html", "waveforms.png", "residuals.png", "loops.png"}
     data = json.loads(files["check.json"])
@@ -193,14 +194,12 @@ def test_written_report(tmp_path: Path, report: CheckReport) -> None:
     assert data["loops"]["CA"]["unit"] == "J/m" and "∮ P dA measured [mJ/m]" in text
     assert f"<td>{1e3 * data['loops']['CA']['measured']:.4g}</td>" in text
     assert all(files[name].startswith(b"\x89PNG") for name in files if name.endswith(".png"))
-    report.write(tmp_path / "again")
+    write_check(report, tmp_path / "again")
     assert all((tmp_path / "again" / name).read_bytes() == content for name, content in files.items())
 
 
 def test_page_escapes(report: CheckReport) -> None:
     """A script in the provenance of the set is text on the page, not markup."""
-    from fitting.pages.check_page import page
-
     sources = json.loads(json.dumps(report.sources))
     sources["parameter_set"]["provenance"] = {"source": "<script>alert(1)</script>"}
     text = page(replace(report, sources=sources), {})
@@ -211,8 +210,8 @@ def test_page_escapes(report: CheckReport) -> None:
 def test_report_is_not_written(tmp_path: Path, report: CheckReport) -> None:
     """A file where the directory should be: one sentence with its path and what to do."""
     (tmp_path / "taken").write_text("")
-    with pytest.raises(ValueError, match=r"taken: cannot be made \(File exists\); give another directory\."):
-        report.write(tmp_path / "taken")
+    with pytest.raises(ValueError, match=r"taken: cannot be made \(File exists\); give another folder\."):
+        write_check(report, tmp_path / "taken")
 
 
 # --- refusals -----------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from fitting.cohort import report as cohort_report
 from fitting.cohort.figures import cohort_figures
 from fitting.cohort.fits import MODELS, Cohort, Summary, fit_cohort, read_cohort
 from fitting.cohort.virtual import VirtualCohort, virtual_cohort, write_cohort
@@ -162,7 +163,7 @@ def test_claims_of_a_cohort(fitted: Cohort) -> None:
 
 def test_files_of_a_cohort(fitted: Cohort, tmp_path: Path) -> None:
     """The paths returned are all files of the folder, JSON last; JSON, SSV and tables hold the cohort."""
-    paths = fitted.write(tmp_path / "out")
+    paths = cohort_report.write(fitted, tmp_path / "out")
     assert [path.name for path in paths] == [
         "unstressed_radius.png",
         "stiffness_and_viscosity.png",
@@ -181,7 +182,7 @@ def test_files_of_a_cohort(fitted: Cohort, tmp_path: Path) -> None:
     assert content["recordings"][0]["fits"]["linear"]["values"]["phiNL"] == 0.0
     assert content["failures"][0]["sentence"].endswith("record it or ask for what is there.")
     assert read_set(paths[4]) == read_set(paths[5]) == fitted.mean_set()
-    assert len(fitted.tables()) == 3
+    assert len(cohort_report.tables(fitted)) == 3
 
 
 def test_nothing_is_written_if_a_part_cannot_be_made(
@@ -190,7 +191,7 @@ def test_nothing_is_written_if_a_part_cannot_be_made(
     """The last figure fails: no folder, no file."""
     monkeypatch.setattr("fitting.cohort.figures._bend", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        fitted.write(tmp_path / "out")
+        cohort_report.write(fitted, tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
 
@@ -210,10 +211,14 @@ def test_the_label_says_what_is_virtual(fitted: Cohort) -> None:
         (named(("S1", "virtual/a.csv")), "1 animal, measured"),
     ):  # fmt: skip
         assert cohort.label == label
-        title = cohort.tables()[0].title  # type: ignore[union-attr]
+        title = cohort_report.tables(cohort)[0].title  # type: ignore[union-attr]
         assert str(title).startswith(f"{label}; monotone model")
         assert all(label in figure.get_suptitle() for figure in cohort_figures(cohort).values())
-        assert json.loads(cohort.to_json())["data"] == cohort.mean_set().provenance["data"] == label.split(", ", 1)[1]
+        assert (
+            json.loads(cohort_report.to_json(cohort))["data"]
+            == cohort.mean_set().provenance["data"]
+            == label.split(", ", 1)[1]
+        )
 
 
 def test_figures_have_units_and_show_the_numbers(fitted: Cohort) -> None:
@@ -233,10 +238,10 @@ def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:
     one = replace(fitted, models=("linear",), recordings=fitted.recordings[:3], failures=())
     assert one.main == "linear"
     assert {claim.verdict for claim in one.claims()} == {"not decided"}
-    assert json.loads(one.to_json())["table"]["linear"]["AA"]["E"]["sd"] is None
+    assert json.loads(cohort_report.to_json(one))["table"]["linear"]["AA"]["E"]["sd"] is None
     assert one.mean_set().values["AA.E"].ci95 is None
     assert list(cohort_figures(one)) == ["unstressed_radius", "stiffness_and_viscosity", "relaxation_time"]
-    assert len(one.tables()) == 2
+    assert len(cohort_report.tables(one)) == 2
 
 
 @pytest.mark.slow

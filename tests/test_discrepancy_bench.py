@@ -13,15 +13,17 @@ from truth.records import Case, Nuisance, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy.add import estimates
-from discrepancy.bench import Bench, fit
-from discrepancy.fits import Fit
 from discrepancy.name import Naming, quantile
-from discrepancy.observation import resonance_of, transfer
 from discrepancy.study import judge
-from discrepancy.terms import Term, candidates
+from fitting.inference.added import estimates
+from fitting.inference.bench import Bench, fit
+from fitting.inference.fit import Fit
+from fitting.inference.loop import Loop
+from fitting.inference.observation import chain
+from fitting.inference.terms import Term, candidates
 from fitting.records.record import Record
 from solver import catalogue
+from solver.sensors import CatheterResonance
 
 SITE = "CA"
 BEAT = Beat(0.5, 40, 128)
@@ -37,7 +39,7 @@ def noise_free(case: Case, nuisance: Nuisance, dB: float = 80.0) -> tuple[Bench,
     noise = np.zeros((BEAT.samples // 2 + 1, 2, 2))
     for i, x in enumerate((P, R)):
         noise[:, i, i] = (10.0 ** (-dB / 20.0) * x.std()) ** 2 / BEAT.samples / 15.0
-    problem = Bench(case.network(), SITE, BEAT.T, P, R, noise, 30, 15)
+    problem = Bench(case.network(), SITE, Loop(P, R, BEAT.T, noise), 30, 15)
     truth: dict[str, float] = {}
     for effect in case.effects:
         if effect.name == "channel_offset":
@@ -128,9 +130,7 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
     (unknown,) = term.unknowns
     size = next(iter(truth.values())) / unknown.size if x is None else x
     empty = np.zeros(0)
-    at = Fit(
-        (term,), (*problem.nuisances(), unknown), np.array([0.0, 0.0, 0.0, size]), empty, empty, empty, empty, empty
-    )
+    at = Fit((term,), problem.hypothesis((term,)), np.array([0.0, 0.0, 0.0, size]), empty, empty, empty, empty)
     ((hidden, _),) = problem.predict([replace(at, x=np.zeros(4))])
     assert hidden > 1e4
     assert problem.predict([at])[0][0] <= 1e-6
@@ -140,18 +140,26 @@ def test_aliases_of_the_nuisances(effect: Effect, x: float | None) -> None:
 @pytest.mark.parametrize("f_n", [8.0, 40.0])
 @pytest.mark.parametrize("zeta", [0.1, 1.5])
 def test_transfer_is_that_of_the_catalogue(f_n: float, zeta: float) -> None:
-    """g e^{-iω lag} / (1 + iωa - ω²b), a = 2ζ/ω_n, b = 1/ω_n², against observe; and f_n, ζ back: round-off."""
+    """g e^{-iω lag} / (1 + iωa - ω²b), a = 2ζ/ω_n, b = 1/ω_n², against catalogue.observe; f_n, ζ back: round-off."""
     omega = 2.0 * np.pi / 0.5 * np.arange(30)
     natural = 2.0 * np.pi * f_n
-    found = transfer(omega, 2e-3, 1.1, 2.0 * zeta / natural, natural**-2.0)
+    second = {"slow": 2.0 * zeta / natural, "resonance": natural**-2.0}
+    searched = {"lag": 2e-3, "gain": 1.1, **second}
+    found, offset = chain({f"CA.P.{key}": np.array(value) for key, value in searched.items()}, "CA.P", omega)
     terms = {"lag": 2e-3, "gain": 1.1, "f_n": f_n, "zeta": zeta}
     np.testing.assert_allclose(found, catalogue.observe(terms, np.ones(30, complex), omega), rtol=1e-13)
-    assert resonance_of(2.0 * zeta / natural, natural**-2.0) == pytest.approx((f_n, zeta), rel=1e-13)
+    told = CatheterResonance().as_terms(second)
+    assert (told["f_n"], told["zeta"]) == pytest.approx((f_n, zeta), rel=1e-13)
+    assert offset == 0.0
 
 
 def test_a_perfect_chain_is_one() -> None:
     """No lag, no gain, no resonance: exactly 1, so that a hypothesis without sensors is bit-identical."""
-    assert np.all(transfer(np.arange(5.0), 0.0, 1.0, 0.0, 0.0) == 1.0)
+    neutral = {"lag": 0.0, "gain": 1.0, "slow": 0.0, "resonance": 0.0, "offset": 0.0}
+    perfect = {f"CA.R.{key}": np.array(value) for key, value in neutral.items()}
+    for moved in ({}, perfect):
+        H, offset = chain(moved, "CA.R", np.arange(5.0))
+        assert np.all(H == 1.0) and offset == 0.0
 
 
 # --- what it names ---------------------------------------------------------------------------------------------------

@@ -19,8 +19,8 @@ from discrepancy import workflow
 from discrepancy.__main__ import app
 from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
-from discrepancy.show import bench_of
 from discrepancy.source import build_fmu
+from fitting.bench import on_bench
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_record(path / "virtual_AA.csv", np.arange(BEATS * SAMPLES) * T / SAMPLES, channels)
     sheep = load("sheep")
     write_network(sheep.with_parameters({f"{s.name}.phi0": 0.0 for s in sheep.segments}), path / "elastic.toml")
-    write_network(bench_of(sheep, "AA"), path / "bench.toml")
+    write_network(on_bench(sheep, "AA"), path / "bench.toml")
     return path
 
 

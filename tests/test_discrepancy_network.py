@@ -6,7 +6,7 @@ The bank judges with the independent generator.
 
 from __future__ import annotations
 
-import json
+import pickle
 from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar
@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from forked import NETWORK, N, T, inflow, record
 
-from discrepancy.add import estimates, extended, sensor_parameters
-from discrepancy.fits import Fit, Member
-from discrepancy.journal import decode_naming, encode_naming
+from discrepancy.journal import parted
 from discrepancy.name import Naming, name, quantile
-from discrepancy.network import NetworkProblem, network_problem
-from discrepancy.observation import sense
-from discrepancy.simulator import Simulator
-from discrepancy.terms import Term, candidates, followers, joins, nuisances, sensor_terms
+from fitting.inference.added import estimates, extended, sensor_parameters
+from fitting.inference.fit import Fit, Member
+from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.observation import sense
+from fitting.inference.simulator import Runs, Simulator
+from fitting.inference.terms import Term, candidates, followers, joins, nuisances, sensor_terms
 from fitting.records.beats import Beats
 from solver import NonPhysicalState, Settings, catalogue, effects, simulate_periodic
 from solver.effect import Effect, Values
@@ -77,9 +77,8 @@ def stiff() -> Naming:
 
 def at(problem: NetworkProblem, x: list[float], *added: Term) -> Fit:
     """A hypothesis at a point, without data."""
-    unknowns, prior = problem.hypothesis(added)
     empty = np.zeros(0)
-    return Fit(added, unknowns, np.array(x), empty, empty, prior, empty, empty)
+    return Fit(added, problem.hypothesis(added), np.array(x), empty, empty, empty, empty)
 
 
 # --- naming ----------------------------------------------------------------------------------------------------------
@@ -191,10 +190,15 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
     assert np.mean(z**2) == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / len(z)))
 
 
+def read_back(naming: Naming) -> Naming:
+    """Through the bytes of a journal, about a problem made anew."""
+    kept, weights = pickle.loads(pickle.dumps(parted(naming)))
+    return replace(kept, problem=network_problem(beats(1.25), NETWORK).restored(weights))
+
+
 def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
-    """Through JSON and about a problem made anew: the same step and weights, bit by bit."""
-    data = json.loads(json.dumps(encode_naming(stiff)))
-    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
+    """Through a journal and about a problem made anew: the same step and weights, bit by bit."""
+    again = read_back(stiff)
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
     for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
@@ -204,11 +208,10 @@ def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
     assert np.array_equal(again.best.fit.z, stiff.best.fit.z)
 
 
-def test_a_rested_problem_forgets_what_was_simulated(stiff: Naming) -> None:
-    """After naming and read back, rested: the most probable beats are the same bit by bit."""
-    data = json.loads(json.dumps(encode_naming(stiff)))
-    again = decode_naming(data, network_problem(beats(1.25), NETWORK))
-    one, other = (n.problem.rested() for n in (stiff, again))
+def test_a_problem_remembers_nothing_that_was_simulated(stiff: Naming) -> None:
+    """After naming and read back: the most probable beats, from rest, are the same bit by bit."""
+    again = read_back(stiff)
+    one, other = stiff.problem, again.problem
     assert isinstance(one, NetworkProblem) and isinstance(other, NetworkProblem)
     (X,), (Y,) = one.observe([stiff.best.fit.member]), other.observe([again.best.fit.member])
     assert X is not None and Y is not None and np.array_equal(X, Y)
@@ -223,7 +226,7 @@ def test_columns_are_derivatives(healthy: NetworkProblem) -> None:
     chosen = (term("wall_stiffness", "C"), term("terminal_reflection", "B"), term("channel_gain", "B.Q"))
     columns = healthy.columns(none, chosen)
     for t in chosen:
-        unknowns, _ = healthy.hypothesis((t,))
+        unknowns = healthy.hypothesis((t,))
         pair = [Member((t,), unknowns, np.array([0.0, 0.0, 0.0, x])) for x in (0.1, -0.1)]
         up, down = (healthy.residual(x) for x in healthy.observe(pair) if x is not None)
         expected = (up - down) / 0.2
@@ -233,10 +236,10 @@ def test_columns_are_derivatives(healthy: NetworkProblem) -> None:
 def test_a_sensor_needs_no_simulation(healthy: NetworkProblem) -> None:
     """Ten sizes of a channel's gain cost one simulation, and only that channel changes: by the gain, exactly."""
     t = term("channel_gain", "B.Q")
-    unknowns, _ = healthy.hypothesis((t,))
-    before = healthy.simulator.simulations
-    X = healthy.observe([Member((t,), unknowns, np.array([0.0, 0.0, 0.0, x])) for x in np.linspace(0.0, 9.0, 10)])
-    assert healthy.simulator.simulations == before + 1
+    unknowns = healthy.hypothesis((t,))
+    runs = Runs()
+    X = healthy.observe([Member((t,), unknowns, np.array([0.0, 0.0, 0.0, x])) for x in np.linspace(0.0, 9.0, 10)], runs)
+    assert runs.meter.simulations == 1
     i = healthy.names.index("B.Q")
     for x, each in zip(np.linspace(0.0, 9.0, 10), X, strict=True):
         ratio = np.ones(len(healthy.names))
@@ -261,16 +264,16 @@ def test_shorter_steps_that_break_down_are_not_taken(healthy: NetworkProblem, mo
 
 def test_a_start_too_far_off_is_left(healthy: NetworkProblem) -> None:
     """Run on from a periodic state in which the walls are 100 times wider, it breaks down; it then starts from rest."""
-    problem = replace(healthy, simulator=replace(healthy.simulator, starts={}))
-    member = at(problem, [0.0, 0.0, 0.0]).member
-    (expected,) = problem.observe([member])
-    beat = problem.simulator.starts[""]
+    member, runs = at(healthy, [0.0, 0.0, 0.0]).member, Runs()
+    (expected,) = healthy.observe([member], runs)
+    (key,) = runs.beats
+    beat = runs.beats[key]
     assert beat.end is not None and expected is not None
     wide = replace(beat.end, state=replace(beat.end.state, A=100.0 * beat.end.state.A))
-    problem.simulator.starts[""] = replace(beat, end=wide)
+    runs.beats[key] = replace(beat, end=wide)
     with pytest.raises(NonPhysicalState):
-        problem.simulator.coefficients(NETWORK, {}, "")
-    (found,) = problem.observe([member])
+        healthy.simulator.coefficients(NETWORK, {}, runs)
+    (found,) = healthy.observe([member], runs)
     assert found is not None
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
@@ -284,14 +287,14 @@ def test_an_outlet_that_is_rewired_reflects_no_more() -> None:
 
 
 def test_sense_is_the_catalogue() -> None:
-    """Lag, gain, offset and resonance of one channel against catalogue.observe; other channels stay, bit by bit."""
+    """Lag, gain, offset and resonance of one channel against effects.observe; other channels stay, bit by bit."""
     rng = np.random.default_rng(1)
     X = rng.normal(size=(6, len(NAMES))) + 1j * rng.normal(size=(6, len(NAMES)))
     omega = 2.0 * np.pi / T * np.arange(6)
-    for t in sensor_terms("C.R"):
+    for t in sensor_terms(NETWORK, "C.R"):
         x = np.full(len(t.unknowns), 0.7)
         found = sense(Member((t,), t.unknowns, x), NAMES, X, T)
-        fit = Fit((t,), t.unknowns, x, x, x, x, x, x)
+        fit = Fit((t,), t.unknowns, x, x, x, x, x)
         expected = catalogue.observe(sensor_parameters(fit, t), X[:, -1], omega)
         np.testing.assert_allclose(found[:, -1], expected, rtol=1e-12, err_msg=t.effect)
         assert np.array_equal(found[:, :-1], X[:, :-1])
@@ -304,7 +307,7 @@ def test_sharpened_shortens_steps_where_they_matter(noise: float, halvings: int)
     """A step of 5 ms: kept in 20 dB of noise, halved twice in 80 dB; the covariance then holds a smaller error."""
     problem = network_problem(beats(noise=noise), NETWORK)
     coarse = replace(problem.simulator.settings, dt=5e-3)
-    problem = replace(problem, simulator=replace(problem.simulator, settings=coarse, starts={}))
+    problem = replace(problem, simulator=replace(problem.simulator, settings=coarse))
     none = at(problem, [0.0, 0.0, 0.0])
     sharp = problem.sharpened(none)
     assert sharp.simulator.settings.dt == pytest.approx(5e-3 / 2**halvings)
@@ -315,7 +318,7 @@ def test_sharpened_shortens_steps_where_they_matter(noise: float, halvings: int)
 def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
     """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
     before = network_problem(beats(1.25), NETWORK)
-    after = before.restored(2.5e-3, before.error, 1.7 * healthy.target.covariance, before.response)
+    after = before.restored((2.5e-3, before.error, 1.7 * healthy.target.covariance, before.response))
     (old,) = before.refit([()])
     assert old is not None
     (new,) = after.restated([old], before)
@@ -349,7 +352,7 @@ def test_extended_has_the_values_of_the_fit() -> None:
     problem_terms = (term("wall_stiffness", "B"), term("channel_lag", "A.P"))
     unknowns = (*nuisances(NETWORK), *(u for t in problem_terms for u in t.unknowns))
     x = np.array([0.5, -0.3, 0.25, 0.8, 1.5])
-    network = extended(NETWORK, Fit(problem_terms, unknowns, x, x, x, x, x, x))
+    network = extended(NETWORK, Fit(problem_terms, unknowns, x, x, x, x, x))
     found, before = network.parameters(), NETWORK.parameters()
     for segment in "ABC":
         assert found[f"{segment}.E"] == pytest.approx(before[f"{segment}.E"] * np.exp(0.2 * 0.5))
@@ -388,7 +391,7 @@ def moved(t: Term) -> Fit:
     if t.rewires:
         unknowns, x = (*nuisances(NETWORK)[:2], *t.unknowns), np.delete(x, 2)
     none = np.zeros(len(x))
-    return Fit((t,), unknowns, x, none, 100.0 * np.eye(len(x)), none, none, none)
+    return Fit((t,), unknowns, x, none, 100.0 * np.eye(len(x)), none, none)
 
 
 def test_extended_is_what_was_fitted(stiff: Naming) -> None:
@@ -396,7 +399,7 @@ def test_extended_is_what_was_fitted(stiff: Naming) -> None:
     problem = stiff.problem
     assert isinstance(problem, NetworkProblem)
     network = extended(NETWORK, stiff.best.fit)
-    X = replace(problem.simulator, starts={}).coefficients(network, {}, "")[0]
+    X = problem.simulator.coefficients(network, {}, Runs())[0]
     np.testing.assert_allclose(problem.residual(X), stiff.best.fit.z, atol=0.05)
 
 

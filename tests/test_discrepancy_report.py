@@ -25,7 +25,7 @@ from discrepancy.outcome import (
     Absorbed,
     Balance,
     Candidate,
-    Channel,
+    ChannelBeats,
     Estimate,
     Isolability,
     Located,
@@ -38,8 +38,8 @@ from discrepancy.places import marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
 from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number, smallest_rows
-from fitting.units import MMHG
 from solver import Network
+from solver.units import MMHG
 
 Array = np.ndarray
 
@@ -65,7 +65,7 @@ def synthetic_beat(i: int, signal: str, size: float = 1.0) -> Array:
     return mean + size * amplitude * np.asarray(wave)
 
 
-def synthetic_channel(i: int, name: str, added: bool) -> Channel:
+def synthetic_channel(i: int, name: str, added: bool) -> ChannelBeats:
     signal = name[-1]
     measured = synthetic_beat(i, signal)
     worse = 1.3 if name.startswith("CA") else 1.03
@@ -73,7 +73,7 @@ def synthetic_channel(i: int, name: str, added: bool) -> Channel:
     band = np.full(N, 0.004 * SIZE[signal][1])
     gap = (9.0, 9.3) if name.startswith("CA") else (1.2, 1.3)
     after = synthetic_beat(i, signal, 1.001) if added else None
-    return Channel(name, "SI", measured, band, before, after, gap, (1.01, 1.04) if added else None)
+    return ChannelBeats(name, measured, band, before, after, gap, (1.01, 1.04) if added else None)
 
 
 def candidate(effect: NamedEffect, delta_bic: float, in_class: bool) -> Candidate:

@@ -14,9 +14,11 @@ from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances
-from discrepancy.fits import Fit, bounded_step, misfit, precision, projected
 from discrepancy.isolability import isolability, smallest
-from discrepancy.terms import Term, Unknown
+from fitting.inference.fit import Fit, misfit, projected
+from fitting.inference.search import bounded_step
+from fitting.inference.terms import Term
+from fitting.inference.unknown import Unknown, precision
 
 # --- misfit ----------------------------------------------------------------------------------------------------------
 
@@ -28,7 +30,7 @@ def residual(z: np.ndarray, signals: int) -> Fit:
     order = np.tile((np.arange(2 * K + 1) + 1) // 2, signals)
     signal = np.repeat(np.arange(signals), 2 * K + 1)
     empty = np.zeros(0)
-    return Fit((), (), empty, z, np.zeros((len(z), 0)), empty, order, signal)
+    return Fit((), (), empty, z, np.zeros((len(z), 0)), order, signal)
 
 
 @pytest.mark.parametrize("signals", [1, 9])
@@ -154,9 +156,9 @@ def term(effect: str, place: str = "A") -> Term:
 def base(nuisances: np.ndarray, prior: float) -> Fit:
     """A perfect fit of 50 data with nuisance columns (50, p) under a prior precision."""
     p = nuisances.shape[1]
-    unknowns = tuple(Unknown(f"n{i}", "shift", (), -9.0, 9.0) for i in range(p))
+    unknowns = tuple(Unknown(f"n{i}", "shift", (), -9.0, 9.0, prior_sd=prior**-0.5) for i in range(p))
     z = np.zeros(50)
-    return Fit((), unknowns, np.zeros(p), z, nuisances, np.full(p, prior), np.zeros(50, int), np.zeros(50, int))
+    return Fit((), unknowns, np.zeros(p), z, nuisances, np.zeros(50, int), np.zeros(50, int))
 
 
 def test_isolability_of_columns_made_by_hand() -> None:

@@ -17,10 +17,10 @@ from truth.records import Case, Made, make, write
 
 from build_fmu import build
 from discrepancy import workflow
-from discrepancy.observation import mean_wander
 from discrepancy.study import Unusable, bench_site, channels, check_scatter, judge, prepare
 from discrepancy.usable import check_beats, check_record, check_waves
 from discrepancy.workflow import discover
+from fitting.inference.observation import mean_wander
 from fitting.records.beats import Beats
 from fitting.records.record import Record, write_record
 from solver import load, simulate_periodic

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,15 @@ from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
-from discrepancy.journal import Journal, decode_naming, decode_run, encode_naming, encode_run
+from discrepancy.journal import Journal, parted
 from discrepancy.name import Naming
 from discrepancy.outcome import VERDICTS, Outcome
-from discrepancy.show import Gap, Run, bench_of, own_parity
+from discrepancy.show import Gap, Run, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import judge
 from discrepancy.summary import Shown, fmu_warnings, global_p
 from discrepancy.workflow import discover
+from fitting.bench import on_bench
 from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
@@ -85,7 +87,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 def test_a_killed_study_goes_on(study: Study) -> None:
     """Nothing but its state is there after Ctrl-C; the second run does not name again; then the state is gone."""
-    assert study.kept == [".state", "naming.json", "run_before.json", "run_given.json"]
+    assert study.kept == [".state", "naming.pickle", "run_before.pickle", "run_given.pickle"]
     assert study.namings == 1
     assert not (study.folder / "out" / ".state").exists()
     assert not [p for p in (study.folder / "out").rglob("*") if p.suffix in (".part", ".tmp")]
@@ -228,7 +230,7 @@ def test_an_interrupt_while_files_are_written(
             discover(*arguments)
     after = {p.relative_to(out): p.read_bytes() for p in out.rglob("*") if p.is_file() and ".state" not in p.parts}
     assert after == before if stage == "report" else not (out / "verdict.json").exists()
-    assert "naming.json" in {p.name for p in (out / ".state").iterdir()} and not (out / ".state" / "out").exists()
+    assert "naming.pickle" in {p.name for p in (out / ".state").iterdir()} and not (out / ".state" / "out").exists()
     verdict = discover(*arguments).verdict
     assert verdict == json.loads((out / "verdict.json").read_text(encoding="utf-8"))["verdict"] == "none"
     assert {p.name for p in out.iterdir()} == {"verdict.json", "report.html", "figures"}
@@ -246,7 +248,7 @@ def test_something_in_the_way(study: Study, tmp_path: Path, name: str, folder: b
 def test_bench_of_a_site() -> None:
     """A millimetre of the site's wall with a pressure at its end: the same wall, one segment, one outlet."""
     sheep = load("sheep")
-    network = bench_of(sheep, SITE)
+    network = on_bench(sheep, SITE)
     assert [s.name for s in network.segments] == [SITE] and len(network.outlets) == 1
     assert {k: v for k, v in vars(network.segment(SITE)).items() if k != "L"} == {
         k: v for k, v in vars(sheep.segment(SITE)).items() if k != "L"
@@ -256,13 +258,14 @@ def test_bench_of_a_site() -> None:
 # --- the journal -----------------------------------------------------------------------------------------------------
 
 
-def test_a_naming_survives_json_bit_by_bit() -> None:
-    """Two effects, one of a sensor: encoded, through JSON text, decoded: every number and every term is the same."""
+def test_a_naming_survives_a_journal_bit_by_bit() -> None:
+    """Two effects, one of a sensor: pickled and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))
     made = make(Case("bench", SITE, 40.0, hidden), 5)
     study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
     assert naming.verdict == "several"
-    again = decode_naming(json.loads(json.dumps(encode_naming(naming))), study.problem)
+    kept, weights = pickle.loads(pickle.dumps(parted(naming)))
+    again = replace(kept, problem=study.problem.restored(weights))
     assert (again.verdict, again.reason, again.terms) == (naming.verdict, naming.reason, naming.terms)
     assert [n.label for n in again.members] == [n.label for n in naming.members]
     for a, b in zip((again.base, *again.ranked), (naming.base, *naming.ranked), strict=True):
@@ -276,12 +279,12 @@ def test_a_naming_survives_json_bit_by_bit() -> None:
     assert all(np.array_equal(again.columns[k], naming.columns[k]) for k in naming.columns)
 
 
-def test_a_run_survives_json_bit_by_bit() -> None:
+def test_a_run_survives_a_journal_bit_by_bit() -> None:
     """Complex coefficients, beats and gaps."""
     rng = np.random.default_rng(0)
     X = rng.normal(size=(4, 2)) + 1j * rng.normal(size=(4, 2))
     run = Run(X, {"A.P": rng.normal(size=9)}, Gap((1.1, 2.2), {"A.P": (0.1 + 0.2, 1 / 3)}))
-    again = decode_run(json.loads(json.dumps(encode_run(run))))
+    again = pickle.loads(pickle.dumps(run))
     assert np.array_equal(again.X, run.X) and again.gap == run.gap
     assert np.array_equal(again.beats["A.P"], run.beats["A.P"])
 
@@ -295,11 +298,11 @@ def test_stages_count_only_for_the_same_inputs(tmp_path: Path) -> None:
             calls.append(inputs)
             return len(calls)
 
-        return Journal(tmp_path, inputs).stage("one", compute, lambda x: x, lambda x: x)
+        return Journal(tmp_path, inputs).stage("one", compute)
 
     assert [stage(["a"]), stage(["a"]), stage(["b"]), stage(["b"])] == [1, 1, 2, 2]
-    file = tmp_path / ".state" / "one.json"
-    file.write_text(file.read_text()[:-3])
+    file = tmp_path / ".state" / "one.pickle"
+    file.write_bytes(file.read_bytes()[:-3])
     assert stage(["b"]) == 3
     Journal(tmp_path, ["b"]).close()
     assert not list(tmp_path.iterdir())

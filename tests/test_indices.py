@@ -10,11 +10,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fitting.indices import OF_LAW, Estimate, indices, loop_area, measured_loss
+from fitting.estimate import Estimate
+from fitting.indices import OF_LAW, indices, loop_area, measured_loss
 from fitting.records.beats import Beats
 from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.units import MMHG
 from fitting.wall import WallFit, fit
+from solver.units import MMHG
 
 T, N, BEATS = 0.5, 100, 15
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, N, T, clean, inflow, record
 
+from fitting.inference.asked import parse_unknowns
 from fitting.inference.identify import determined
-from fitting.inference.unknown import parameter_values, parse_unknowns
+from fitting.inference.unknown import parameter_values
 from fitting.records import noise as network_data
 from fitting.records.beats import Beats
 from solver import Settings, linear, load, simulate_periodic

@@ -11,7 +11,8 @@ import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, T, clean, record
 
 from fitting.calibrate import Calibration, calibrate
-from fitting.indices import OF_LAW, Estimate, plain
+from fitting.estimate import Estimate
+from fitting.indices import OF_LAW, plain
 from fitting.network_indices import indices_at, network_indices
 from fitting.pages.tables import network_indices_table
 from fitting.records.beats import Beats

@@ -13,7 +13,6 @@ from typing import Any
 
 import fmpy
 import numpy as np
-import pint
 import pytest
 from fmpy.ssp.ssd import read_ssv
 from hypothesis import given
@@ -332,14 +331,3 @@ def test_refused_in_python() -> None:
         ParameterSet("x", {}, {}, {"record": np.zeros(3)})
     with pytest.raises(ValueError, match=r"parameter set name 'a\\nb': must be one printable line"):
         ParameterSet("a\nb", {})
-
-
-def test_pint_agrees_on_base_units() -> None:
-    """The powers in an SSV's units are those of a fresh pint registry, and no unit here has a factor."""
-    from fitting.parameter_set import _base_unit
-
-    registry = pint.UnitRegistry()
-    for unit in ("Pa", "Pa.s", "Pa.s^2", "Pa.s/m^3", "m^3/Pa", "kg/m^3", "m^2/s", "m"):
-        base = registry.Quantity(1.0, unit.replace(".", "*")).to_base_units()
-        text = "*".join(f"{name}**{power}" for name, power in _base_unit(unit).items())
-        assert base == registry.Quantity(1.0, text)

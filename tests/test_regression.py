@@ -13,7 +13,8 @@ import pytest
 from recorded_walls import BEATS, N, T, loop, recording
 from scipy.optimize import least_squares
 
-from fitting.inference.errors_in_variables import Loop, solve
+from fitting.inference.errors_in_variables import solve
+from fitting.inference.loop import Loop
 from fitting.records.beats import Beats, align
 from fitting.records.record import Record
 from fitting.records.spectral import coefficients, derivative

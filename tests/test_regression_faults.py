@@ -9,7 +9,7 @@ import pytest
 from recorded_walls import BEATS, N, T, loop, recording
 
 from fitting.doubts import COLLINEAR
-from fitting.inference.errors_in_variables import NoFit
+from fitting.inference.loop import NoFit
 from fitting.records.beats import Beats
 from fitting.records.spectral import resample, shift
 from fitting.records.virtual import table_wall

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.inference.unknown import parameter_intervals, parameter_values, parse_unknown, parse_unknowns
+from fitting.inference.asked import parse_unknown, parse_unknowns
+from fitting.inference.unknown import parameter_intervals, parameter_values
 from solver import Network, load
 
 
@@ -23,11 +24,11 @@ def test_common_scale(sheep: Network) -> None:
 def test_common_shift_of_outlets(sheep: Network) -> None:
     """all.outlet.R_t and CA+FA.outlet.R_t: value = nominal + x, prior 0.2; x stops where the first outlet is closed."""
     unknown = parse_unknown("all.outlet.R_t", sheep)
-    assert (unknown.kind, unknown.prior_sd, len(unknown.parameters)) == ("shift", 0.2, 5)
-    nominal = [sheep.parameters()[name] for name in unknown.parameters]
+    assert (unknown.kind, unknown.prior_sd, len(unknown.variables)) == ("shift", 0.2, 5)
+    nominal = [sheep.parameters()[name] for name in unknown.variables]
     assert unknown.high == pytest.approx(1.0 - max(nominal)) and unknown.low == pytest.approx(-0.999 - min(nominal))
     group = parse_unknown("CA+FA.outlet.R_t:none", sheep)
-    assert group.parameters == ("CA.outlet.R_t", "FA.outlet.R_t") and group.prior_sd is None
+    assert group.variables == ("CA.outlet.R_t", "FA.outlet.R_t") and group.prior_sd is None
 
 
 def test_ratios() -> None:
@@ -38,7 +39,7 @@ def test_ratios() -> None:
     values = parameter_values((unknown,), network, np.array([0.5]))
     for segment in network.segments:
         assert values[f"{segment.name}.phiNL"] == pytest.approx(segment.phiNL + 0.5 * segment.phi0)
-    assert parse_unknown("CA.ENL", network).steps == (network.segment("CA").E,)
+    assert parse_unknown("CA.ENL", network).moves == (("CA.ENL", network.segment("CA").E),)
 
 
 def test_unknowns_add_up(sheep: Network) -> None:

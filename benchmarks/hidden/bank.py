@@ -18,9 +18,7 @@ from tests.truth.plan import REPORTED, plan
 from .row import Line, row
 
 ROOT = Path(__file__).resolve().parents[2]
-JUDGING = (
-    "add", "bench", "fits", "name", "network", "observation", "search", "simulator", "study", "terms", "thresholds",
-)  # fmt: skip
+JUDGING = ("name", "study", "thresholds")
 JUDGED_BY = (*(f"discrepancy/{module}.py" for module in JUDGING), "fitting", "solver", "tests/truth")
 
 

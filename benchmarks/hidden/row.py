@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.add import estimates
-from discrepancy.fits import Fit
 from discrepancy.name import Named, Naming, quantile
 from discrepancy.study import Study, Unusable, judge
+from fitting.inference.added import estimates
+from fitting.inference.fit import Fit
 from fitting.records.record import Record
 from tests.truth.anatomy import anatomy
 from tests.truth.bench import NoPeriodicRadius
@@ -114,7 +114,7 @@ def gap(study: Study, naming: Naming) -> Line:
 
 def held_out(naming: Naming, study: Study, fits: dict[str, Fit]) -> dict[str, float]:
     """Whitened RMS of the held-out beats under the parameters found from the others, by the noise that those showed."""
-    kept = naming.problem.held_out(study.held_out, study.fitted)  # type: ignore[attr-defined]
+    kept = naming.problem.held_out(study.held_out, study.fitted)
     predicted = zip(fits, kept.predict(list(fits.values())), strict=True)
     return {key: _rms(chi2, n) for key, (chi2, n) in predicted if not math.isnan(chi2)}
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from fitting.units import INFLOW
 from solver.network import Network
+from solver.units import INFLOW
 from tests.truth.hide import OUTSIDE
 
 Line = dict[str, Any]

@@ -31,7 +31,7 @@ NO_BEND = 0.05  # s: φ_NL/φ0 that changes the viscosity by 10 % at 1/s, a benc
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SiteEstimate:
     """One site's value with its interval (NaN if one animal has none), from n animals; p where 0 is tested."""
 
     label: str
@@ -55,7 +55,7 @@ class Claim:
     statement: str
     verdict: str
     text: str
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[SiteEstimate, ...]
     unit: str
     level: float
     n: int
@@ -272,10 +272,10 @@ def _outside(part: _Part, level: float, limit: float) -> bool:
     return low > limit or high < -limit
 
 
-def _estimate(part: _Part, level: float, p: float | None = None) -> Estimate:
+def _estimate(part: _Part, level: float, p: float | None = None) -> SiteEstimate:
     if part.contrast is None:
-        return Estimate(part.label, float("nan"), float("nan"), float("nan"), part.n)
-    return Estimate(part.label, part.contrast.estimate, *part.contrast.interval(level), part.n, p)
+        return SiteEstimate(part.label, float("nan"), float("nan"), float("nan"), part.n)
+    return SiteEstimate(part.label, part.contrast.estimate, *part.contrast.interval(level), part.n, p)
 
 
 # --- words --------------------------------------------------------------------------------------------------------

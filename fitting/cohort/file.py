@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from solver.files import parse_quantity
+from solver.files import parse_quantity, read_text
 from solver.network import Segment
 from solver.quantity import quantities
 
@@ -39,13 +39,7 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
     out of range, or an animal with two lines for one site.
     """
     source = os.fspath(path)
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
-    rows = csv.reader(io.StringIO(text), skipinitialspace=True)
+    rows = csv.reader(io.StringIO(read_text(path)), skipinitialspace=True)
     entries: list[Entry] = []
     try:
         places, units = _header(next(rows, []))

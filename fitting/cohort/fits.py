@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import RenderableType
-from scipy.stats import t as t_distribution
 
+from ..inference.unknown import quantile
 from ..parameter_set import ParameterSet, Value
 from ..provenance import software
 from ..records.beats import align
@@ -68,7 +66,7 @@ class Summary:
     def of(values: Sequence[float]) -> Summary:
         n, mean = len(values), float(np.mean(values))
         sd = float(np.std(values, ddof=1)) if n > 1 else math.nan
-        half = float(t_distribution.ppf(0.975, n - 1)) * sd / math.sqrt(n) if n > 1 else math.nan
+        half = quantile(n - 1) * sd / math.sqrt(n) if n > 1 else math.nan
         return Summary(mean, sd, n, (mean - half, mean + half))
 
 
@@ -202,28 +200,6 @@ class Cohort:
             return claim
         cells = ", ".join(" ".join(cell) for cell in lost)
         return replace(claim, text=f"{claim.text} Without {cells}, where the {model} model could not be fitted.")
-
-    def to_json(self) -> str:
-        """All numbers as JSON text in SI; null for what one animal alone cannot tell."""
-        from .report import to_json
-
-        return to_json(self)
-
-    def tables(self) -> list[RenderableType]:
-        """What the command line prints: means by site, claims, and what could not be used."""
-        from .report import tables
-
-        return tables(self)
-
-    def write(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write the figures, the mean parameter set and cohort.json into a folder; the paths of what was written.
-
-        The folder is made if it is missing; nothing is written unless everything could be made, and cohort.json comes
-        last. Raises ValueError if a file cannot be written.
-        """
-        from .report import write  # matplotlib takes a second
-
-        return write(self, folder)
 
 
 def fit_cohort(

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,9 +12,11 @@ from rich.table import Table
 
 from solver.files import write_whole
 
+from ..estimate import decimals
 from ..pages.style import png
 from ..parameter_set import write_set
 from ..provenance import software
+from ..result_files import json_text, make_folder
 from .claims import Claim
 from .figures import cohort_figures
 from .fits import QUANTITIES, Cohort, Recording, Summary
@@ -63,10 +62,7 @@ def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
     """
     folder, means, numbers = Path(folder), cohort.mean_set(), to_json(cohort)
     figures = {folder / f"{name}.png": png(figure) for name, figure in cohort_figures(cohort).items()}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
+    make_folder(folder)
     sets = [folder / "mean_set.json", folder / "mean_set.ssv"]
     for path, content in figures.items():
         write_whole(path, content)
@@ -94,7 +90,7 @@ def to_json(cohort: Cohort) -> str:
         "recordings": [_recording(each) for each in cohort.recordings],
         "failures": [{**asdict(f.entry), "model": f.model, "sentence": f.sentence} for f in cohort.failures],
     }
-    return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return json_text(content, indent=1)
 
 
 def _cell(summary: Summary | None, factor: float) -> str:
@@ -104,7 +100,7 @@ def _cell(summary: Summary | None, factor: float) -> str:
     mean, sd = factor * summary.mean, factor * summary.sd
     if not sd > 0.0:
         return f"{mean:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(sd)))
+    digits = max(0, decimals(sd))
     return f"{mean:.{digits}f} ± {sd:.{digits}f}"
 
 
@@ -126,12 +122,3 @@ def _recording(each: Recording) -> dict[str, Any]:
         for name, fitted in each.fits.items()
     }
     return {**asdict(each.entry), "sha256": each.sha256, "fits": fits}
-
-
-def _plain(x: Any) -> Any:
-    """With None for numbers that are not finite, which JSON does not have."""
-    if isinstance(x, Mapping):
-        return {key: _plain(value) for key, value in x.items()}
-    if isinstance(x, list | tuple):
-        return [_plain(value) for value in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x

@@ -7,7 +7,6 @@ and files are named ``virtual-…``, so that whatever is made of them says so.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,6 +19,7 @@ from solver.files import write_whole
 
 from ..records.record import write_record
 from ..records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
+from ..result_files import json_text, make_folder
 
 Array = np.ndarray
 
@@ -191,11 +191,7 @@ def write_cohort(
     The folder is made if it is missing; cohort.csv is written last. progress : gets the fraction done and the file.
     Raises ValueError if it cannot be written.
     """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
+    folder = make_folder(folder)
     lines = ["animal,site,record,h [mm],R0 [mm]"]
     for i, each in enumerate(cohort.recordings):
         if progress:
@@ -213,7 +209,7 @@ def write_cohort(
         ],
     }
     write_whole(folder / "README.txt", README)
-    write_whole(folder / "truth.json", json.dumps(truth, indent=1) + "\n")
+    write_whole(folder / "truth.json", json_text(truth, indent=1))
     write_whole(folder / "cohort.csv", "\n".join(lines) + "\n")
     return folder / "cohort.csv"
 

@@ -1,26 +1,17 @@
-"""Least squares when both pressure and radius are noisy: the functional errors-in-variables model.
-
-The mean beats are P̄ = F(R; θ) + n_P and R̄ = R + n_R with the true radius R : (N,) unknown beside the parameters θ.
-With J = ∂F/∂R, linearised at the present R and θ, the residual
-
-    u = P̄ - F(R; θ) - J (R̄ - R) = n_P - J n_R + C δθ,    V = ⟨u uᵀ⟩ = C_PP - J C_RP - C_PR Jᵀ + J C_RR Jᵀ
-
-gives δθ by generalised least squares, and then the most probable radius R = R̄ - (C_RP - C_RR Jᵀ) V⁻¹ u. Iterated,
-this is the maximum of the joint likelihood (Britt and Luecke, Technometrics 15, 1973, 233–247): columns evaluated at
-the noisy R̄ would bias θ, columns at the estimated R do not. The noise need not be white: its covariance is circulant,
-one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share is not taken for noise of the law.
-"""
+"""The regression of a wall on a loop of noisy pressure and radius (:mod:`fitting.inference.loop`), without priors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular, toeplitz
+from scipy.linalg import solve_triangular
+
+from solver.loop import derivative_matrix
 
 from ..records import spectral
 from ..wall_model import Evaluated, Values, WallModel, evaluate
+from .loop import Loop, NoFit, linearise, spectrum
 
 Array = np.ndarray
 
@@ -28,43 +19,6 @@ _ITERATIONS = 200
 _STEEPEST = 12.0  # of |2 r ε̇|: a viscosity that varies by e^12 along a loop is noise, no wall
 _FULL_STEPS = 10
 _CONVERGED = 1e-3  # of a standard deviation: a smaller step ends the iteration
-_FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
-
-
-class NoFit(ValueError):
-    """No wall of this model describes the loop."""
-
-
-@dataclass(frozen=True)
-class Loop:
-    """Mean beats P, R : (N,) [Pa], [m] of period T [s] and the noise of their Fourier coefficients.
-
-    noise : (N//2 + 1, 2, 2) covariance of (P̂_k, R̂_k).
-    """
-
-    P: Array
-    R: Array
-    T: float
-    noise: Array
-
-    @property
-    def N(self) -> int:
-        return len(self.P)
-
-    @property
-    def floor(self) -> tuple[float, float]:
-        """Variances of a Fourier coefficient that stand for rounding."""
-        return tuple(float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))  # type: ignore[return-value]
-
-    def earlier(self, lag: float) -> Loop:
-        """The loop with P moved forward in time by ``lag`` [s]."""
-        return replace(self, P=spectral.shift(self.P, -lag / self.T)) if lag else self
-
-    def covariances(self) -> tuple[Array, Array, Array]:
-        """C_PP, C_RR, C_RP : (N, N) of the samples."""
-        floor = self.floor
-        PP, RR = (_circulant(self.noise[:, i, i] + floor[i], self.N) for i in (0, 1))
-        return PP, RR, _circulant(self.noise[:, 1, 0], self.N)
 
 
 @dataclass(frozen=True)
@@ -102,18 +56,18 @@ def solve(
 
 
 def _iterate(loop: Loop, model: WallModel, start: Values, start_lag: float | None, steps: int) -> Solution:
-    noise, D = loop.covariances(), _derivative_matrix(loop.N, loop.T)
+    D = derivative_matrix(loop.N, loop.T)
     lag_free, lag = start_lag is not None, start_lag or 0.0
     values, R = dict(start), loop.R
     for iteration in range(steps):
         relax = 1.0 if iteration < _FULL_STEPS else 0.5  # a model that misses the loop may swing about its best
-        system = _linearise(loop.earlier(lag), noise, D, R, evaluate(model, values, R, D @ R), lag_free)
+        system = _linearise(loop.earlier(lag), D, R, evaluate(model, values, R, D @ R), lag_free)
         step = relax * system.step
         step *= _admissible(model, values, step)
         for name, change in zip(model.free, step, strict=False):
             values[name] += float(change)
         lag += float(step[-1]) if lag_free else 0.0
-        R = R + relax * (system.radius(loop) - R)
+        R = R + relax * (system.radius - R)
         _check_bend(model, values, D @ R, iteration)
         misfit = np.sqrt(max(1.0, system.chi2 / loop.N))
         if iteration and np.all(np.abs(step) <= _CONVERGED * misfit * system.sd):
@@ -124,7 +78,7 @@ def _iterate(loop: Loop, model: WallModel, start: Values, start_lag: float | Non
                 f"the {model.name} model with the {model.elastic} law did not converge (chi²/dof = "
                 f"{system.chi2 / loop.N:.3g}); try another model or law, check R0 if it was given, and fit no lag."
             )
-    spectrum = np.sqrt(np.maximum(_spectrum(system.V), 0.0))
+    expected = np.sqrt(np.maximum(spectrum(system.V), 0.0))
     return Solution(
         values,
         system.covariance,
@@ -132,7 +86,7 @@ def _iterate(loop: Loop, model: WallModel, start: Values, start_lag: float | Non
         R,
         D @ R,
         system.left,
-        spectrum,
+        expected,
         system.chi2,
         system.by_lag[: len(model.free)],
         system.condition,
@@ -154,8 +108,8 @@ def _check_bend(model: WallModel, values: Values, R_t: Array, iteration: int) ->
 class _System:
     """The linear problem u = C δθ + noise of covariance V at one point, solved.
 
-    step, sd, by_lag : (p,), of the parameters and the lag, if it is free. left : u - C step. to_R : V-weighted residual
-    to radius.
+    step, sd, by_lag : (p,), of the parameters and the lag, if it is free. left : u - C step. radius : the most probable
+    one after the step.
     """
 
     step: Array
@@ -164,54 +118,34 @@ class _System:
     by_lag: Array
     condition: float
     left: Array
+    radius: Array
     chi2: float
     V: Array
-    factor: tuple[Array, bool]
-    to_R: Array
-
-    def radius(self, loop: Loop) -> Array:
-        """The most probable radius after the step."""
-        return loop.R + self.to_R @ cho_solve(self.factor, self.left, check_finite=False)
 
 
-def _linearise(
-    loop: Loop, noise: tuple[Array, Array, Array], D: Array, R: Array, at: Evaluated, lag_free: bool
-) -> _System:
+def _linearise(loop: Loop, D: Array, R: Array, at: Evaluated, lag_free: bool) -> _System:
     """The linear problem at the radius R, where the law is ``at``."""
-    C_PP, C_RR, C_RP = noise
     P_t = D @ at.P  # of the law: the measured one has the noise of u in it
-    J = at.by_R_t[:, None] * D
-    J[np.diag_indices(loop.N)] += at.by_R
-    u = loop.P - at.P - J @ (loop.R - R)
-    JC = J @ C_RR - C_RP.T
-    V = C_PP + JC @ J.T - J @ C_RP
+    A = at.by_R_t[:, None] * D
+    A[np.diag_indices(loop.N)] += at.by_R
     C = np.column_stack([at.by_parameter, -P_t]) if lag_free else at.by_parameter
     scale = np.linalg.norm(C, axis=0)
-    if not (np.isfinite(V).all() and np.isfinite(C).all()):
-        raise NoFit("the law overflows on this loop; check the units of P, R and h.")
-    try:
-        factor = cho_factor(V, lower=True, check_finite=False)
-    except LinAlgError:
-        raise NoFit(
-            "P and R are noise-free functions of one another, with no noise to weigh them by; "
-            "check that one was not computed from the other."
-        ) from None
-    white = solve_triangular(factor[0], np.column_stack([C / scale, u, P_t]), lower=True, check_finite=False)
-    columns, r = white[:, :-2], white[:, -2]
+    linear = linearise(loop, R, at.P, A, np.column_stack([C / scale, P_t]))
+    columns, by_lag = linear.columns[:, :-1], linear.columns[:, -1]
     q, triangle = np.linalg.qr(columns)
-    step = solve_triangular(triangle, q.T @ r)
+    step = solve_triangular(triangle, q.T @ linear.z)
     inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
+    left = linear.z - columns @ step
     return _System(
         step / scale,
         np.linalg.norm(inverse, axis=1),
         inverse @ inverse.T,
-        -inverse @ (q.T @ white[:, -1]),
+        -inverse @ (q.T @ by_lag),
         float(np.linalg.cond(columns / np.linalg.norm(columns, axis=0))),
-        u - (C / scale) @ step,
-        float(np.sum((r - columns @ step) ** 2)),
-        V,
-        factor,
-        JC.T,
+        linear.unwhiten(left),
+        linear.radius(left),
+        float(np.sum(left**2)),
+        linear.V,
     )
 
 
@@ -239,22 +173,3 @@ def _admissible(model: WallModel, values: Values, step: Array) -> float:
         while name in ("E", "R0", "phi0") and values[name] + fraction * change <= 0.1 * values[name]:
             fraction *= 0.5
     return fraction
-
-
-@lru_cache(maxsize=8)
-def _derivative_matrix(N: int, T: float) -> Array:
-    """D : (N, N) with D x = dx/dt of periodic samples."""
-    return np.ascontiguousarray(spectral.derivative(np.eye(N), T).T)
-
-
-def _circulant(S: Array, N: int) -> Array:
-    """⟨x_i y_j⟩ of samples whose Fourier coefficients have the (cross-)spectrum S_k = ⟨x̂_k ŷ_k*⟩."""
-    c = np.fft.irfft(S, N) * N
-    return toeplitz(c, c[-np.arange(N) % N])
-
-
-def _spectrum(V: Array) -> Array:
-    """Variances of the Fourier coefficients of samples with covariance V : (N, N)."""
-    N = len(V)
-    F = np.fft.rfft(V, axis=0) / N
-    return np.array(np.fft.ifft(F, axis=1)[np.arange(N // 2 + 1), np.arange(N // 2 + 1)].real)

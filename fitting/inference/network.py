@@ -1,139 +1,373 @@
-"""The residual of a network calibration and its derivatives, by batches of the solver."""
+"""The network: inlet flow in, P, Q and R at some sites compared, hypotheses refitted by batches of the solver.
+
+The residual is that of :mod:`fitting.records.noise`: whitened Fourier coefficients of the mean beats, with the noise of
+the inflow, which all channels share, and the solver's own error in their covariance. Hypotheses are re-simulated, not
+linearised: each has its own unknowns, and all are members of one batch.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import Settings, simulate_periodic
+from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
+from solver.report import output_variables
+from solver.units import INFLOW
 
 from ..records.beats import Beats
-from ..records.noise import NEIGHBOURS, Target, inflow, response, target
-from .unknown import Unknown, parameter_values
+from ..records.noise import (
+    MAX_HARMONICS,
+    Target,
+    degrees_of_freedom,
+    harmonics_above_noise,
+    inflow,
+    mean_beat,
+    pulses,
+    solver_error,
+    target,
+)
+from .added import allowed, extended
+from .fit import Fit, Member, begun
+from .forward import Drive
+from .observation import mean_wander, sense
+from .search import Search, search
+from .simulator import Runs, Simulator, linear_response, started
+from .subset import leave_one_site_out
+from .terms import EVERY, Term, followers, nuisances, refined, rewired
+from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
-Progress = Callable[[float, str], None]
 
-# Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
-# derivative (measured, sheep network)
-STEP = 3e-4
-DERIVATIVE_ERROR = 5e-4
-_COARSE = 2.5  # steps of the coarse stage, in those of the fine one
-_SHORTEST = 100  # steps in a beat that the coarse stage needs
-
-
-@dataclass
-class Meter:
-    """Counts simulations and reports how far a stage is; a stage takes some four of them."""
-
-    progress: Progress | None
-    simulations: int = 0
-    span: tuple[float, float] = (0.0, 1.0)
-    label: str = ""
-    done: int = 0
-
-    def stage(self, low: float, high: float, label: str) -> None:
-        self.span, self.label, self.done = (low, high), label, 0
-
-    def simulated(self, members: int) -> None:
-        self.simulations += members
-        self.done += 1
-        if self.progress:
-            low, high = self.span
-            self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
+COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
+SCREEN_DT = 5e-3  # s, for the derivatives of the score test
+_STEP = 0.02  # of x: finite differences
+_BATCH = 64  # members at once
+_SHARPER = 2  # times that the step is halved at most
+_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 
 
 @dataclass(frozen=True)
-class Point:
-    """x : (p,), z : (n,) whitened residual, J : (n, p) its derivatives, X : (K+1, m); cost : data and prior."""
+class NetworkProblem:
+    """A network record and the network that it is compared with.
 
-    x: Array
-    z: Array
-    J: Array
-    X: Array
-    cost: float
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Unknowns p of a network, a record's m channels up to harmonic K, and how finely to simulate.
-
-    tolerance : of the periodic beat. target : what the record says, with its weights; None until they are known.
+    error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
     """
 
-    beats: Beats
     network: Network
-    unknowns: tuple[Unknown, ...]
+    beats: Beats
     names: tuple[str, ...]
     K: int
-    settings: Settings
-    meter: Meter
-    tolerance: float = 1e-6
-    target: Target | None = None
+    simulator: Simulator
+    target: Target
+    error: Array
+    response: Array
 
     @property
-    def typical(self) -> Array:
-        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
-        return np.array([u.typical_sd for u in self.unknowns])
+    def n_effective(self) -> int:
+        """Independent numbers of the record: 2K + 1 per signal."""
+        return len(self.names) * (2 * self.K + 1)
 
     @property
-    def prior(self) -> Array:
-        """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
-        return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
+    def dof_of_noise(self) -> float:
+        return degrees_of_freedom(self.beats.n_beats)
 
     @property
-    def bounds(self) -> tuple[Array, Array]:
-        """(p,) lowest and highest x."""
-        return np.array([u.low for u in self.unknowns]), np.array([u.high for u in self.unknowns])
+    def signals(self) -> tuple[str, ...]:
+        return self.names
 
-    def coarser(self) -> Problem:
-        """The same with longer steps, to come near."""
-        dt = max(self.settings.dt, min(_COARSE * self.settings.dt, self.beats.T / _SHORTEST))
-        return replace(self, settings=replace(self.settings, dt=dt), tolerance=1e-4)
+    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Terms that can act only beside those of a fit."""
+        return followers(extended(self.network, fit), None, terms)
 
-    def finer(self) -> Problem:
-        """The same with half the step, to see what the step does."""
-        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        """A term that acts everywhere with a size of its own for every segment; None if it is no such term."""
+        x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
+        return refined(self.network, term, float(x[0]))
 
-    def with_target(self, x: Array, error: Array) -> Problem:
-        """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
-        at = {name: float(value) for name, value in parameter_values(self.unknowns, self.network, x).items()}
-        H = response(self.network, self.names, self.beats.T, self.K + NEIGHBOURS, at)
-        return replace(self, target=target(self.beats, self.names, H, error))
-
-    def simulate(self, x: Array) -> Array:
-        """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
-        beat = simulate_periodic(
-            self.network,
-            inflow(self.beats, self.settings.dt),
-            self.beats.T,
-            parameters=parameter_values(self.unknowns, self.network, x),
-            settings=self.settings,
-            tolerance=self.tolerance,
+    def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
+        """Other beats of the same record, with the noise that the fitted ones showed."""
+        at = np.arange(len(self.names))
+        covariance = self.target.covariance.copy()
+        covariance[:, at, at] -= self.error**2  # which more beats do not lower
+        covariance *= fitted.n_beats / beats.n_beats
+        covariance[:, at, at] += self.error**2
+        wander = mean_wander(beats, fitted, self.names)
+        covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
+        drive = inflow(beats, self.simulator.settings.dt)
+        return replace(
+            self,
+            beats=beats,
+            simulator=replace(self.simulator, drive=drive),
+            target=Target.of(self.names, mean_beat(beats, self.names, self.K), covariance),
         )
-        self.meter.simulated(len(x))
-        waves = np.stack([beat[name][:, :-1] for name in self.names], axis=-1)
-        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1]
 
-    def steps(self, x: Array) -> Array:
-        """(p,) steps of the finite differences, away from an upper bound."""
-        steps = STEP * self.typical
-        return np.where(x + steps > self.bounds[1], -steps, steps)
+    def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
+        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+        X = self.observe([f.member for f in fits], runs)
+        z = [None if x is None else self.residual(x) for x in X]
+        return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
-    def batch(self, x: Array) -> Array:
-        """Coefficients (1+p, K+1, m) at x and one step away from it along each unknown."""
-        return self.simulate(np.concatenate([x[None], x + np.diag(self.steps(x))]))
+    def left_out(self, fit: Fit) -> dict[str, float]:
+        """Whitened RMS of each site as the others foretell it."""
+        return leave_one_site_out(self.target, fit)
 
-    def point(self, x: Array, batch: Array) -> Point:
-        """Residual and derivatives at x from its batch."""
-        assert self.target is not None
-        z = self.target.residual(batch)
-        cost = float(z[0] @ z[0] + np.sum(self.prior * (x / self.typical) ** 2))
-        return Point(x, z[0], (z[1:] - z[0]).T / self.steps(x), batch[0], cost)
+    def measured_wave(self, beats: Beats) -> Array:
+        """(N,) [m³/s] the mean inflow."""
+        return beats.mean(INFLOW)
 
-    def evaluate(self, x: Array) -> Point:
-        """Simulate at x and around it. Raises NonPhysicalState, NotPeriodic as the solver."""
-        return self.point(x, self.batch(x))
+    def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
+        """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
+        x = n - H q + e of a hypothesis; as measured where that breaks down."""
+        Q, (X,) = beats.mean(INFLOW), self.observe([fit.member], runs)
+        if X is None:
+            return Q
+        S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
+        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
+        full = np.zeros(beats.N // 2 + 1, complex)
+        full[: self.K + 1] = -S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        return Q - np.fft.irfft(full, beats.N, norm="forward")
+
+    def driven(self, wave: Array) -> Drive:
+        """The inflow; a run begins at rest: best where the flow is least."""
+        return Drive(INFLOW, int(np.argmin(np.abs(wave))))
+
+    def covariance(self, beats: Beats) -> Array:
+        """(K+1, m, m) of sensors, inflow and solver."""
+        return self.target.covariance
+
+    # --- hypotheses ---------------------------------------------------------------------------------------------------
+
+    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+        """Unknowns of a hypothesis: nuisances, then those of its terms."""
+        mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
+        # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
+        nuisance = [u for u in nuisances(rewired(self.network, terms)) if not set(u.variables) <= mine]
+        return (*nuisance, *(u for term in terms for u in term.unknowns))
+
+    def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
+        """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
+
+        runs : what was simulated before, to start from; without, from rest.
+        """
+        runs = runs or Runs()
+        groups: dict[str, list[int]] = {}
+        for i, member in enumerate(members):
+            groups.setdefault(_group(member.terms), []).append(i)
+        X: list[Array | None] = [None] * len(members)
+        for key, group in groups.items():
+            for at in range(0, len(group), _BATCH):
+                part = group[at : at + _BATCH]
+                for i, result in zip(part, self._batch(key, [members[i] for i in part], runs), strict=True):
+                    X[i] = result
+        return [
+            None if x is None else sense(member, self.names, x, self.simulator.T)
+            for member, x in zip(members, X, strict=True)
+        ]
+
+    def _batch(self, key: str, members: Sequence[Member], runs: Runs) -> list[Array | None]:
+        network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
+        nominal = network.parameters()
+        moved = [parameter_values(m.unknowns, network, m.x) for m in members]
+        names = dict.fromkeys(name for each in moved for name in each)
+        # a sensor alone needs no simulation of its own
+        table = np.array([[float(each.get(n, nominal[n])) for n in names] for each in moved])
+        unique, inverse = np.unique(table, axis=0, return_inverse=True)
+        parameters = {n: unique[:, i] for i, n in enumerate(names)}
+        try:
+            X = self.simulator.coefficients(network, parameters, runs, key)
+            return [X[i] for i in inverse.ravel()]
+        except (NonPhysicalState, NotPeriodic, ValueError):
+            if len(members) == 1:  # it may only be too far from the state that it started from: once more from rest
+                known = runs.beats.pop((key, self.simulator.settings), None)
+                return [None] if known is None else self._batch(key, members, runs)
+        half = len(members) // 2
+        return self._batch(key, members[:half], runs) + self._batch(key, members[half:], runs)
+
+    def residual(self, X: Array) -> Array:
+        """(n,) whitened."""
+        return self.target.residual(X[None])[0]
+
+    # --- derivatives --------------------------------------------------------------------------------------------------
+
+    def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
+        """z : (n,) and its columns (n, p) by all unknowns, of every member."""
+        steps = [finite_steps(m.unknowns, m.x, _STEP) for m in members]
+        moved = [np.concatenate([m.x[None], m.x + np.diag(s)]) for m, s in zip(members, steps, strict=True)]
+        X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
+        result: list[tuple[Array, Array] | None] = []
+        for step in steps:
+            own, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
+            if len(own) <= len(step):
+                result.append(None)
+                continue
+            z = self.target.residual(np.stack(own))
+            result.append((z[0], (z[1:] - z[0]).T / step))
+        return result
+
+    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+        """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
+        settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
+        screen = replace(self, simulator=replace(self.simulator, settings=settings))
+        return screen._columns(at, terms, (runs or Runs()).fresh())
+
+    def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
+        plain = [t for t in terms if not t.rewires]
+        groups: dict[str, list[Term]] = {}
+        for term in plain:
+            groups.setdefault(_group((*at.terms, term)), []).append(term)
+        found: dict[str, Array] = {}
+        for group in groups.values():
+            members = [at.member]
+            for term in group:
+                for i in range(len(term.unknowns)):
+                    x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
+                    members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
+            if _group((*at.terms, group[0])) != _group(at.terms):  # the same mesh for the point that they leave from
+                members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
+            X = self.observe(members, runs)
+            if X[0] is None:
+                continue
+            z0, position = self.residual(X[0]), 1
+            for term in group:
+                mine = X[position : position + len(term.unknowns)]
+                position += len(term.unknowns)
+                if all(x is not None for x in mine):
+                    found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
+        return found
+
+    # --- search -------------------------------------------------------------------------------------------------------
+
+    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+              columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
+        """The most probable unknowns of every hypothesis, all searched together in batches.
+
+        start : of another hypothesis; where it is a simpler one, ``columns`` of the terms there (:meth:`columns`) save
+        the derivatives. known : a cost; searches that promise to stay far above it end early.
+        """
+        runs = runs or Runs()
+        return self._searched([self._begin(terms, start, columns or {}, runs) for terms in hypotheses], runs, known)
+
+    def _searched(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
+        search(self, searches, runs, known)
+        return [self._fit(s) for s in searches]
+
+    def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
+        unknowns = self.hypothesis(terms)
+        before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
+        low, high = bounds(unknowns)
+        there = Member(terms, unknowns, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high))
+        search = Search(self._started(there, start, runs))
+        if not np.array_equal(search.x, there.x):
+            return search
+        old = set() if start is None else {t.label for t in start.terms}
+        new = [t for t in terms if t.label not in old]
+        simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of something more
+        if start is not None and simpler and all(t.label in columns for t in new) and not any(t.rewires for t in new):
+            own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
+            for t in new:
+                own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+            search.J, search.z = np.stack([own[u.name] for u in unknowns], axis=1), start.z
+            search.settle(start.z)
+        return search
+
+    def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        """Every fit searched on from where it is, with derivatives simulated anew."""
+        return self._searched([Search(f.member) for f in fits], runs or Runs())
+
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
+        """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
+
+        Where the error would matter beside the noise, the steps become shorter; where shorter steps break down, as
+        those of a quadratic viscosity near its turn do, the problem stays as it is.
+        """
+        member, problem, runs = fit.member, self, runs or Runs()
+        for _ in range(_SHARPER):
+            finer = replace(problem, simulator=problem.simulator.finer())
+            X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs.fresh())[0]
+            if X is None or X_finer is None:
+                return self
+            error = solver_error(X, X_finer, pulses(self.beats, self.names))
+            own = np.einsum("kii->ki", self.target.covariance).real - self.error**2
+            weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]
+            if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
+                break
+            problem = replace(problem, simulator=problem.simulator.halved())
+        return problem.weighted(fit, error)
+
+    def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
+        """Fits to the same record under its earlier weights, where they are, under these."""
+        own, old = self.target, before.target
+        return [
+            replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
+        ]
+
+    @property
+    def weights(self) -> tuple[float, Array, Array, Array]:
+        """What :meth:`restored` makes the same problem of: dt [s], error, covariance and response."""
+        return self.simulator.settings.dt, self.error, self.target.covariance, self.response
+
+    def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
+        """The problem with given weights."""
+        dt, error, covariance, response = weights
+        simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt))
+        own = Target.of(self.names, self.target.X, covariance)
+        return replace(self, simulator=simulator, target=own, error=error, response=response)
+
+    def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
+        """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
+        network = rewired(self.network, fit.terms)
+        at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
+        H = linear_response(network, self.names, self.simulator.T, self.K, at)
+        H = sense(fit.member, self.names, H, self.simulator.T, means=False)
+        return replace(self, target=target(self.beats, self.names, H, error), error=error, response=H[: self.K + 1])
+
+    def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
+        """With new sensors at the best of their starting points: that costs one simulation for all of them."""
+        before = set() if start is None else {t.label for t in start.terms}
+        for term in member.terms:
+            known = term.is_sensor or term.place == EVERY  # others would need a simulation for every starting point
+            if term.starts and known and term.label not in before:
+                trials = begun(member, term)
+                X = self.observe(trials, runs)
+                costs = [np.inf if each is None else float(np.sum(self.residual(each) ** 2)) for each in X]
+                member = trials[int(np.argmin(costs))]
+        return member
+
+    def _fit(self, s: Search) -> Fit | None:
+        if s.failed or s.J is None:
+            return None
+        m, K = len(self.names), self.K
+        order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
+        signal = np.tile(np.arange(m), 2 * K + 1)
+        found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
+        return found if allowed(self.network, found) else None
+
+
+def _group(terms: Sequence[Term]) -> str:
+    """Hypotheses that share a mesh and outlets run in one batch."""
+    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
+    return " ".join(sorted(set(own)))
+
+
+def network_problem(
+    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None
+) -> NetworkProblem:
+    """The problem of a record with inlet.Q and some outputs of the network.
+
+    Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
+    """
+    runs = runs or Runs()
+    known = output_variables(network)[0]
+    chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
+    settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
+    K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
+    drive = inflow(beats, settings.dt)
+    time = beats.T * np.arange(200) / 200.0
+    start = float(time[np.argmin(np.abs(drive(time)))])
+    simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
+    error = solver_error(X, simulator.finer().coefficients(network, {}, runs.fresh())[0], pulses(beats, chosen))
+    H = linear_response(network, chosen, beats.T, K, {})
+    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])

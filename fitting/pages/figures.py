@@ -10,9 +10,11 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from solver.units import MMHG
+
 from ..records.beats import Beats
 from ..wall import WallFit, without_lag
-from .style import BLACK, BLUE, GREEN, MMHG, PURPLE, SKY, STYLE, VERMILION
+from .style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION
 
 Array = np.ndarray
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..units import DISPLAY
+from solver.units import of_signal
+
 from .style import BLACK, SKY, VERMILION, png
 
 Array = np.ndarray
 
 MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
 DASHED = (0, (4, 2))
-_COLUMNS = 3
+Curve = tuple[str, str, Any]  # text of the legend (empty: none), colour, line style
+_COLUMNS, _LOOPS = 3, 4  # panels in a row
 _MOST_POINTS = 1000  # of a curve on the page
 _PIXELS = 100  # an inch of figure on the page; the image itself has twice as many
 
@@ -42,7 +44,7 @@ class Drawing:
 def shown(name: str, *beats: Array) -> tuple[Array, ...]:
     """Beats in the unit that people read, closed (the first sample ends the beat too) and thinned out for the page."""
     step = max(1, len(beats[0]) // _MOST_POINTS)
-    return tuple(np.append(beat[::step], beat[0]) * DISPLAY[name[-1]][1] for beat in beats)
+    return tuple(np.append(beat[::step], beat[0]) * of_signal(name)[1] for beat in beats)
 
 
 def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
@@ -62,7 +64,7 @@ def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
     panels = {name: figure.add_subplot(grid[cell]) for name, cell in cells.items()}
     for name, panel in panels.items():
         panel.set_title(name, loc="left")
-        panel.set_ylabel(DISPLAY[name[-1]][0])
+        panel.set_ylabel(of_signal(name)[0])
         panel.locator_params(nbins=4)
         if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
             panel.set_xlabel("time [s]")
@@ -71,9 +73,48 @@ def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
     return figure, panels
 
 
-def legend(figure: Figure, *curves: tuple[str, str, Any], band: str = "") -> None:
-    """A legend above the panels of the curves (text, colour, line style) and, if it has a text, of the band."""
-    handles: list[Any] = [Line2D([], [], color=color, linestyle=style, label=text) for text, color, style in curves]
+def waveforms(
+    T: float,
+    beats: Mapping[str, Sequence[Array | None]],
+    bands: Mapping[str, Array],
+    curves: Sequence[Curve],
+    band: str,
+) -> tuple[Figure, dict[str, Axes]]:
+    """A panel for each channel: its beats [SI], one for each curve, and a band of ± 2 ``bands`` about the first."""
+    figure, panels = by_place(list(beats))
+    for name, panel in panels.items():
+        for beat, (_, color, style) in zip(beats[name], curves, strict=True):
+            if beat is not None:
+                (y,) = shown(name, beat)
+                panel.plot(np.linspace(0.0, T, len(y)), y, color=color, linestyle=style)
+        middle, half = shown(name, *(x for x in (beats[name][0], bands[name]) if x is not None))
+        time = np.linspace(0.0, T, len(middle))
+        panel.fill_between(time, middle - 2 * half, middle + 2 * half, color=BAND, alpha=0.45, linewidth=0)
+        panel.margins(x=0)
+    legend(figure, *curves, band=band)
+    return figure, panels
+
+
+def loops(sites: Mapping[str, Sequence[tuple[Array, Array] | None]], curves: Sequence[Curve]) -> Figure:
+    """Pressure against radius of each site: (P, R) [SI], one for each curve."""
+    columns = min(_LOOPS, len(sites))
+    rows = -(-len(sites) // columns)
+    figure = Figure(figsize=(2.8 * max(2, columns), 2.4 * rows + 0.4), layout="constrained")
+    for i, (site, pairs) in enumerate(sites.items()):
+        panel = figure.add_subplot(rows, columns, i + 1)
+        for pair, (_, color, style) in zip(pairs, curves, strict=True):
+            if pair is not None:
+                panel.plot(*shown("R", pair[1]), *shown("P", pair[0]), color=color, linestyle=style)
+        panel.set_title(site, loc="left")
+        panel.set_xlabel(f"radius [{of_signal('R')[0]}]")
+        panel.set_ylabel(f"pressure [{of_signal('P')[0]}]")
+    legend(figure, *curves)
+    return figure
+
+
+def legend(figure: Figure, *curves: Curve, band: str = "") -> None:
+    """A legend above the panels of the curves and, if it has a text, of the band."""
+    handles: list[Any] = [Line2D([], [], color=c, linestyle=style, label=text) for text, c, style in curves if text]
     if band:
         handles.append(Patch(color=BAND, alpha=0.45, linewidth=0, label=band))
     figure.legend(handles=handles, loc="outside upper right", ncols=4)

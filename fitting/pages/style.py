@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import io
-import os
 from typing import Any
 
 from matplotlib.figure import Figure
-
-from solver.files import write_whole
-
-from ..units import MMHG as MMHG  # for those who draw
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -33,8 +28,3 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()
-
-
-def write_png(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure as PNG, whole or not at all. Raises ValueError if it cannot be written."""
-    write_whole(path, png(figure))

@@ -7,19 +7,25 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
-from ..calibrate import Calibration
-from ..indices import Estimate
-from ..units import READ
-from ..wall import WallFit
+from solver.network import Segment
+from solver.quantity import quantities
+from solver.units import readable
 
-# parameter -> label, factor from SI
-_SHOWN = {
-    "E": ("E, MPa", 1e-6),
-    "R0": ("R0, mm", 1e3),
-    "phi0": ("φ0, kPa·s", 1e-3),
-    "phiNL": ("φNL, kPa·s²", 1e-3),
-    "ENL": ("ENL, MPa", 1e-6),
-}
+from ..calibrate import Calibration
+from ..estimate import Estimate, decimals
+from ..indices import read_in
+from ..wall import WallFit
+from ..wall_model import PARAMETERS
+
+
+def _shown(parameter: str) -> tuple[str, float]:
+    """Label with the unit that people read, factor from SI."""
+    quantity = quantities(Segment)[parameter]
+    unit, factor = readable(quantity.unit, quantity.display)
+    return f"{parameter.replace('phi', 'φ')}, {unit}", factor
+
+
+_SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
@@ -70,14 +76,14 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     for column in ("index", "value", "95 % interval", "unit"):
         table.add_column(column, justify="left" if column in ("index", "unit") else "right")
     for name, estimate in indices.items():
-        unit, factor = READ[estimate.unit]
+        unit, factor = read_in(estimate.unit)
         table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", _interval(estimate.ci95, factor), unit)
     return table
 
 
 def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimate]]) -> Table:
     """The indices of :func:`~fitting.network_indices.network_indices`, a line a site: ± half the 95 % interval."""
-    units = {name: READ[estimate.unit] for found in sites.values() for name, estimate in found.items()}
+    units = {name: read_in(estimate.unit) for found in sites.values() for name, estimate in found.items()}
     table = Table(title=f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)")
     table.add_column("site")
     for name, (unit, _) in units.items():
@@ -110,7 +116,7 @@ def _rounded(value: float, half: float) -> str:
     """The value to the digits that an interval of ± ``half`` leaves: two of the half."""
     if not (math.isfinite(half) and half > 0.0):
         return f"{value:.5g}"
-    return f"{value:.{min(8, max(0, 1 - math.floor(math.log10(half))))}f}"
+    return f"{value:.{min(8, max(0, decimals(half)))}f}"
 
 
 def _interval(ends: tuple[float, float] | None, factor: float) -> str:

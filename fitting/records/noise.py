@@ -19,8 +19,8 @@ import numpy as np
 
 from solver import linear
 from solver.network import Network
+from solver.units import INFLOW
 
-from ..units import INFLOW
 from .beats import Beats
 from .spectral import coefficients
 
@@ -29,8 +29,8 @@ Array = np.ndarray
 MAX_HARMONICS = 40
 _ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel has as much is left out
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
-_POOLED = 7.0  # harmonics that Beats.covariance takes together
-NEIGHBOURS = 3  # harmonics on either side that it takes
+NEIGHBOURS = 3  # harmonics on either side that Beats.covariance takes together with one
+_POOLED = 2.0 * NEIGHBOURS + 1.0
 _TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 
 
@@ -79,6 +79,16 @@ class Target:
         weight = np.where(np.arange(len(X)) == 0, 1.0, 2.0)[:, None]
         rms = np.sqrt((weight * ratio).sum(axis=0) / weight.sum())
         return dict(zip(self.names, rms.tolist(), strict=True))
+
+
+def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = False) -> float:
+    """From how many numbers the noise of one harmonic is known: the harmonics taken together, in every beat but one.
+
+    real : count the real and the imaginary part, which one channel's variance may; a covariance of channels is one of
+    complex numbers. at_ends : where the spectrum begins and ends, there are neighbours on one side only.
+    """
+    pooled = NEIGHBOURS + 1.0 if at_ends else _POOLED
+    return (2.0 if real else 1.0) * pooled * (n_beats - 1.0)
 
 
 def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Array) -> Target:

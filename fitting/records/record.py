@@ -35,6 +35,7 @@ from .sensors import (
     refuse,
     refuse_constant,
 )
+from .time_axis import uniform
 
 Array = np.ndarray
 
@@ -42,10 +43,7 @@ Array = np.ndarray
 _TIME = Kind("time", "s", "s")
 
 _LONGEST_HEADER = 1 << 20  # bytes
-_SHORTEST = 8  # samples
 _ZIP = b"PK\x03\x04"  # how an archive begins
-_LATEST = 1e10  # [s], times since 1970 included
-_DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
             sha256 = digest.result()
     except OSError as error:
         raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
-    time = _uniform(columns[0], factors[0], titles[0], source)
+    time = uniform(columns[0], factors[0], titles[0], source)
     channels: dict[str, Array] = {}
     resting: dict[str, float] = {}
     for i, (name, kind) in enumerate(zip(names, kinds, strict=True), start=1):
@@ -320,83 +318,3 @@ def _number(text: str, source: str, line: int, title: str) -> float:
         hint = "write the decimal mark as a point" if "," in text else "write a number, or nothing for a gap"
         refuse(source, line, title, f"{text[:40]!r} is not a number; {hint}")
     return float(text or "nan")
-
-
-def _uniform(given: Array, factor: float, title: str, source: str) -> Array:
-    """The uniform time axis [s] behind printed times: the straight line through them.
-
-    A printed time may be off by its rounding: half a unit of its last decimal, or of the last of its significant digits
-    (%.6g), or of single precision, if all of them are such numbers. Never by a quarter of a step: a lost sample bends
-    the line by half a step at least.
-    """
-    n = len(given)
-    bad = np.flatnonzero(~np.isfinite(given))
-    if len(bad):
-        refuse(source, int(bad[0]) + 2, title, "the time is missing or not finite; every sample needs its time")
-    if n < _SHORTEST:
-        raise ValueError(f"{source}: {n} samples are too few; a record holds several beats.")
-    with np.errstate(over="ignore", invalid="ignore"):
-        step = np.diff(given)
-        span = given[-1] - given[0]
-        longest = max(abs(given[0]), abs(given[-1])) * factor
-    if not (np.isfinite(span) and longest < _LATEST):
-        refuse(source, 2, title, f"times beyond {_LATEST:g} s; check the unit, or start the record at zero")
-    bad = np.flatnonzero(step <= 0.0)
-    if len(bad):
-        refuse(
-            source, int(bad[0]) + 3, title, f"the time does not increase ({given[bad[0]]:g} to {given[bad[0] + 1]:g})"
-        )
-    index = np.arange(n) - (n - 1) / 2.0
-    dt = (given - given[0]) @ index / (index @ index)
-    line = given[0] + np.mean(given - given[0]) + dt * index
-    decimal = _last_decimal(given)
-    rounding = 0.75 * decimal + 1e-6 * dt + _DOUBLE * np.abs(given).max()
-    worst = np.abs(given - line).max()
-    if worst > rounding:
-        rounding = max(rounding, 0.75 * _last_digit(given))
-    if worst > rounding and _single(given):
-        rounding += _SINGLE * np.abs(given).max()
-    if not dt > 0.0 or worst > min(rounding, 0.25 * dt):
-        usual = float(np.median(step))
-        off = np.abs(step - usual)
-        first = np.flatnonzero(off > min(max(1.01 * decimal, 2.0 * rounding), 0.999 * off.max()))
-        at = int(first[0]) if len(first) else int(off.argmax())
-        advice = "print the time with more decimals, " if 2.0 * decimal > dt else ""
-        refuse(
-            source,
-            at + 3,
-            title,
-            f"the sampling is not uniform: a step of {step[at]:.6g} where the usual one is {usual:.6g}; "
-            f"{advice}resample the record, or fill lost samples with empty fields",
-        )
-    return line * factor
-
-
-def _single(values: Array) -> bool:
-    """Whether all are numbers of single precision, exact or as such numbers are printed (the first ones)."""
-    with np.errstate(over="ignore"):
-        some = values[:1000].astype(np.float32)
-    return bool((some == values[:1000]).all() or (some.astype(str).astype(float) == values[:1000]).all())
-
-
-def _last_digit(values: Array) -> float:
-    """The last digit of the largest if all, of the first and the last, have the same 4 to 9 significant digits."""
-    some = np.abs(np.concatenate([values[:1000], values[-1000:]]))
-    some = some[some > 0.0]
-    size = np.floor(np.log10(some)) + 1.0
-    for digits in range(4, 10):
-        scaled = some * 10.0 ** (digits - size)
-        if np.abs(scaled - np.round(scaled)).max() < 1e-6:
-            return float(10.0 ** (size.max() - digits))
-    return 0.0
-
-
-def _last_decimal(values: Array) -> float:
-    """The rounding of printing: the largest power of ten that all are multiples of, as far as doubles can tell."""
-    size = float(np.abs(values).max())
-    for digits in range(-3, 16):
-        blur = 2.0 * _DOUBLE * size * 10.0**digits
-        scaled = values * 10.0**digits
-        if blur > 0.01 or np.abs(scaled - np.round(scaled)).max() < 1e-4 + blur:
-            return float(10.0**-digits)
-    return 0.0

@@ -11,9 +11,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from solver.files import parse_quantity
-
-from ..units import INFLOW
+from solver.units import INFLOW, SIGNAL_UNITS, display_factor
 
 Array = np.ndarray
 
@@ -30,10 +28,10 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "P": Kind("pressure", "Pa", "mmHg", -1e5, 1e6),
-    "Q": Kind("flow", "m^3/s", "mL/s", -1.0, 1.0),
-    "R": Kind("radius", "m", "mm", 1e-5, 0.2),
-    "D": Kind("diameter", "m", "mm", 2e-5, 0.4),
+    "P": Kind("pressure", SIGNAL_UNITS["P"], "mmHg", -1e5, 1e6),
+    "Q": Kind("flow", SIGNAL_UNITS["Q"], "mL/s", -1.0, 1.0),
+    "R": Kind("radius", SIGNAL_UNITS["R"], "mm", 1e-5, 0.2),
+    "D": Kind("diameter", SIGNAL_UNITS["R"], "mm", 2e-5, 0.4),
 }
 
 _FLAT = 1e-9  # a channel that varies by less than this share of its size is dead
@@ -104,7 +102,7 @@ def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
                 int(start[0]) + 2,
                 title,
                 f"the channel is clipped: it rests at its {word} value, "
-                f"{top * sign / _shown(kind):.6g} {kind.example}; "
+                f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
                 "widen the sensor's range, or leave these fields empty",
             )
 
@@ -126,10 +124,6 @@ def _quantum(values: Array) -> float:
 
 def _kind(name: str) -> Kind:
     return KINDS[name.rpartition(".")[2]]
-
-
-def _shown(kind: Kind) -> float:
-    return parse_quantity(f"1 {kind.example}", kind.unit, kind.noun)
 
 
 def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], source: str) -> None:

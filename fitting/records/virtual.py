@@ -13,18 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ..parameter_set import read_set
+
 Array = np.ndarray
 
-# Table 1 and the ratios φ_NL/φ0 of the text: R0 [m], h [m], E [Pa], φ0 [Pa·s], φ_NL/φ0 [s]
-SITES: dict[str, tuple[float, float, float, float, float]] = {
-    "AA": (0.948e-2, 0.38e-3, 1.539e6, 25.451e3, -0.915),
-    "PD": (0.880e-2, 0.91e-3, 0.842e6, 12.746e3, -0.999),
-    "MD": (0.855e-2, 1.26e-3, 0.617e6, 11.651e3, -0.888),
-    "DD": (0.828e-2, 1.10e-3, 1.427e6, 24.514e3, -0.975),
-    "BT": (0.900e-2, 1.06e-3, 0.683e6, 12.048e3, -1.380),
-    "CA": (0.406e-2, 0.78e-3, 4.142e6, 77.082e3, 0.524),
-    "FA": (0.282e-2, 0.31e-3, 2.260e6, 43.426e3, -0.395),
-}
+
+def _table1(site: str) -> tuple[float, float, float, float, float]:
+    """R0 [m], h [m], E [Pa], φ0 [Pa·s] and φ_NL/φ0 [s] of the paper: Table 1 and its text, which has three decimals."""
+    R0, h, E, phi0, phiNL = (_PAPER[f"{site}.{key}"].value for key in ("R0", "h", "E", "phi0", "phiNL"))
+    return R0, h, E, phi0, round(phiNL / phi0, 3)
+
+
+_PAPER = read_set("sheep_table1_nonlinear").values
+SITES = {site: _table1(site) for site in ("AA", "PD", "MD", "DD", "BT", "CA", "FA")}
 """The seven arteries of the paper. The spread between animals is not in its text; see :func:`virtual_cohort`."""
 
 

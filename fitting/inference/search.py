@@ -11,8 +11,9 @@ from typing import Protocol
 
 import numpy as np
 
-from .fits import Member, bounded_step, bounds, penalty
-from .terms import Term, Unknown
+from .fit import Member
+from .simulator import Runs
+from .unknown import bounds, penalty, precision, precisions
 
 Array = np.ndarray
 
@@ -23,10 +24,38 @@ _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost 
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
 
+def bounded_step(J: Array, z: Array, prior: Array, x: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
+    """The step (p,) to the minimum of |z + J s|² + Σ w (x + s)², those that would leave their range held there.
+
+    w : the precision of the priors at x. damping : of the columns' squares.
+    """
+    w = precision(prior, x)
+    normal = J.T @ J + np.diag(w) + damping * np.diag(np.maximum((J**2).sum(axis=0), 1e-12))
+    return held_step(normal, J.T @ z + w * x, x, low, high, 1e-12)
+
+
+def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array, rcond: float) -> Array:
+    """The step (p,) with normal s = -gradient, where those that would leave their range stop at its end.
+
+    One that was held stays held, which costs a few per cent of the gain of scipy.optimize.lsq_linear at worst, and a
+    hundredth of its time.
+    """
+    free, step = np.ones(len(x), bool), np.zeros(len(x))
+    for _ in range(len(x)):
+        held = normal[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=rcond)[0]
+        outside = free & ((x + step < low) | (x + step > high))
+        step[outside] = np.clip(x + step, low, high)[outside] - x[outside]
+        free &= ~outside
+        if not outside.any() or not free.any():
+            break
+    return step
+
+
 class Searched(Protocol):
     """What simulates hypotheses and compares them with a record."""
 
-    def observe(self, members: Sequence[Member]) -> list[Array | None]:
+    def observe(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
         """Observations of every member; None where the simulation broke down."""
         ...
 
@@ -34,22 +63,23 @@ class Searched(Protocol):
         """(n,) whitened."""
         ...
 
-    def derivatives(self, points: Sequence[tuple[Member, Sequence[Unknown]]]) -> list[tuple[Array, Array] | None]:
-        """z : (n,) and its columns (n, q) by some unknowns, at every point."""
+    def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
+        """z : (n,) and its columns (n, p) by all unknowns, of every member."""
         ...
 
 
 class Search:
     """A damped Gauss–Newton search that asks for one simulation at a time."""
 
-    def __init__(self, terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], prior: Array, x: Array) -> None:
-        self.terms, self.unknowns, self.prior, self.x = terms, unknowns, prior, x
+    def __init__(self, member: Member) -> None:
+        self.terms, self.unknowns, self.x = member.terms, member.unknowns, member.x
+        self.prior = precisions(self.unknowns)
         self.z: Array = np.zeros(0)
         self.J: Array | None = None
         self.damping, self.failed, self.converged = 0.0, False, False
-        self.low, self.high = bounds(unknowns)
+        self.low, self.high = bounds(self.unknowns)
         self.cost = self.promise = np.inf
-        self._step: Array = np.zeros_like(x)
+        self._step: Array = np.zeros_like(self.x)
 
     def member(self) -> Member:
         return Member(self.terms, self.unknowns, self.x)
@@ -96,12 +126,12 @@ class Search:
                 self.converged = True
 
 
-def search(problem: Searched, searches: Sequence[Search], known: float = np.inf) -> None:
+def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> None:
     """Steps of all searches, one batch after the other, until none has any worth its simulation.
 
     known : the cost of a hypothesis found before; a search that promises to stay far above it ends.
     """
-    _derive(problem, [s for s in searches if s.J is None])
+    _derive(problem, [s for s in searches if s.J is None], runs)
     for turn in range(_ROUNDS):
         active = [s for s in searches if s.proposes()]
         best = min((s.cost for s in searches if not s.failed), default=known)
@@ -109,17 +139,16 @@ def search(problem: Searched, searches: Sequence[Search], known: float = np.inf)
         if not active:
             break
         if turn in _FRESH:
-            _derive(problem, active)
+            _derive(problem, active, runs)
             active = [s for s in active if s.proposes()]
-        X = problem.observe([s.trial() for s in active])
+        X = problem.observe([s.trial() for s in active], runs)
         for s, x in zip(active, X, strict=True):
             s.answer(None if x is None else problem.residual(x))
 
 
-def _derive(problem: Searched, searches: Sequence[Search]) -> None:
+def _derive(problem: Searched, searches: Sequence[Search], runs: Runs) -> None:
     """Residuals and Jacobians of searches, simulated where they are."""
-    points = [(s.member(), s.unknowns) for s in searches]
-    for s, found in zip(searches, problem.derivatives(points), strict=True):
+    for s, found in zip(searches, problem.derivatives([s.member() for s in searches], runs), strict=True):
         if found is None:
             s.failed = True
         else:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .terms import Term, Unknown
+from .terms import Term
+from .unknown import Unknown, penalty, precision, precisions
 
 Array = np.ndarray
-
-_TAILS = 5.0  # degrees of freedom of the priors
 
 
 @dataclass(frozen=True)
@@ -28,9 +26,9 @@ class Fit:
     """The maximum of likelihood and priors of one hypothesis.
 
     unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
-    is true; J : (n, p) its derivatives. prior : (p,) precision of x. order : (n,) the harmonic of each entry of z.
-    signal : (n,) the channel of each entry. converged : whether the search settled. log_volume : log det of the
-    covariance that whitened z, where it depends on the hypothesis.
+    is true; J : (n, p) its derivatives. order : (n,) the harmonic of each entry of z. signal : (n,) the channel of each
+    entry. converged : whether the search settled. log_volume : log det of the covariance that whitened z, where it
+    depends on the hypothesis.
     """
 
     terms: tuple[Term, ...]
@@ -38,7 +36,6 @@ class Fit:
     x: Array
     z: Array
     J: Array
-    prior: Array
     order: Array
     signal: Array
     converged: bool = True
@@ -48,6 +45,11 @@ class Fit:
     def member(self) -> Member:
         """Where it is."""
         return Member(self.terms, self.unknowns, self.x)
+
+    @property
+    def prior(self) -> Array:
+        """(p,) precision of the priors of x at 0."""
+        return precisions(self.unknowns)
 
     @property
     def chi2(self) -> float:
@@ -65,43 +67,15 @@ class Fit:
         return np.linalg.pinv(self.J.T @ self.J + np.diag(precision(self.prior, self.x)), hermitian=True)
 
 
-def penalty(prior: Array, x: Array) -> float:
-    """-2 log of the priors: Student's t of five degrees of freedom, whose precision at 0 is ``prior``.
-
-    An animal four standard deviations from the network file is odd, not impossible: with a Gaussian prior its oddity
-    alone would be taken for an effect.
-    """
-    return float(np.sum(_TAILS * np.log1p(prior * x**2 / _TAILS)))
-
-
-def precision(prior: Array, x: Array) -> Array:
-    """(p,) precision of the Gaussian that has the slope of the priors at x."""
-    return np.asarray(prior / (1.0 + prior * x**2 / _TAILS))
-
-
-def bounds(unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
-    """(p,) lowest and highest x."""
-    return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
-
-
-def bounded_step(J: Array, z: Array, prior: Array, x: Array, low: Array, high: Array, damping: float = 0.0) -> Array:
-    """The step (p,) to the minimum of |z + J s|² + Σ w (x + s)², those that would leave their range held there.
-
-    w : the precision of the priors at x.
-    """
-    w = precision(prior, x)
-    normal = J.T @ J + np.diag(w) + damping * np.diag(np.maximum((J**2).sum(axis=0), 1e-12))
-    gradient = J.T @ z + w * x
-    free, step = np.ones(len(x), bool), np.zeros(len(x))
-    for _ in range(len(x)):
-        held = normal[np.ix_(free, ~free)] @ step[~free]
-        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-12)[0]
-        outside = free & ((x + step < low) | (x + step > high))
-        step[outside] = np.clip(x + step, low, high)[outside] - x[outside]
-        free &= ~outside
-        if not outside.any() or not free.any():
-            break
-    return step
+def begun(member: Member, term: Term) -> list[Member]:
+    """Points from which a search of one of a member's terms may begin: where it is, and the term's own starts."""
+    at = [i for i, u in enumerate(member.unknowns) if u in term.unknowns]
+    trials = [member]
+    for values in term.starts:
+        x = member.x.copy()
+        x[at] = values
+        trials.append(replace(member, x=x))
+    return trials
 
 
 def projected(J: Array, prior: Array, columns: Array) -> Array:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.records.noise import Target
-
-from .fits import Fit, bounded_step, bounds, precision
-from .network import NetworkProblem
+from ..records.noise import Target
+from .fit import Fit
+from .search import bounded_step
+from .unknown import bounds, precision
 
 Array = np.ndarray
 
@@ -18,31 +18,31 @@ class Subset:
     keep : indices of the channels.
     """
 
-    def __init__(self, problem: NetworkProblem, keep: Array) -> None:
-        self.whole, self.keep = problem.target, keep
-        names = [problem.names[i] for i in keep]
+    def __init__(self, whole: Target, keep: Array) -> None:
+        self.whole, self.keep = whole, keep
+        names = [whole.names[i] for i in keep]
         self.part = Target.of(names, self.whole.X[:, keep], self.whole.covariance[:, keep[:, None], keep])
 
     def __call__(self, z: Array) -> Array:
         return self.part.whiten(self.whole.unwhiten(z)[:, self.keep])
 
 
-def leave_one_site_out(problem: NetworkProblem, fit: Fit) -> dict[str, float]:
+def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
     """Whitened RMS of each site as the others foretell it: a hypothesis refitted without it, linearised where it is.
 
     Sites that are the only ones are left out; a measurement chain at a site is not foretold by others.
     """
-    sites = list(dict.fromkeys(name.rpartition(".")[0] for name in problem.names))
+    sites = list(dict.fromkeys(name.rpartition(".")[0] for name in whole.names))
     faulty = {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
     if len(sites) < 2 or not len(fit.x):
         return {}
     low, high = bounds(fit.unknowns)
     found = {}
     for site in sites:
-        there = np.array([name.rpartition(".")[0] == site for name in problem.names])
+        there = np.array([name.rpartition(".")[0] == site for name in whole.names])
         if site in faulty:
             continue
-        others, own = (Subset(problem, np.flatnonzero(chosen)) for chosen in (~there, there))
+        others, own = (Subset(whole, np.flatnonzero(chosen)) for chosen in (~there, there))
         J, there_J = others(fit.J), own(fit.J)
         step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
         left = own(fit.z[:, None])[:, 0] + there_J @ step

@@ -1,0 +1,33 @@
+"""A number with its interval: what every fit, index and verdict hands on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from solver.units import readable
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number in SI with its 95 % interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+    def __str__(self) -> str:
+        unit, factor = readable(self.unit)
+        low, high = self.ci95
+        return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {"value": self.value, "unit": self.unit, "ci95": list(self.ci95)}
+
+
+def decimals(half: float) -> int:
+    """Decimals that show a number to the second digit of half its interval, half > 0; negative for large numbers."""
+    return 1 - math.floor(math.log10(half))

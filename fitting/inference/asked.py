@@ -1,0 +1,124 @@
+"""The text of an unknown, as a calibration is asked for it: "all.E", "CA+FA.outlet.R_t:none", "CA.phi0:0.1".
+
+A number that cannot be negative is scaled, x being its logarithm; one that may change sign is shifted in its own unit
+(R_t, P_venous), or as the ratio to what it is counted relative to (phiNL/phi0 in s, ENL/E) at the network's own values:
+that is how the paper compares segments. Priors are the spread between animals that quantities state.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from solver import effects
+from solver.coordinate import SCALE, SHIFT
+from solver.network import Network
+from solver.quantity import Quantity
+
+from .unknown import Unknown
+
+
+def parse_unknown(text: str, network: Network) -> Unknown:
+    """The unknown of a text TARGET.PARAMETER[:PRIOR].
+
+    TARGET : "all" (every segment, or every outlet, that has the parameter), names joined by "+" ("CA+FA"), "fluid" or
+    "network". PARAMETER : "E", "phi0" …, "outlet.R_t" …. PRIOR : its standard deviation (0.1), or "none".
+    Raises ValueError for a name that the network has not, a prior that is not positive, or a value 0 to be scaled.
+    """
+    name, colon, prior = (part.strip() for part in text.partition(":"))
+    target, dot, key = name.partition(".")
+    known = network.parameter_quantities()
+    if target == "all":
+        names = [f"{s.name}.{key}" for s in network.segments if f"{s.name}.{key}" in known]
+    else:
+        names = [f"{part.strip()}.{key}" for part in target.split("+")]
+    _check_names(name, names, known, network.name)
+    nominal = network.parameters()
+    quantity = known[names[0]]
+    shift = quantity.low < 0.0
+    steps, unit = _steps(names, quantity, nominal) if shift else ((1.0,) * len(names), "1")
+    typical = quantity.spread
+    if shift:  # 30 % of what such a number is, or of one unit of a ratio where that is smaller
+        ratios = [abs(nominal[each] / step) for each, step in zip(names, steps, strict=True)]
+        typical *= quantity.nominal if quantity.ratio_to is None else max(1.0, *ratios)
+    ends = [
+        _range(each, nominal[each], step, known[each].low, known[each].high, shift)
+        for each, step in zip(names, steps, strict=True)
+    ]
+    prior_sd = _prior(name, prior) if colon else typical
+    low, high = max(low for low, _ in ends), min(high for _, high in ends)
+    return Unknown(name, SHIFT if shift else SCALE, tuple(zip(names, steps, strict=True)), low, high, unit,
+                   prior_sd=prior_sd, typical_sd=prior_sd or typical)  # fmt: skip
+
+
+def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Unknown, ...]:
+    """The unknowns of some texts, checked against a network. Raises ValueError as :func:`parse_unknown`."""
+    unknowns = tuple(parse_unknown(text, network) if isinstance(text, str) else text for text in texts)
+    if not unknowns:
+        raise ValueError('unknowns: none given; name at least one parameter to find, such as "all.E".')
+    moved: dict[tuple[str, ...], str] = {}
+    for unknown in unknowns:
+        same = tuple(sorted(unknown.variables))
+        if same in moved:
+            raise ValueError(f"unknowns {moved[same]} and {unknown.name} move the same parameters; keep one of them.")
+        moved[same] = unknown.name
+    return unknowns
+
+
+def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], network: str) -> None:
+    known = list(known)
+    if not names:
+        keys = sorted({each.partition(".")[2] for each in known})
+        close = difflib.get_close_matches(unknown.partition(".")[2], keys, n=1, cutoff=0.4)
+        hint = f"did you mean all.{close[0]}?" if close else f"use all. with one of {', '.join(keys)}."
+        raise ValueError(f"unknown {unknown}: no segment or outlet of network {network} has this parameter; {hint}")
+    for name in names:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
+            hint = f"did you mean {close[0]}?" if close else 'write it as "all.E", "CA.phi0" or "CA.outlet.R_t".'
+            raise ValueError(f"unknown {unknown}: {name} is not a parameter of network {network}; {hint}")
+        if names.count(name) > 1:
+            raise ValueError(f"unknown {unknown}: {name} occurs twice; name it once.")
+
+
+def _prior(name: str, text: str) -> float | None:
+    if text == "none":
+        return None
+    try:
+        sd = float(text)
+    except ValueError:
+        sd = math.nan
+    if not (math.isfinite(sd) and sd > 0.0):
+        raise ValueError(
+            f'unknown {name}: prior {text!r} must be a positive standard deviation or none, as in "{name}:0.1".'
+        )
+    return sd
+
+
+def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float]) -> tuple[tuple[float, ...], str]:
+    """Change of each shifted parameter per unit of x, and the unit of x."""
+    key, reference = names[0].rpartition(".")[2], quantity.ratio_to
+    if reference is None:
+        return (1.0,) * len(names), quantity.unit
+    unit = next(effect.relative[key][1] for effect in effects.ALL if key in effect.relative)
+    steps = tuple(nominal[f"{name.rpartition('.')[0]}.{reference}"] for name in names)
+    for name, step in zip(names, steps, strict=True):
+        if step == 0.0:
+            segment = name.rpartition(".")[0]
+            raise ValueError(
+                f"unknown {name}: {segment}.{reference} is 0, and {key} is sought as a ratio to it; "
+                f"give {segment}.{reference} a value above 0 in the network."
+            )
+    return steps, unit
+
+
+def _range(name: str, nominal: float, step: float, low: float, high: float, shift: bool) -> tuple[float, float]:
+    """The x that keep one parameter in its allowed range."""
+    if shift:
+        return (low - nominal) / step, (high - nominal) / step
+    if nominal <= 0.0:
+        raise ValueError(
+            f"unknown {name}: it is {nominal:g} in the network, which no factor can change; start from a value above 0."
+        )
+    return math.log(low / nominal) if low > 0.0 else -math.inf, math.log(high / nominal)

@@ -1,0 +1,375 @@
+"""The bench: pressure and radius of one site, compared through the local wall law, both of them noisy.
+
+With the true waves P and R, the channels measure p = H_P P + o_P and r = H_R R + o_R, where H and o are the measurement
+chain (1 and 0 if perfect). The law of :mod:`solver.loop`, with all effects of the wall, then makes of the measured
+radius r the measured pressure G(r). Errors in variables (:mod:`fitting.inference.loop`), for every effect that a bench
+can show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from solver import loop as law
+from solver.catalogue import neutral_value, terms_of
+from solver.network import Network
+
+from ..bench import on_bench
+from ..records import spectral
+from ..records.beats import Beats
+from ..records.noise import degrees_of_freedom
+from ..wall import mean_loop
+from .added import allowed, extended
+from .fit import Fit, Member, begun
+from .forward import Drive
+from .loop import Linear, Loop, NoFit, linearise
+from .observation import chain, mean_wander
+from .search import bounded_step
+from .simulator import Runs
+from .terms import Term, followers, nuisances
+from .unknown import Unknown, bounds, finite_steps, penalty, precisions, values
+
+Array = np.ndarray
+
+_ITERATIONS = 40
+_MOST_HARMONICS = 40
+_ABOVE_NOISE = 4.0  # standard deviations
+_EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
+_STEP = 1e-4  # of x, for derivatives of the law, which is smooth
+_LARGEST = 3.0  # of a step in x, typical sizes
+_FLOOR = 1e-9  # of the pulse: noise assumed at least
+_BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench record of one site and the network whose wall it is compared with.
+
+    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means.
+    """
+
+    network: Network
+    site: str
+    loop: Loop
+    K: int
+    n_beats: int
+
+    @cached_property
+    def artery(self) -> Network:
+        """The site's artery alone, with all terms that a wall may have, neutral."""
+        neutral = {f"{self.site}.{key}": neutral_value(key) for key in terms_of("segment")}
+        alone = on_bench(self.network, self.site)
+        return alone.with_terms(neutral | alone.parameters())
+
+    @property
+    def n_effective(self) -> int:
+        """Independent numbers of the record: 2K + 1 per signal."""
+        return 2 * (2 * self.K + 1)
+
+    @property
+    def dof_of_noise(self) -> float:
+        """Degrees of freedom that the noise of a harmonic is known from."""
+        return degrees_of_freedom(self.n_beats, real=True)
+
+    @property
+    def signals(self) -> tuple[str, str]:
+        return f"{self.site}.P", f"{self.site}.R"
+
+    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+        """Unknowns of a hypothesis: nuisances, then those of its terms."""
+        return (*nuisances(self.network, self.site), *(u for term in terms for u in term.unknowns))
+
+    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
+              columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
+        """The most probable unknowns of every hypothesis; ``start`` : of another one."""
+        return [self._fitted(terms, start) for terms in hypotheses]
+
+    def _fitted(self, terms: tuple[Term, ...], start: Fit | None) -> Fit | None:
+        """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
+        for begin in (start, None):
+            try:
+                found = fit(self, terms, begin)
+            except NoFit:
+                continue
+            return found if allowed(self.network, found) else None
+        return None
+
+    def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        """The same fits: their Jacobians are up to date."""
+        return list(fits)
+
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Bench:
+        """The same problem: the law is evaluated without a solver's error."""
+        return self
+
+    def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
+        """The same fits: there is one weighting."""
+        return list(fits)
+
+    @property
+    def weights(self) -> tuple[()]:
+        """Nothing: there is one weighting."""
+        return ()
+
+    def restored(self, weights: tuple[()]) -> Bench:
+        """The same problem."""
+        return self
+
+    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+        """Whitened columns (n, q) of every term that may be added to a fit, by label."""
+        found = {}
+        for term in terms:
+            x = np.concatenate([at.x, np.zeros(len(term.unknowns))])
+            state = _settled(self, Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
+            if state is not None:
+                found[term.label] = state.J[:, len(at.x) :]
+        return found
+
+    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Terms that can act only beside those of a fit."""
+        return followers(extended(self.network, fit), self.site, terms)
+
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        """None: on a bench there is one segment."""
+        return None
+
+    def held_out(self, beats: Beats, fitted: Beats) -> Bench:
+        """Other beats of the same record, with the noise that the fitted ones showed."""
+        other = bench(beats, self.network, self.site)
+        noise = self.loop.noise * (self.n_beats / beats.n_beats)
+        wander = mean_wander(beats, fitted, self.signals)
+        noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
+        return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
+
+    def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
+        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+        states = [_settled(self, f.member) for f in fits]
+        return [(np.nan, 1.0) if s is None else (float(s.z @ s.z), float(len(s.z))) for s in states]
+
+    def left_out(self, fit: Fit) -> dict[str, float]:
+        """None: there is one site."""
+        return {}
+
+    def measured_wave(self, beats: Beats) -> Array:
+        """(N,) [Pa] the mean pressure."""
+        return self.loop.P
+
+    def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
+        """(N,) [Pa] the true pressure at the site that P and R together make most probable under a hypothesis."""
+        state = _settled(self, fit.member)
+        if state is None:
+            return self.loop.P
+        seen = _Seen.of(self, fit.member, fit.x[None])
+        return seen.true(state.radius(np.zeros_like(fit.x)))[1][0]
+
+    def driven(self, wave: Array) -> Drive:
+        """The pressure at the artery's end, which is the site's."""
+        start = {"network.P_0": float(wave[0])}
+        return Drive(f"{self.site}.outlet.P_venous", 0, start, self.signals[0], _BEATS)
+
+    def covariance(self, beats: Beats) -> Array:
+        """(N//2 + 1, 2, 2) of the sensors."""
+        return beats.covariance(self.signals)
+
+
+def bench(beats: Beats, network: Network, site: str) -> Bench:
+    """The bench of a record. Raises ValueError if P or R of the site is missing."""
+    loop = mean_loop(beats, site)
+    own = beats.covariance((f"{site}.P", f"{site}.R"))
+    pulse = [np.ptp(loop.P), np.ptp(loop.R)]
+    noise = loop.noise.copy()
+    highest = []
+    for i, x in enumerate((loop.P, loop.R)):
+        noise[:, i, i] += (_FLOOR * pulse[i]) ** 2 / loop.N
+        X = np.abs(spectral.coefficients(x)) ** 2
+        above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
+        highest.append(int(above[-1]) if len(above) else 1)
+    # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
+    K = min(_MOST_HARMONICS, max(1, min(highest)))
+    return Bench(network, site, replace(loop, noise=noise), K, beats.n_beats)
+
+
+# --- the search -------------------------------------------------------------------------------------------------------
+
+
+def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
+    """The most probable size of the terms and of the nuisances.
+
+    start : of a simpler hypothesis, whose unknowns are taken over.
+    Raises NoFit if no wall of this kind carries the loop.
+    """
+    member = _begin(problem, tuple(terms), start)
+    unknowns, prior, damping = member.unknowns, precisions(member.unknowns), 0.0
+    low, high = bounds(unknowns)
+    x, r = member.x, problem.loop.R
+    state = _linearised(problem, member, r)
+    if state is None:
+        raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
+    best, converged = np.inf, False
+    for _ in range(_ITERATIONS):
+        # z as it will be at the most probable radius: the residual is quadratic in what is left to move
+        cost = float(state.z @ state.z) + penalty(prior, x) + state.log_volume
+        if cost < best + _EQUAL:
+            converged = best - cost < _EQUAL
+            best, kept, damping = min(cost, best), (x, r, state), 0.2 * damping if damping > 1e-4 else 0.0
+            if converged:
+                break
+        else:
+            damping = max(5.0 * damping, 1e-3)
+        step = trial = None
+        while trial is None and damping < 1e8:
+            x, r, state = kept
+            step = _largest(bounded_step(state.J, state.z, prior, x, low, high, damping))
+            trial = _linearised(problem, replace(member, x=x + step), state.radius(step))
+            damping = damping if trial is not None else max(10.0 * damping, 1e-2)
+        if trial is None or step is None:
+            break
+        x, r, state = x + step, state.radius(step), trial
+    x, r, state = kept
+    order = (np.arange(len(state.z)) + 1) // 2
+    return Fit(member.terms, unknowns, x, state.z, state.J, order, np.zeros_like(order), converged, state.log_volume)
+
+
+def _largest(step: Array) -> Array:
+    """The step, shortened to what may be taken at once."""
+    return step * min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
+
+
+def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> Member:
+    """Where the search begins: at the simpler fit, the new terms at the best of their starting points."""
+    before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
+    unknowns = problem.hypothesis(terms)
+    low, high = bounds(unknowns)
+    member = Member(terms, unknowns, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high))
+    for term in terms:
+        if term.starts and term.unknowns[0].name not in before:
+            member = min(begun(member, term), key=lambda trial: _promise(problem, trial))
+    return member
+
+
+def _promise(problem: Bench, member: Member) -> float:
+    """The cost that one linear step from a point promises."""
+    state = _linearised(problem, member, problem.loop.R)
+    if state is None:
+        return np.inf
+    prior = precisions(member.unknowns)
+    step = _largest(bounded_step(state.J, state.z, prior, member.x, *bounds(member.unknowns)))
+    left = state.z + state.J @ step
+    return float(left @ left) + penalty(prior, member.x + step) + state.log_volume
+
+
+# --- the linear problem -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _State:
+    """The whitened linear problem, harmonic by harmonic up to K: z : (2K+1,), J = dz/dx : (2K+1, p).
+
+    Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. log_volume : log det of V
+    up to K, which keeps a hypothesis from explaining the residual by a larger noise.
+    """
+
+    z: Array
+    J: Array
+    linear: Linear
+    log_volume: float
+
+    def radius(self, step: Array) -> Array:
+        """The most probable measured radius after a step of x."""
+        return self.linear.radius(self.linear.z - self.linear.columns @ step)
+
+
+def _settled(problem: Bench, member: Member) -> _State | None:
+    """The linear problem at given parameters, at the radius that is most probable under them."""
+    r = problem.loop.R
+    for _ in range(3):
+        state = _linearised(problem, member, r)
+        if state is None:
+            return None
+        r = state.radius(np.zeros_like(member.x))
+    return state
+
+
+def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
+    """The linear problem at a point and the measured radius r; None where the law has no pressure there."""
+    steps = finite_steps(member.unknowns, member.x, _STEP)
+    with np.errstate(all="ignore"):
+        seen = _Seen.of(problem, member, np.concatenate([member.x[None], member.x + np.diag(steps)]))
+        G = seen.pressure(r)
+        columns = (G[1:] - G[0]).T / steps
+        try:
+            # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
+            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, _fourier(len(r)))
+        except NoFit:
+            return None
+    n = 2 * problem.K + 1
+    log_volume = 2.0 * float(np.log(np.diag(linear.L)[:n]).sum())
+    return _State(linear.z[:n], -linear.columns[:n], linear, log_volume)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """The law of a batch of walls as the two channels see it: pressure(r) of a measured radius r : (N,).
+
+    wall : arrays (B, 1), the first of them the one that is linearised. to_P, to_R : (B, N//2 + 1) transfer functions,
+    offset_P, offset_R : (B, 1).
+    """
+
+    wall: law.Wall
+    T: float
+    to_P: Array
+    offset_P: Array
+    to_R: Array
+    offset_R: Array
+
+    @classmethod
+    def of(cls, problem: Bench, member: Member, x: Array) -> _Seen:
+        """For some points x : (B, p) of a hypothesis."""
+        loop, artery = problem.loop, problem.artery
+        present = artery.parameters()
+        moved = values(member.unknowns, x, present)
+        wall = law.wall_of(artery, problem.site, {n: v for n, v in moved.items() if n in present})
+        omega = 2.0 * np.pi / loop.T * np.arange(loop.N // 2 + 1)
+        to_P, to_R = ([np.atleast_2d(h) for h in chain(moved, name, omega)] for name in problem.signals)
+        return cls(wall, loop.T, *to_P, *to_R)
+
+    def true(self, r: Array) -> tuple[Array, Array]:
+        """True radius and pressure (B, N) where the measured radius is r."""
+        R = _filtered(1.0 / self.to_R, r - self.offset_R)
+        return R, law.pressure(self.wall, R, R @ law.derivative_matrix(len(r), self.T).T, self.T)
+
+    def pressure(self, r: Array) -> Array:
+        """G : (B, N), the measured pressure of a measured radius."""
+        return _filtered(self.to_P, self.true(r)[1]) + self.offset_P
+
+    def slope(self, r: Array) -> Array:
+        """dG/dr : (N, N) of the first of the batch."""
+        N, R = len(r), self.true(r)[0][0]
+        A = law.slope(self.wall, R, law.derivative_matrix(N, self.T) @ R, self.T)
+        if np.any(self.to_P[0] != 1.0):
+            A = law.circulant(self.to_P[0], N) @ A
+        if np.any(self.to_R[0] != 1.0):
+            A = A @ law.circulant(1.0 / self.to_R[0], N)
+        return A
+
+
+def _filtered(h: Array, x: Array) -> Array:
+    """Harmonics of x : (…, N) times h : (B, N//2 + 1)."""
+    return x if np.all(h == 1.0) else np.fft.irfft(np.fft.rfft(x) * h, x.shape[-1])
+
+
+@lru_cache(maxsize=4)
+def _fourier(N: int) -> Array:
+    """(N, N) orthonormal real Fourier basis by rows: mean, cos 1, sin 1, cos 2 …"""
+    rows = [np.full(N, N**-0.5)]
+    phase = 2.0 * np.pi * np.arange(N) / N
+    for k in range(1, N // 2 + 1):
+        if 2 * k == N:
+            rows.append(np.cos(k * phase) * N**-0.5)
+        else:
+            rows += [np.cos(k * phase) * (2.0 / N) ** 0.5, np.sin(k * phase) * (2.0 / N) ** 0.5]
+    return np.array(rows)

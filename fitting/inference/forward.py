@@ -1,0 +1,138 @@
+"""What a forward model is: a record and the model that it is compared with, on the bench or in a network.
+
+Hypotheses are simulated with an explicit state: ``runs`` is what was simulated before, to start from and to count on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..records.beats import Beats
+from .fit import Fit
+from .simulator import Runs
+from .terms import Term
+from .unknown import Unknown
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a wave drives an FMU.
+
+    variable : the input. first : the sample at which a run from rest begins. values : start values. imposed : the
+    channel that the wave itself is, if any. beats : that are run; None: until they repeat.
+    """
+
+    variable: str
+    first: int = 0
+    values: Mapping[str, float] = field(default_factory=dict)
+    imposed: str | None = None
+    beats: int | None = None
+
+
+class Forward(Protocol):
+    """A record and the model that it is compared with."""
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The channels that are compared."""
+        ...
+
+    @property
+    def K(self) -> int:
+        """The highest harmonic that is compared."""
+        ...
+
+    @property
+    def n_effective(self) -> int:
+        """Independent numbers in the record."""
+        ...
+
+    @property
+    def dof_of_noise(self) -> float:
+        """Degrees of freedom that the noise is known from."""
+        ...
+
+    def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
+        """Unknowns of a hypothesis: nuisances, then those of its terms."""
+        ...
+
+    def refit(
+        self,
+        hypotheses: Sequence[tuple[Term, ...]],
+        start: Fit | None = None,
+        runs: Runs | None = None,
+        columns: Mapping[str, Array] | None = None,
+        known: float = math.inf,
+    ) -> list[Fit | None]:
+        """The most probable unknowns of every hypothesis; those that stay far above a ``known`` cost need not be."""
+        ...
+
+    def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
+        ...
+
+    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Forward:
+        """The same record weighted and simulated as a fit needs it."""
+        ...
+
+    def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
+        """Fits under the weights of another model of this record, where they are, under these."""
+        ...
+
+    @property
+    def weights(self) -> Any:
+        """What :meth:`restored` makes a problem of this record of, weighted as this one is: plain data."""
+        ...
+
+    def restored(self, weights: Any) -> Forward:
+        """The problem with given weights."""
+        ...
+
+    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+        """Whitened derivatives by terms that may be added."""
+        ...
+
+    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Terms that can act only beside those of a fit."""
+        ...
+
+    def refined(self, fit: Fit, term: Term) -> Term | None:
+        """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
+        ...
+
+    def held_out(self, beats: Beats, fitted: Beats) -> Forward:
+        """Other beats of the same record, with the noise that the fitted ones showed."""
+        ...
+
+    def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
+        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+        ...
+
+    def left_out(self, fit: Fit) -> dict[str, float]:
+        """Whitened RMS of each site as the others foretell it; of none where there are no others."""
+        ...
+
+    # --- the FMU that stands for the model ----------------------------------------------------------------------------
+
+    def measured_wave(self, beats: Beats) -> Array:
+        """(N,) what drives the FMU, as it was measured."""
+        ...
+
+    def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
+        """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
+        ...
+
+    def driven(self, wave: Array) -> Drive:
+        """How a wave drives the FMU."""
+        ...
+
+    def covariance(self, beats: Beats) -> Array:
+        """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""
+        ...

@@ -1,0 +1,123 @@
+"""A loop of two noisy channels, linearised: the functional errors-in-variables model.
+
+The mean beats are P̄ = G(R; θ) + n_P and R̄ = R + n_R with the true radius R : (N,) unknown beside the parameters θ.
+With A = ∂G/∂R, linearised at the present R and θ, the residual
+
+    u = P̄ - G(R; θ) - A (R̄ - R) = n_P - A n_R + C δθ,    V = ⟨u uᵀ⟩ = C_PP - A C_RP - C_PR Aᵀ + A C_RR Aᵀ
+
+gives δθ by generalised least squares, and then the most probable radius R = R̄ - (C_RP - C_RR Aᵀ) V⁻¹ u. Iterated,
+this is the maximum of the joint likelihood (Britt and Luecke, Technometrics 15, 1973, 233–247): columns evaluated at
+the noisy R̄ would bias θ, columns at the estimated R do not. The noise need not be white: its covariance is circulant,
+one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share is not taken for noise of the law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from solver.loop import circulant
+
+from ..records import spectral
+
+Array = np.ndarray
+
+_FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
+
+
+class NoFit(ValueError):
+    """No wall of this model describes the loop."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Mean beats P, R : (N,) [Pa], [m] of period T [s] and the noise of their Fourier coefficients.
+
+    noise : (N//2 + 1, 2, 2) covariance of (P̂_k, R̂_k).
+    """
+
+    P: Array
+    R: Array
+    T: float
+    noise: Array
+
+    @property
+    def N(self) -> int:
+        return len(self.P)
+
+    @property
+    def floor(self) -> tuple[float, float]:
+        """Variances of a Fourier coefficient that stand for rounding."""
+        P, R = (float((_FLOOR * np.ptp(x)) ** 2) / self.N for x in (self.P, self.R))
+        return P, R
+
+    def earlier(self, lag: float) -> Loop:
+        """The loop with P moved forward in time by ``lag`` [s]."""
+        return replace(self, P=spectral.shift(self.P, -lag / self.T)) if lag else self
+
+    @cached_property
+    def covariances(self) -> tuple[Array, Array, Array]:
+        """C_PP, C_RR, C_RP : (N, N) of the samples."""
+        PP, RR = (circulant(self.N * (self.noise[:, i, i] + self.floor[i]), self.N) for i in (0, 1))
+        return PP, RR, circulant(self.N * self.noise[:, 1, 0], self.N)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The problem u = C δθ + noise of covariance V at one point, whitened: z = L⁻¹ F u with L Lᵀ = F V Fᵀ.
+
+    z : (N,). columns : (N, p) L⁻¹ F C. L : (N, N) lower. F : (N, N) orthonormal, or None for unity. B : (N, N) with
+    R = R̄ + Bᵀ V⁻¹ u. V : (N, N). R_bar : (N,) the measured radius.
+    """
+
+    z: Array
+    columns: Array
+    L: Array
+    F: Array | None
+    B: Array
+    V: Array
+    R_bar: Array
+
+    def radius(self, left: Array) -> Array:
+        """The most probable radius (N,) where ``left`` : (N,) is left of z."""
+        w = solve_triangular(self.L, left, lower=True, trans=1, check_finite=False)
+        return self.R_bar + self.B.T @ (w if self.F is None else self.F.T @ w)
+
+    def unwhiten(self, left: Array) -> Array:
+        """The u : (N,) of some z."""
+        u = self.L @ left
+        return u if self.F is None else self.F.T @ u
+
+
+def linearise(loop: Loop, R: Array, G: Array, A: Array, C: Array, F: Array | None = None) -> Linear:
+    """The linear problem at the radius R : (N,), where the law has the pressure G : (N,), its derivative A : (N, N)
+    by R, and C : (N, p) by the parameters. F : orthonormal rows in whose order z is whitened.
+
+    Raises NoFit where it overflows, or where there is no noise to weigh by.
+    """
+    C_PP, C_RR, C_RP = loop.covariances
+    u = loop.P - G - A @ (loop.R - R)
+    B = A @ C_RR - C_RP.T
+    V = C_PP + B @ A.T - A @ C_RP
+    if not (np.isfinite(V).all() and np.isfinite(C).all() and np.isfinite(u).all()):
+        raise NoFit("the law overflows on this loop; check the units of P, R and h.")
+    try:
+        L = cholesky(V if F is None else F @ V @ F.T, lower=True, check_finite=False)
+    except LinAlgError:
+        raise NoFit(
+            "P and R are noise-free functions of one another, with no noise to weigh them by; "
+            "check that one was not computed from the other."
+        ) from None
+    right = np.column_stack([u, C])
+    white = solve_triangular(L, right if F is None else F @ right, lower=True, check_finite=False)
+    return Linear(white[:, 0], white[:, 1:], L, F, B, V, loop.R)
+
+
+def spectrum(V: Array) -> Array:
+    """Variances (N//2 + 1,) of the Fourier coefficients of samples with covariance V : (N, N)."""
+    N = len(V)
+    F = np.fft.rfft(V, axis=0) / N
+    return np.array(np.fft.ifft(F, axis=1)[np.arange(N // 2 + 1), np.arange(N // 2 + 1)].real)

@@ -1,0 +1,60 @@
+"""What the measurement chains of a hypothesis show of the true channels, in the numbers that a search can follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from solver import effects
+from solver.sensors import Sensor
+
+from ..records.beats import Beats
+from .fit import Member
+from .unknown import values
+
+Array = np.ndarray
+
+
+def chain(moved: Mapping[str, Array], channel: str, omega: Array) -> tuple[Array, Array]:
+    """Transfer function (…, n) of a measurement chain at omega : (n,) [rad/s], and its offset (…, 1).
+
+    moved : values (…,) of the search's numbers by name; of an effect that has none, the chain has nothing.
+    """
+    H, offset = np.ones(len(omega)), np.zeros(1)
+    for effect in effects.ALL:
+        if isinstance(effect, Sensor) and any(f"{channel}.{key}" in moved for key in effect.searched(channel)):
+            own = {key: np.asarray(moved[f"{channel}.{key}"])[..., None] for key in effect.searched(channel)}
+            H, offset = H * effect.transfer(own, omega), offset + effect.offset(own)
+    return H, offset
+
+
+def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool = True) -> Array:
+    """Observation: what the measurement chains of a hypothesis make of the coefficients X : (n, m).
+
+    means : with their offsets.
+    """
+    if not any(term.is_sensor for term in member.terms):
+        return X
+    moved = values(member.unknowns, member.x, {})
+    omega, X = 2.0 * np.pi / T * np.arange(len(X)), X.copy()
+    for i, name in enumerate(names):
+        H, offset = chain(moved, name, omega)
+        X[:, i] *= H
+        X[0, i] += float(offset[0]) * means
+    return X
+
+
+def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
+    """Variance (m,) by which the mean of one part of a record may be off that of the other: what means drift a beat.
+
+    A slow drift is alike in neighbouring beats, so that averaging over few of them leaves it as it is. A beat with gaps
+    counts by what it has, against the mean beat; one without a sample does not count.
+    """
+
+    def of(name: str) -> float:
+        beats = np.concatenate([other.values[name], part.values[name]])
+        beats = beats[~np.isnan(beats).all(axis=1)]
+        return float(np.var(np.nanmean(beats - np.nanmean(beats, axis=0), axis=1)))
+
+    return np.array([of(name) for name in names])

@@ -1,0 +1,122 @@
+"""Periodic beats of one network under one inflow, for batches of parameters; and the linearised response to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from solver import NonPhysicalState, Settings, simulate_periodic
+from solver.network import Network
+from solver.simulate import Waveforms
+
+from ..records.noise import NEIGHBOURS, response
+
+Array = np.ndarray
+
+_SHORTER = 2  # times that the step is halved where the model as given breaks down
+
+
+@dataclass
+class Meter:
+    """Counts what is simulated. tell : told the number of parameter sets so far, after every batch."""
+
+    tell: Callable[[int], None] = lambda _: None
+    simulations: int = 0
+
+    def add(self, members: int) -> None:
+        self.simulations += members
+        self.tell(self.simulations)
+
+
+@dataclass
+class Runs:
+    """The state of some simulations: the periodic beats that later ones may start from, by network and settings."""
+
+    meter: Meter = field(default_factory=Meter)
+    beats: dict[Hashable, Waveforms] = field(default_factory=dict)
+
+    def fresh(self) -> Runs:
+        """Counted together, started from rest."""
+        return Runs(self.meter)
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
+
+    start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a
+    flow that sets in at once would strain the walls as no heart does. tolerance : of the periodic beat.
+    """
+
+    network: Network
+    drive: Callable[[Array], Array]
+    T: float
+    names: tuple[str, ...]
+    K: int
+    settings: Settings
+    start: float = 0.0
+    tolerance: float = 1e-5
+
+    def halved(self) -> Simulator:
+        """The same with half the step."""
+        return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
+
+    def finer(self) -> Simulator:
+        """The same with half the step and half the elements, to see what both do."""
+        half = self.halved()
+        return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
+
+    def coefficients(self, network: Network, parameters: Mapping[str, Array], runs: Runs, key: str = "") -> Array:
+        """X : (B, K+1, m) of the periodic beats; ``key`` names networks that can start from one another's state.
+
+        Raises ValueError, NonPhysicalState and NotPeriodic as the solver.
+        """
+        beat = self._beat(network, parameters, runs.beats.get((key, self.settings)))
+        runs.beats[key, self.settings] = beat.member(0)
+        runs.meter.add(next((np.size(value) for value in parameters.values()), 1))
+        waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
+        turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
+        return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1] * turn[:, None]
+
+    def _beat(self, network: Network, parameters: Mapping[str, Array], start: Waveforms | None) -> Waveforms:
+        """The periodic beats; from rest where the earlier state has another mesh (a cut elsewhere)."""
+        try:
+            return simulate_periodic(
+                network,
+                lambda t: self.drive(t + self.start),
+                self.T,
+                parameters=parameters,
+                settings=self.settings,
+                tolerance=self.tolerance,
+                start=start,
+            )
+        except ValueError:
+            if start is None:
+                raise
+        return self._beat(network, parameters, None)
+
+
+def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
+    """The model as given under this inflow, with shorter steps if it needs them.
+
+    Raises NonPhysicalState if none will do.
+    """
+    for _ in range(_SHORTER):
+        try:
+            return simulator, simulator.coefficients(simulator.network, {}, runs)[0]
+        except NonPhysicalState:
+            simulator = simulator.halved()
+    return simulator, simulator.coefficients(simulator.network, {}, runs)[0]
+
+
+def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
+    """The linearised response (K + 1 + neighbours, m) to the inflow; where the linear solver lacks a term of a wall,
+    that of the walls without terms."""
+    try:
+        return response(network, names, T, K + NEIGHBOURS, parameters)
+    except ValueError:
+        plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
+        known = {n: v for n, v in parameters.items() if n in plain.parameters()}
+        return response(plain, names, T, K + NEIGHBOURS, known)

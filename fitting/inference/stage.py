@@ -1,0 +1,112 @@
+"""The residual of a network calibration and its derivatives, by batches of the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver import Settings
+from solver.network import Network
+
+from ..records.beats import Beats
+from ..records.noise import NEIGHBOURS, Target, inflow, response, target
+from .simulator import Meter, Runs, Simulator
+from .unknown import Unknown, bounds, finite_steps, parameter_values, penalty
+
+Array = np.ndarray
+
+# Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
+# derivative (measured, sheep network)
+STEP = 3e-4
+DERIVATIVE_ERROR = 5e-4
+_COARSE = 2.5  # steps of the coarse stage, in those of the fine one
+_SHORTEST = 100  # steps in a beat that the coarse stage needs
+
+
+@dataclass(frozen=True)
+class Point:
+    """x : (p,), z : (n,) whitened residual, J : (n, p) its derivatives, X : (K+1, m); cost : data and prior."""
+
+    x: Array
+    z: Array
+    J: Array
+    X: Array
+    cost: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Unknowns p of a network, a record's m channels up to harmonic K, and how finely to simulate.
+
+    target : what the record says, with its weights; None until they are known.
+    """
+
+    beats: Beats
+    unknowns: tuple[Unknown, ...]
+    simulator: Simulator
+    meter: Meter
+    target: Target | None = None
+
+    @property
+    def typical(self) -> Array:
+        """(p,) prior standard deviations, or what they would be: the unit of x in the search."""
+        return np.array([u.typical_sd for u in self.unknowns])
+
+    @property
+    def prior(self) -> Array:
+        """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
+        return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """(p,) lowest and highest x."""
+        return bounds(self.unknowns)
+
+    def coarser(self) -> Problem:
+        """The same with longer steps, to come near."""
+        settings, T = self.simulator.settings, self.simulator.T
+        dt = max(settings.dt, min(_COARSE * settings.dt, T / _SHORTEST))
+        return replace(self, simulator=replace(self.simulator, settings=replace(settings, dt=dt), tolerance=1e-4))
+
+    def finer(self) -> Problem:
+        """The same with half the step, to see what the step does."""
+        return replace(self, simulator=self.simulator.halved())
+
+    def with_target(self, x: Array, error: Array) -> Problem:
+        """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
+        s = self.simulator
+        at = {name: float(value) for name, value in parameter_values(self.unknowns, s.network, x).items()}
+        H = response(s.network, s.names, s.T, s.K + NEIGHBOURS, at)
+        return replace(self, target=target(self.beats, s.names, H, error))
+
+    def simulate(self, x: Array) -> Array:
+        """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
+        network, dt = self.simulator.network, self.simulator.settings.dt
+        simulator = replace(self.simulator, drive=inflow(self.beats, dt))  # with what such steps can follow
+        return simulator.coefficients(network, parameter_values(self.unknowns, network, x), Runs(self.meter))
+
+    def batch(self, x: Array) -> Array:
+        """Coefficients (1+p, K+1, m) at x and one step away from it along each unknown."""
+        return self.simulate(np.concatenate([x[None], x + np.diag(finite_steps(self.unknowns, x, STEP))]))
+
+    def point(self, x: Array, batch: Array) -> Point:
+        """Residual and derivatives at x from its batch."""
+        assert self.target is not None
+        z = self.target.residual(batch)
+        cost = float(z[0] @ z[0]) + penalty(self.prior, x / self.typical, np.inf)
+        return Point(x, z[0], (z[1:] - z[0]).T / finite_steps(self.unknowns, x, STEP), batch[0], cost)
+
+    def evaluate(self, x: Array) -> Point:
+        """Simulate at x and around it. Raises NonPhysicalState, NotPeriodic as the solver."""
+        return self.point(x, self.batch(x))
+
+
+def problem_of(
+    beats: Beats, network: Network, unknowns: tuple[Unknown, ...], names: Sequence[str], K: int, settings: Settings,
+    meter: Meter,
+) -> Problem:  # fmt: skip
+    """The fine problem of a record."""
+    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-6)
+    return Problem(beats, unknowns, simulator, meter)

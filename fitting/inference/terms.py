@@ -1,0 +1,172 @@
+"""Hypotheses: which effect acts where, with its unknowns and their typical sizes.
+
+Every unknown is one number x, 0 where the effect is absent. |x| = 1 is an effect of typical size, and for a nuisance
+one standard deviation of its prior. The facts are those that effects and quantities state of themselves
+(:class:`solver.effect.Effect`, :class:`solver.quantity.Quantity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from solver import effects
+from solver.catalogue import quantities_of, value_of
+from solver.coordinate import SCALE, SHIFT
+from solver.effect import ALL_PLACES, Effect
+from solver.network import Network
+from solver.quantity import Quantity
+
+from .unknown import Unknown, unknown
+
+PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+EVERY = "every segment"
+_WIDEST = 5.0  # of a nuisance's logarithm
+_MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect at a place; that of a channel effect is its channel. starts : points from which its search may begin,
+    beside zero, where it has more than one valley."""
+
+    effect: str
+    place: str
+    where: tuple[str, ...]
+    unknowns: tuple[Unknown, ...]
+    starts: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def label(self) -> str:
+        return f"{self.effect} at {self.place}"
+
+    @property
+    def is_sensor(self) -> bool:
+        return effect_of(self).owner == "channel"
+
+    @property
+    def rewires(self) -> bool:
+        """Whether the network itself becomes another one: its outlet has another condition."""
+        return effect_of(self).rewires
+
+    @property
+    def cuts(self) -> bool:
+        """Whether the network's mesh becomes another one."""
+        return bool(effect_of(self).cuts)
+
+
+def effect_of(term: Term) -> Effect:
+    """The effect of a term. Raises ValueError where the catalogue has it no more."""
+    found = next((effect for effect in effects.ALL if effect.name == term.effect), None)
+    if found is None:
+        raise ValueError(f"{term.effect}: no effect of the catalogue.")
+    return found
+
+
+def joins(term: Term, others: Sequence[Term]) -> bool:
+    """Whether a term can act beside others: an outlet that one of them rewires no longer has what this one moves."""
+    gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
+    return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
+
+
+# --- candidates -------------------------------------------------------------------------------------------------------
+
+
+def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
+    """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
+    unknowns = tuple(unknown(c, PRIOR_WIDTH) for c in effect.coordinates(network, place, bench))
+    return Term(effect.name, place, (place,), unknowns, effect.starts) if unknowns else None
+
+
+def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:
+    """Every effect at every place; on the bench of one ``site`` only its wall and its two channels."""
+    found: list[Term | None] = []
+    for effect in effects.ALL:
+        if effect.owner != "channel" and (site is None or effect.local):
+            places = [place for place in effect.where(network) if site in (None, place)]
+            found += [term_at(network, effect, place) for place in places if not _alone(network, effect, place)]
+    found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
+    return tuple(term for term in found if term is not None)
+
+
+def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[Term, ...]:
+    """The measurement chain of one channel."""
+    found = [term_at(network, effect, channel, bench) for effect in effects.ALL if effect.owner == "channel"]
+    return tuple(term for term in found if term is not None)
+
+
+def _alone(network: Network, effect: Effect, place: str) -> bool:
+    """Whether "all" is one place only, which then has its own name."""
+    return place == ALL_PLACES and len(effect.places) > 1 and len(effect.where(network)) == 2
+
+
+def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:
+    """What can act only now that ``network`` has what it needs: terms whose place had nothing to act on before."""
+    known = {term.label for term in present}
+    return tuple(t for t in candidates(network, (), site) if t.label not in known and effect_of(t).needs is not None)
+
+
+def refined(network: Network, term: Term, x: float) -> Term | None:
+    """An effect of walls everywhere with a size of its own for every segment, from the common size x; else None."""
+    effect = effect_of(term)
+    if term.place != ALL_PLACES or effect.owner != "segment":
+        return None
+    each = [term_at(network, effect, s) for s in effect.where(network) if s != ALL_PLACES]
+    unknowns = tuple(u for t in each if t is not None for u in t.unknowns)
+    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, ((x,) * len(unknowns),)) if len(unknowns) > 1 else None
+
+
+def rewired(network: Network, terms: Iterable[Term]) -> Network:
+    """The network with the terms in it, at zero size; a rewiring one at the size where its search begins."""
+    for term in terms:
+        effect = effect_of(term)
+        if effect.rewires:
+            start = {u.name.rpartition(".")[2]: u.nominal for u in term.unknowns}
+            network = effect.add(network, term.place, start)
+        elif effect.owner != "channel":
+            present = network.parameters()
+            # the term's own variables: on this network, without the terms beside it, there might be nothing to act on
+            variables = [v for u in term.unknowns for v in u.variables if v not in present]
+            network = network.with_terms({v: effect.neutral[v.rpartition(".")[2]] for v in variables})
+    return network
+
+
+# --- nuisances --------------------------------------------------------------------------------------------------------
+
+
+def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
+    """What is refitted under priors, each by one factor or shift for all that have it; on a bench, that of its wall.
+
+    What is counted relative to a number that is scaled keeps its ratio: that is how the paper compares walls.
+    """
+    found: dict[str, list[tuple[str, Quantity, float]]] = {}
+    for prefix, owner in network.owners():
+        if site in (None, prefix):
+            for variable, path, q, value in _refitted(prefix, owner, "network" if site is None else "wall"):
+                found.setdefault(path, []).append((variable, q, value))
+    prefix = ALL_PLACES if site is None else site
+    return tuple(_nuisance(f"{prefix}.{path}", moved) for path, moved in found.items())
+
+
+def _refitted(prefix: str, owner: Any, where: str) -> Iterator[tuple[str, str, Quantity, float]]:
+    """Variable, path below its place, quantity and value of what a record refits of an owner, and what follows it."""
+    quantities = quantities_of(owner)
+    values = {key: value_of(owner, key) for key in quantities}
+    for key, q in quantities.items():
+        if where in q.refit:
+            path = f"{prefix}.{key}".partition(".")[2]
+            for other, each in quantities.items():
+                if (other == key or each.ratio_to == key) and (values[other] != 0.0 or q.low < 0.0):
+                    yield f"{prefix}.{other}", path, q, values[other]
+
+
+def _nuisance(name: str, moved: Sequence[tuple[str, Quantity, float]]) -> Unknown:
+    """One factor, or one shift where a number may be negative."""
+    q = moved[0][1]
+    moves, step = tuple((variable, q.spread) for variable, _, _ in moved), q.spread
+    if q.low >= 0.0:
+        return Unknown(name, SCALE, moves, -_WIDEST / step, _WIDEST / step, "1", step, 1.0)
+    low = max((q.low + _MARGIN - value) / step for _, _, value in moved)
+    high = min((q.high - _MARGIN - value) / step for _, _, value in moved)
+    return Unknown(name, SHIFT, moves, low, high, q.unit, step)
