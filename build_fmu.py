@@ -32,7 +32,7 @@ from fmu_src.variables import variable_table
 from solver.console import sentences
 from solver.files import dumps, find_network, read_network, write_whole
 from solver.network import Network, to_dict
-from solver.staggered import Settings
+from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent
 _SLAVE = ROOT / "fmu_src" / "slave.py"

@@ -28,12 +28,14 @@ import numpy as np
 import typer
 
 from benchmarks.table import Row, best, show
-from build_fmu import build
-from solver import Settings, Staggered, load
-from solver.mesh import Parameters
-from solver.report import reporter
-from solver.sdirk import INFLOW_TIMES
-from solver.staggered import State
+from build_fmu import build as build_fmu
+from solver import Settings, load
+from solver.coefficients import Parameters
+from solver.outputs import reporter
+from solver.scheme.model import build
+from solver.scheme.sdirk import INFLOW_TIMES
+from solver.scheme.stage import operators
+from solver.scheme.step import State, initial_state, step
 
 ROOT = Path(__file__).resolve().parents[1]
 FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
@@ -44,18 +46,18 @@ ELASTIC = {f"{segment.name}.phi0": 0.0 for segment in SHEEP.segments}
 
 def beats(parameters: Parameters | None, settings: Settings) -> tuple[list[float], np.ndarray, tuple[str, ...]]:
     """CPU seconds of each beat, reporting included; outputs of the last one (n + 1, B, n_outputs); their names."""
-    scheme = Staggered(SHEEP, parameters, settings)
-    report = reporter(scheme)
-    state: State = scheme.initial_state()
+    model = build(SHEEP, parameters, settings)
+    report = reporter(model)
+    state: State = initial_state(model)
     n = round(SHEEP.inlet.T / settings.dt)
-    table = np.empty((n + 1, scheme.coefficients.B, len(report.names)))
+    table = np.empty((n + 1, model.coefficients.B, len(report.names)))
     seconds = []
     for beat in range(BEATS):
         inflow = SHEEP.inlet.Q((beat * n + np.arange(n)[:, None] + INFLOW_TIMES) * settings.dt)
         start = time.process_time()
         table[0] = report(state)
         for i in range(n):
-            state = scheme.step(state, settings.dt, inflow[i])
+            state = step(model, state, settings.dt, inflow[i])
             table[i + 1] = report(state)
         seconds.append(time.process_time() - start)
     return seconds, table, report.names
@@ -101,11 +103,11 @@ def solver_rows() -> list[Row]:
     one = min(beats({name: value[0] for name, value in many.items()}, Settings())[0])
     batch = min(beats(many, Settings())[0])
     rows.append(Row("batch of 32 parameter sets, against one", batch / one, "x", 3.0, f"{1e3 * batch:.0f} ms a beat"))
-    scheme = Staggered(SHEEP)
-    first = best(lambda: Staggered(SHEEP).operators(1e-3)) - best(lambda: Staggered(SHEEP))
+    model = build(SHEEP)
+    first = best(lambda: operators(build(SHEEP), 1e-3)) - best(lambda: build(SHEEP))
     rows.append(Row("building the operators", 1e3 * first, "ms", 5.0))
-    scheme.operators(1e-3)
-    rows.append(Row("the same, cached", 1e3 * best(lambda: scheme.operators(1e-3)), "ms"))
+    operators(model, 1e-3)
+    rows.append(Row("the same, cached", 1e3 * best(lambda: operators(model, 1e-3)), "ms"))
     return rows
 
 
@@ -143,7 +145,7 @@ def fmu_rows() -> list[Row]:
     """Cold start in a fresh process (wall time, importing and unpacking included) and a step of 1 ms."""
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
-        fmu = build(SHEEP, folder)
+        fmu = build_fmu(SHEEP, folder)
         built = time.perf_counter() - start
         runs = []
         for _ in range(3):

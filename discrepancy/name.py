@@ -171,7 +171,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None) -> N
 
 
 def _lower(problem: Forward, none: Named, fits: Sequence[Fit], runs: Runs) -> Named:
-    """No effect, searched again from where an effect of no size came lower: the first search ended in a side valley."""
+    """The fit without effect, repeated from a fit of lower cost whose effect vanished: a local minimum was left."""
     best = min(fits, key=lambda f: f.cost, default=none.fit)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]

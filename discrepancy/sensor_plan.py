@@ -22,7 +22,7 @@ from fitting.records.virtual import measured
 from fitting.threads import single_threaded
 from solver import simulate_periodic
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from . import thresholds

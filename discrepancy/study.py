@@ -16,7 +16,7 @@ from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats, align
 from fitting.records.record import Record
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from . import thresholds

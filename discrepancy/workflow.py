@@ -28,13 +28,13 @@ from fitting.records.record import Record, read_record
 from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
 from solver import NonPhysicalState, Settings
-from solver.effects import BY_NAME
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
 from .journal import Journal
 from .name import Naming, name, quantile
 from .outcome import NamedEffect, Outcome, Round, verdict_json
+from .places import entry
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
@@ -194,10 +194,7 @@ class _Work:
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
         try:
-            return self.journal.stage(
-                f"run_{stage}",
-                lambda: free_run(fmu, study or self.study, fit, wave, starts),
-            )
+            return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study or self.study, fit, wave, starts))
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 
@@ -237,7 +234,7 @@ class _Work:
                 t.where,
                 estimates(self.network, best.fit, t, half),
                 best.probability,
-                BY_NAME[t.effect].equation,
+                entry(t.effect).equation,
             )
             for t in best.fit.terms
         ]

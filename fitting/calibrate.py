@@ -22,7 +22,7 @@ import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from .inference.asked import parse_unknowns

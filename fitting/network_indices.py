@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver import Settings, simulate_periodic
-from solver.mesh import coefficients
+from solver.coefficients import coefficients
 from solver.network import Network
 
 from .calibrate import Calibration

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from solver.network import Network
-from solver.report import reporter
-from solver.sdirk import INFLOW_TIMES, SDIRK3
-from solver.staggered import Settings, Staggered, State
+from solver.outputs import reporter
+from solver.scheme.model import Model, Settings, build
+from solver.scheme.sdirk import INFLOW_TIMES, SDIRK3
+from solver.scheme.step import State, adopt, initial_state, step
 
 # communication points nearer to the grid than this part of dt count as on it
 _ON_GRID = 1e-6
@@ -44,28 +45,32 @@ class CoSimulation:
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
+        self.parameters = tuple(network.parameters())
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
         """Build the solver at rest from variable values by name; raises ValueError if they do not fit together."""
         laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
-        parameters = {name: values[name] for name in self.network.parameters()}
-        self._use(Staggered(replace(self.network, **laws), parameters, settings))
+        parameters = {name: values[name] for name in self.parameters}
+        self._use(build(replace(self.network, **laws), parameters, settings))
         self.dt = settings.dt
         self.holds = values["inlet.interpolation"] == "hold"
-        self.state = self.shown = self.scheme.initial_state(t0)
+        self.state = self.shown = initial_state(self.model, t0)
         self.t0, self.n, self.time = t0, 0, t0
         self.Q_before = values["inlet.Q"]
         self.pieces: list[_Piece] = []  # the inflow since the last grid point
 
-    def retune(self, values: Mapping[str, Any]) -> None:
-        """Take over parameters that were changed between steps; raises ValueError and keeps the old ones if bad."""
-        self._use(self.scheme.with_parameters({name: values[name] for name in self.network.parameters()}))
-        self.state = self.scheme.adopt(self.state)
+    def retune(self, changed: Mapping[str, Any]) -> None:
+        """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
 
-    def _use(self, scheme: Staggered) -> None:
-        self.scheme, self.report = scheme, reporter(scheme)
+        Of the inputs those that are parameters too (P_venous) matter: the Jacobian at rest is made with them.
+        """
+        self._use(self.model.with_parameters({name: v for name, v in changed.items() if name in self.parameters}))
+        self.state = adopt(self.model, self.state)
+
+    def _use(self, model: Model) -> None:
+        self.model, self.report = model, reporter(model)
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Advance from t to t + h [s] with the inputs in ``values``.
@@ -105,7 +110,7 @@ class CoSimulation:
         """One step from grid point n, over ``part`` of the internal step."""
         times = [self._grid(n + part * c) for c in INFLOW_TIMES.tolist()]
         inflow = [next((piece for piece in pieces if t <= piece.end), pieces[-1])(t) for t in times]
-        return self.scheme.step(state, part * self.dt, np.array(inflow), P_venous)
+        return step(self.model, state, part * self.dt, np.array(inflow), P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
         if not (np.isfinite(h) and h > 0.0):
@@ -123,6 +128,6 @@ def _ready_for(state: State, part: float) -> State:
     values at the end of these steps are extrapolated to the new times; a plain restart leaves fifty times the error.
     """
     ahead = part * SDIRK3.sum(axis=1)
-    rates = state.rates[-1] + np.multiply.outer(ahead, state.rates[-1] - state.rates_before[-1])
-    heads = state.heads[-1] + np.multiply.outer(ahead, state.heads[-1] - state.heads_before[-1])
-    return replace(state, rates=rates, heads=heads, rates_before=rates, heads_before=heads)
+    last, before = state.unknowns[-1], state.unknowns_before[-1]
+    unknowns = last + np.multiply.outer(ahead, last - before)
+    return replace(state, unknowns=unknowns, unknowns_before=unknowns)

@@ -23,7 +23,8 @@ from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variabil
 from pythonfmu.variables import Real, ScalarVariable, String
 
 from solver.network import Network, from_dict
-from solver.staggered import NonPhysicalState, Settings
+from solver.scheme.guards import NonPhysicalState
+from solver.scheme.model import Settings
 
 from .cosimulation import CoSimulation
 from .description import complete, description
@@ -60,9 +61,12 @@ class ArterialSlave(Fmi2Slave):
         self.values: list[Any] = [0.0 if v.start is None else v.start for v in self.table]
         self.numbers = frozenset(i for i, v in enumerate(self.table) if v.quantity is not None)
         self.texts = frozenset(range(len(self.table))) - self.numbers
+        self.inputs = frozenset(i for i, v in enumerate(self.table) if v.causality == "input")
         self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
         self.component = CoSimulation(network, settings)
-        self.phase, self.changed, self.t0 = INSTANTIATED, True, 0.0
+        self.phase, self.t0 = INSTANTIATED, 0.0
+        self.outdated = True  # the outputs, before initialization ends
+        self.changed: dict[str, float] = {}  # tunable parameters since the last step
         for variable in self.table:
             self.register_variable(_registered(variable), nested=False)
 
@@ -101,10 +105,11 @@ class ArterialSlave(Fmi2Slave):
         """One communication step; False, with the reason in the log, when it failed."""
         try:
             self._require("do_step", STEPPING)
+            inputs = {self.names[i]: self.values[i] for i in self.inputs}
             if self.changed:
-                self.component.retune(self._by_name())
-                self.changed = False
-            self.component.step(current_time, step_size, self._by_name())
+                self.component.retune({**inputs, **self.changed})
+                self.changed = {}
+            self.component.step(current_time, step_size, inputs)
             self.values[self.first_output :] = self.component.outputs()
             return True
         except BaseException as error:
@@ -143,7 +148,7 @@ class ArterialSlave(Fmi2Slave):
 
     def _get(self, vrs: list[int], kind: frozenset[int]) -> list[Any]:
         self._check_kind(vrs, kind)
-        if self.phase == INITIALIZING and self.changed and max(vrs, default=0) >= self.first_output:
+        if self.phase == INITIALIZING and self.outdated and max(vrs, default=0) >= self.first_output:
             self._initialize()
         values = self.values
         return [values[vr] for vr in vrs]
@@ -160,9 +165,11 @@ class ArterialSlave(Fmi2Slave):
                 )
             variable.check(value)
         for vr, value in zip(vrs, values, strict=True):
-            # inputs are read at every step; a new value of anything else needs new coefficients
-            if value != self.values[vr] and (self.phase != STEPPING or self.table[vr].causality != "input"):
-                self.changed = True
+            if value != self.values[vr]:
+                self.outdated = True
+                # inputs are read at every step; a new value of anything else needs new coefficients
+                if self.phase == STEPPING and vr not in self.inputs:
+                    self.changed[self.names[vr]] = value
             self.values[vr] = value
 
     def _check_kind(self, vrs: list[int], kind: frozenset[int]) -> None:
@@ -173,14 +180,11 @@ class ArterialSlave(Fmi2Slave):
             right = "Real" if vr in self.numbers else "String"
             raise ValueError(f"{self.table[vr].name} is a {right} variable; read and set it as such.")
 
-    def _by_name(self) -> dict[str, Any]:
-        return dict(zip(self.names, self.values, strict=True))
-
     def _initialize(self) -> None:
         self._check_code()
-        self.component.initialize(self.t0, self._by_name())
+        self.component.initialize(self.t0, dict(zip(self.names, self.values, strict=True)))
         self.values[self.first_output :] = self.component.outputs()
-        self.changed = False
+        self.outdated = False
 
     def _check_code(self) -> None:
         """Refuse to run the code of another FMU: a process keeps the first module of a name."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from solver.network import Network
+from solver.outputs import output_variables
 from solver.quantity import Quantity
-from solver.report import output_variables
-from solver.staggered import Settings
+from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 INTERPOLATIONS = ("hold", "linear")
 INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
-# ranges of the numerical settings, as solver.staggered.Settings has them
+# ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
     "solver.dt": Quantity("s", "internal time step", 1e-7, 0.1, nominal=1e-3, display="ms", tunable=False),
     "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),

@@ -8,8 +8,9 @@
 from .files import bundled, find_network, read_network, write_network
 from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import Pressure, Reflection, Resistance, Windkessel
+from .scheme.guards import NonPhysicalState
+from .scheme.model import Settings
 from .simulate import NotPeriodic, Waveforms, sampled_inflow, simulate, simulate_periodic
-from .staggered import NonPhysicalState, Settings, Staggered
 
 
 def load(name_or_path: str) -> Network:
@@ -31,7 +32,6 @@ __all__ = [
     "Segment",
     "Settings",
     "Site",
-    "Staggered",
     "Waveforms",
     "Windkessel",
     "bundled",

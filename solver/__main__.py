@@ -12,8 +12,9 @@ from rich.table import Table
 from .console import bar, sentences
 from .files import find_network, parse_quantity, read_network
 from .network import Network
+from .scheme.guards import NonPhysicalState
+from .scheme.model import Settings
 from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
-from .staggered import NonPhysicalState, Settings
 from .units import MMHG
 
 

@@ -9,9 +9,9 @@ from itertools import count
 
 import numpy as np
 
-from .mesh import topology
 from .network import Network, Segment
 from .outlets import Outlet
+from .scheme.mesh import topology
 
 Array = np.ndarray
 

@@ -25,9 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .coefficients import Coefficients, Parameters, changes, coefficients
 from .effect import Points
-from .mesh import Coefficients, Parameters, Topology, coefficients, topology
 from .network import Network
+from .scheme.mesh import Topology, topology
+from .wall import Wall
 
 Array = np.ndarray
 
@@ -36,7 +38,7 @@ Array = np.ndarray
 class Harmonics:
     """Complex amplitudes at angular frequencies omega : (n,) [rad/s]. A batch has a leading axis B on all other arrays.
 
-    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.mesh.Topology`. Q_outlet : (n_outlets, n) [m³/s].
+    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_outlet : (n_outlets, n) [m³/s].
     P_site [Pa], Q_site [m³/s], R_site [m] : (n_sites, n). At ω = 0 they are means: absolute pressure, whole radius.
     """
 
@@ -67,7 +69,7 @@ def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | Non
     """The response of the whole network to harmonics of the inflow.
 
     Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean where ω = 0. omega : (n,) [rad/s], not negative.
-    parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.mesh.coefficients`.
+    parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.coefficients.coefficients`.
     Raises ValueError where the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
     loop is undetermined, or ω is a resonance without damping.
     """
@@ -190,7 +192,7 @@ def _history(c: Coefficients, omega: Array) -> Array:
     points = Points(middle, middle, np.sqrt(c.wall.A0 / np.pi), c.L, c.nu)
     found = np.zeros((c.B, len(omega), c.L.shape[1]), complex)
     for term in c.terms:
-        drag = term.effect.drag(term.values, points)
+        drag = term.effect.drag(term.values, points) if changes(term.effect, "drag") else None
         if drag is not None:
             found += (drag.weight[:, :, None] * iw / (iw + drag.rate[:, :, None])).sum(axis=0)
     return found
@@ -228,50 +230,41 @@ def _conditions(
 ) -> tuple[Array, Array, Array]:
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
-    Inlet: F = Z_ref Q. Junction: F = 0. Load: P - P_venous = Z_load Q_out, Z_load = R1 + R2/(1 + iω C R2).
-    Reflection: the tangent at P_0 of Q_out = κ A_e w(A_e), A_e = elastic⁻¹(P - P_venous), whose slope is
-    κ (w + c) A_e/(ρ c²) (κ A0/(ρ c0) where A_e = A0). Raises ValueError where this leaves the mean undetermined.
+    Inlet: F = Z_ref Q. Junction: F = 0. Outlets: each kind's own (:mod:`solver.outlets`).
+    Raises ValueError where this leaves the mean undetermined.
     """
-    steady = np.where(omega == 0.0, 1.0, 0.0)[:, None]
-    A_e, w, speed = _reflecting(network, c, nodes)
-    slope = c.kappa * (w + speed) * A_e / (c.rho * speed**2)
-    R2, C = np.where(c.stores, c.R2, 0.0)[:, None], np.where(c.stores, c.C, 0.0)[:, None]
-    Z_load = c.R1[:, None] + R2 / (1.0 + 1j * omega[:, None] * C * R2)
-    if np.any(omega == 0.0):
-        _check_mean(network, c, nodes, slope, int(np.sum(np.all(Z_load == 0.0, axis=(0, 1)) & ~c.reflects)))
-
+    wall = c.wall.at(nodes.outlet_segment)
+    _refuse_unreachable(network, c, wall)
     shape = (max(c.B, len(Q)), len(omega), nodes.n_nodes)
     a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)
     r[..., 0] = Z_ref[..., 0] * Q
-    a[..., nodes.outlets] = np.where(c.reflects, 1.0, Z_load / Z_ref)
-    b[..., nodes.outlets] = np.where(c.reflects, slope[:, None] * Z_ref, 1.0)
-    r[..., nodes.outlets] = (
-        np.where(c.reflects, -(c.kappa * A_e * w)[:, None] * Z_ref, (c.P_venous - c.P_0)[:, None]) * steady
-    )
+    for ends in c.outlets:
+        at = nodes.outlets.start + ends.index
+        a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
+    if np.any(omega == 0.0):
+        _check_mean(network, c, nodes, a[..., nodes.outlets], b[..., nodes.outlets])
     return a, b, r
 
 
-def _reflecting(network: Network, c: Coefficients, nodes: Topology) -> tuple[Array, Array, Array]:
-    """A_e, w and c at P_0 behind the outlets, (B, n_outlets); harmless numbers where an outlet does not reflect."""
-    wall = c.wall.at(nodes.outlet_segment)
-    with np.errstate(invalid="ignore"):
-        A_e = np.where(c.reflects, wall.area(c.P_0 - c.P_venous), wall.A0)
-        speed = wall.wave_speed(A_e)
-    for b, i in np.argwhere(c.reflects & ~(speed > 0.0)):
-        raise ValueError(
-            f"outlet {network.outlets[i].segment}: no stable wall carries P_0 - P_venous = "
-            f"{c.P_0[b, 0] - c.P_venous[b, i]:g} Pa; bring P_venous nearer to P_0 - P_ref."
-        )
-    return A_e, wall.riemann_velocity(A_e), speed
+def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
+    for ends in c.outlets:
+        for b, i in np.argwhere(ends.kind.unreachable(ends.numbers, wall.at(ends.index), c.P_0)):
+            o = ends.index[i]
+            raise ValueError(
+                f"outlet {network.outlets[o].segment}: no stable wall carries P_0 - P_venous = "
+                f"{c.P_0[b, 0] - c.P_venous[b, o]:g} Pa; bring P_venous nearer to P_0 - P_ref."
+            )
 
 
-def _check_mean(network: Network, c: Coefficients, nodes: Topology, slope: Array, prescribed: int) -> None:
-    if np.any(np.all(c.reflects & (slope == 0.0), axis=1)):
+def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b: Array) -> None:
+    """a, b : of a F + b P' = r at the outlets. A closed one has b = 0, a prescribed pressure a = 0."""
+    if np.any(np.all(b == 0.0, axis=-1)):
         raise ValueError(
             f"network {network.name}: all outlets are closed, so the mean pressure is undetermined; "
             "open one (R_t below 1) or leave out omega = 0."
         )
     # two prescribed pressures close a loop through the ground
+    prescribed = int(np.sum(np.all(a == 0.0, axis=(0, 1))))
     loops = len(nodes.start) - nodes.n_nodes + 1 + max(prescribed - 1, 0)
     if loops > 0 and np.any(c.C_f == 0.0):
         raise ValueError(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .catalogue import neutral_value
-from .mesh import Parameters, coefficients
+from .coefficients import Parameters, coefficients
 from .network import Network
 from .wall import Wall
 

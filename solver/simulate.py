@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .mesh import Mesh, Parameters
+from .coefficients import Parameters
 from .network import Network
-from .report import Reporter, output_variables, reporter
-from .sdirk import INFLOW_TIMES
-from .staggered import Settings, Staggered, State
+from .outputs import Reporter, reporter
+from .scheme.mesh import Mesh
+from .scheme.model import Model, Settings, build
+from .scheme.sdirk import INFLOW_TIMES
+from .scheme.step import State, adopt, initial_state, step
 
 Array = np.ndarray
 Inflow = Callable[[Array], Array]
@@ -73,7 +75,7 @@ class Waveforms(Mapping[str, Array]):
         """One parameter set of a batch."""
         values = {name: value[i] if value.ndim == 2 else value for name, value in self.columns.items()}
         end = self.end
-        if end is not None and len(end.state.Q) > 1:
+        if end is not None and len(end.state.y) > 1:
             end = replace(end, state=end.state.members(slice(i, i + 1 or None)))
         return Waveforms(self.time, values, self.units, self.beats, self.change, end)
 
@@ -130,10 +132,10 @@ def simulate(
     duration = network.inlet.T if duration is None else duration
     if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0):
         raise ValueError(f"duration = {duration!r} s: must be a positive, finite number.")
-    runner = _Runner(network, inflow, parameters, settings, settings.dt)
+    run = _run(network, inflow, parameters, settings, settings.dt)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
-    state, table = runner.run(runner.scheme.initial_state(), n, progress, "simulating")
-    return runner.waveforms(table, duration / network.inlet.T, math.nan, state)
+    table, state = run.table(initial_state(run.model), n, progress, "simulating")
+    return run.waveforms(table, duration / network.inlet.T, math.nan, state)
 
 
 def simulate_periodic(
@@ -169,15 +171,15 @@ def simulate_periodic(
     if max_beats < 2:
         raise ValueError(f"max_beats = {max_beats!r} must be at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
-    runner = _Runner(network, inflow, parameters, settings, period / n)
-    state, before, change = runner.begin(start), None, math.inf
+    run = _run(network, inflow, parameters, settings, period / n)
+    state, before, change = run.begin(start), None, math.inf
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
-        state, table = runner.run(state, n, progress, label)
+        table, state = run.table(state, n, progress, label)
         if before is not None:
-            change = runner.change(table, before)
+            change = _change(table, before, run.report.names)
             if change <= tolerance:
-                return runner.waveforms(table, beat, change, state)
+                return run.waveforms(table, beat, change, state)
         before = table
     raise NotPeriodic(max_beats, change, tolerance)
 
@@ -187,51 +189,55 @@ def _check_network(network: Any) -> None:
         raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
 
 
-class _Runner:
-    """The scheme, its inflow and its reporter, advanced together."""
+def _run(network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float) -> _Run:
+    model = build(network, parameters, settings)
+    return _Run(model, reporter(model), inflow or network.inlet.Q, dt)
 
-    def __init__(
-        self, network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float
-    ) -> None:
-        self.network, self.inflow, self.dt = network, inflow or network.inlet.Q, dt
-        self.scheme = Staggered(network, parameters, settings)
-        self.reporter: Reporter = reporter(self.scheme)
+
+@dataclass(frozen=True)
+class _Run:
+    """A model under an inflow, in steps of dt [s]."""
+
+    model: Model
+    report: Reporter
+    inflow: Inflow
+    dt: float
 
     def begin(self, start: Waveforms | None) -> State:
         """The state to start from: rest, or where another run ended."""
         if start is None:
-            return self.scheme.initial_state()
+            return initial_state(self.model)
         if start.end is None:
             raise ValueError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
-        if not start.end.mesh.same_as(self.scheme.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:
+        if not start.end.mesh.same_as(self.model.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:
             raise ValueError(
                 f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "
                 "keep period, settings, lengths and stenoses, or start from rest."
             )
-        return replace(self.scheme.adopt(start.end.state), t=0.0)
+        return replace(adopt(self.model, start.end.state), t=0.0)
 
-    def run(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[State, Array]:
-        """n steps; returns the last state and the outputs (n + 1, B, n_outputs)."""
-        size = 8.0 * n * self.scheme.coefficients.B * len(self.reporter.names)
+    def table(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[Array, State]:
+        """The outputs of n steps from a state, (n + 1, B, n_outputs), and the last state."""
+        B, names = self.model.coefficients.B, self.report.names
+        size = 8.0 * n * B * len(names)
         if size > _LARGEST_TABLE:
             raise ValueError(
                 f"{n * self.dt:g} s in steps of {self.dt:g} s: the outputs would take {size / 1e9:.0f} GB, more than "
                 f"{_LARGEST_TABLE / 1e9:.0f} GB; run for a shorter time, with fewer sites or a smaller batch."
             )
-        start = round(state.t / self.dt)
-        Q = self._flow((start + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
-        table = np.empty((n + 1, self.scheme.coefficients.B, len(self.reporter.names)))
-        table[0] = self.reporter(state)
+        Q = self.flow((round(state.t / self.dt) + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
+        table = np.empty((n + 1, B, len(names)))
+        table[0] = self.report(state)
         every = max(1, n // 50)
         for i in range(n):
-            state = self.scheme.step(state, self.dt, Q[i])
-            table[i + 1] = self.reporter(state)
+            state = step(self.model, state, self.dt, Q[i])
+            table[i + 1] = self.report(state)
             if progress and (i + 1) % every == 0:
                 progress((i + 1) / n, label)
-        self.last_start = start * self.dt
-        return state, table
+        return table, state
 
-    def _flow(self, t: Array) -> Array:
+    def flow(self, t: Array) -> Array:
+        """The inflow [m³/s] at times t [s], of any shape."""
         Q = np.asarray(self.inflow(t.ravel()), float)
         if Q.shape != t.ravel().shape:
             raise ValueError(f"inflow: for {t.size} times it gave shape {Q.shape}; it must give one value per time.")
@@ -240,26 +246,28 @@ class _Runner:
             raise ValueError(f"inflow: Q = {Q[bad][0]} at t = {t.ravel()[bad][0]:g} s; all values must be finite.")
         return Q.reshape(t.shape)
 
-    def change(self, table: Array, before: Array) -> float:
-        """Largest relative L2 difference of an output from the beat before."""
-        pulsatile = np.array([not name.endswith(".Q") for name in self.reporter.names])
-        reference = table - np.where(pulsatile, table.mean(axis=0), 0.0)
-        size = np.linalg.norm(reference, axis=0)
-        difference = np.linalg.norm(table - before, axis=0)
-        # what hardly pulsates (steady inflow, flow into a closed end) is measured against the largest of its kind
-        whole = np.linalg.norm(table, axis=0)
-        for kind in "PQR":
-            same = np.array([name.endswith(f".{kind}") for name in self.reporter.names])
-            if same.any():
-                whole[:, same] = whole[:, same].max(axis=1, keepdims=True)
-        scale = np.maximum(size, _STEADY * whole)
-        return float(np.max(np.divide(difference, scale, out=np.zeros_like(scale), where=scale > 0.0)))
-
     def waveforms(self, table: Array, beats: float, change: float, state: State) -> Waveforms:
-        names, units = output_variables(self.network)
+        """The result of a table that ends in ``state``."""
         time = np.arange(len(table)) * self.dt
-        values: dict[str, Any] = {"inlet.Q": self._flow(self.last_start + time[:, None])[:, 0]}
-        for i, name in enumerate(names):
-            values[name] = table[:, :, i].T.copy() if self.scheme.coefficients.batched else table[:, 0, i].copy()
-        units_by_name = {"inlet.Q": "m^3/s", **dict(zip(names, units, strict=True))}
-        return Waveforms(time, values, units_by_name, beats, change, End(state, self.scheme.mesh, self.dt))
+        start = (round(state.t / self.dt) - len(table) + 1) * self.dt
+        values = {"inlet.Q": self.flow(start + time)}
+        for i, name in enumerate(self.report.names):
+            values[name] = table[:, :, i].T.copy() if self.model.coefficients.batched else table[:, 0, i].copy()
+        units = {"inlet.Q": "m^3/s", **dict(zip(self.report.names, self.report.units, strict=True))}
+        return Waveforms(time, values, units, beats, change, End(state, self.model.mesh, self.dt))
+
+
+def _change(table: Array, before: Array, names: tuple[str, ...]) -> float:
+    """Largest relative L2 difference of an output from the beat before."""
+    pulsatile = np.array([not name.endswith(".Q") for name in names])
+    reference = table - np.where(pulsatile, table.mean(axis=0), 0.0)
+    size = np.linalg.norm(reference, axis=0)
+    difference = np.linalg.norm(table - before, axis=0)
+    # what hardly pulsates (steady inflow, flow into a closed end) is measured against the largest of its kind
+    whole = np.linalg.norm(table, axis=0)
+    for kind in "PQR":
+        same = np.array([name.endswith(f".{kind}") for name in names])
+        if same.any():
+            whole[:, same] = whole[:, same].max(axis=1, keepdims=True)
+    scale = np.maximum(size, _STEADY * whole)
+    return float(np.max(np.divide(difference, scale, out=np.zeros_like(scale), where=scale > 0.0)))

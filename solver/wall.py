@@ -296,9 +296,10 @@ class Wall:
     def remembering(self, past: Array, theta: float) -> Wall:
         """The wall of a moment: θ [s] ago its viscous stress was ``past`` [Pa], and ε̇ has been since what it is now.
 
-        σ_v = past + θ (σ_v(ε̇) - σ_v)/τ: exactly the stress without memory where τ = 0.
+        σ_v = past + θ (σ_v(ε̇) - σ_v)/τ: exactly the stress without memory where τ = 0. Itself where no wall has one.
         """
-        assert self.tau is not None
+        if self.tau is None:
+            return self
         off = self.tau == 0.0
         return replace(self, past=past, weight=np.where(off, 1.0, theta / np.where(off, 1.0, self.tau + theta)))
 
@@ -311,6 +312,10 @@ class Wall:
         if self.past is None or self.weight is None:
             return stress
         return self.weight * stress + (1.0 - self.weight) * self.past
+
+    def carried(self, A: Array, A_t: Array) -> Array:
+        """The stress [Pa] that a wall with memory carries on; (len(A), 0) where no wall has one."""
+        return np.zeros((len(A), 0)) if self.tau is None else self.viscous_stress(A, A_t)
 
     def _faded(self, s: Array) -> Array:
         """What memory adds to P [Pa]: K_h/s of the stress that is left of the past; exactly 0 without memory."""
@@ -330,8 +335,17 @@ class Wall:
         return nu_s * self.relative_viscosity(A, A_t) if self.nonlinear else nu_s
 
     def viscous_slope(self, A: Array, A_t: Array) -> Array:
-        """∂P/∂A [Pa/m²] of the viscous part at fixed ∂A/∂t."""
-        slope = -self.viscosity(A, A_t) * A_t / A
+        """∂P/∂A [Pa/m²] of the viscous part at fixed ∂A/∂t, where x = r ε̇ falls with √A.
+
+        ∂(factor(x)/A)/∂A = -(factor + x factor'/2)/A² = -(factor + slope)/(2A²), since slope = factor + x factor'.
+        """
+        nu_s = self.viscosity_area / A
+        if self.past is not None:
+            nu_s = nu_s * self.weight
+        if self.nonlinear:
+            x = self.r * self.strain_rate(A, A_t)
+            nu_s = nu_s * (self.viscous.factor(x) + self.viscous.slope(x)) / 2.0
+        slope = -nu_s * A_t / A
         return slope if self.past is None else slope - 0.5 * self._faded(np.sqrt(A / self.A0)) / A
 
     def relative_viscosity(self, A: Array, A_t: Array) -> Array:

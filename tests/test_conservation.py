@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver import Network, Staggered, Windkessel, simulate
-from solver.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
-from solver.staggered import State
+from solver import Network, Windkessel, simulate
+from solver.scheme.model import Model, build
+from solver.scheme.sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, SDIRK3
+from solver.scheme.step import State, initial_state, step
 
 
 @pytest.mark.parametrize("P_0", [0.0, 5000.0, -500.0])
@@ -35,21 +36,21 @@ def test_rest_of_a_windkessel_network(sheep: Network) -> None:
 def test_mass_over_twenty_beats(sheep: Network, wall: str) -> None:
     """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's quadrature in time: <= 5e-14 of the volume (1e-14 measured)."""
     parameters = None if wall == "viscous" else {f"{s.name}.phi0": 0.0 for s in sheep.segments}
-    scheme = Staggered(sheep, parameters)
-    state, dt = scheme.initial_state(), 2e-3
-    start = expected = _volume(scheme, state)
+    model = build(sheep, parameters)
+    state, dt = initial_state(model), 2e-3
+    start = expected = _volume(model, state)
     worst = 0.0
     for i in range(20 * 250):
         inflow = sheep.inlet.Q((i + INFLOW_TIMES) * dt)
         entering = INFLOW_AT_STAGES @ inflow
-        before, state = state, scheme.step(state, dt, inflow)
+        before, state = state, step(model, state, dt, inflow)
         stages = [before.Q + dt * np.tensordot(SDIRK3[j], state.rates, 1) for j in range(3)]
-        outflow = np.array([Q[0, scheme.mesh.outlet_element, -1].sum() for Q in stages])
+        outflow = np.array([Q[0, model.mesh.outlet_element, -1].sum() for Q in stages])
         expected += dt * SDIRK3[-1] @ (entering - outflow)
-        worst = max(worst, abs(_volume(scheme, state) - expected))
+        worst = max(worst, abs(_volume(model, state) - expected))
     assert worst <= 5e-14 * start
 
 
-def _volume(scheme: Staggered, state: State) -> float:
-    weights = scheme.mesh.element.w_gauss / -scheme.minus_J_inverse
+def _volume(model: Model, state: State) -> float:
+    weights = model.mesh.element.w_gauss / -model.minus_J_inverse
     return float(np.sum(state.A * weights))

@@ -15,8 +15,10 @@ from compare import elastic
 
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.variables import variable_table
-from solver import Network, NonPhysicalState, Settings, Staggered, sampled_inflow, simulate
-from solver.report import output_variables, reporter
+from solver import Network, NonPhysicalState, Settings, sampled_inflow, simulate
+from solver.outputs import output_variables, reporter
+from solver.scheme.model import build
+from solver.scheme.step import initial_state, step
 
 Array = np.ndarray
 Flow = Callable[[float], float]
@@ -198,10 +200,10 @@ def test_hold_equals_the_direct_solver(sheep: Network, parameters: dict[str, flo
     """Held samples of the half-sine against the scheme stepped with constant inflow: to 1e-12."""
     times = grid(MS, 0.1)
     value = run(sheep, times, lambda t: float(sheep.inlet.Q(t)), interpolation="hold", parameters=parameters)
-    scheme = Staggered(sheep, parameters)
-    report, state = reporter(scheme), scheme.initial_state()
+    model = build(sheep, parameters)
+    report, state = reporter(model), initial_state(model)
     for i, Q in enumerate(sheep.inlet.Q(times[1:]), start=1):
-        state = scheme.step(state, MS, np.full(4, Q))
+        state = step(model, state, MS, np.full(4, Q))
         assert value[i] == pytest.approx(report(state)[0], rel=1e-12, abs=0.0)
 
 
@@ -248,29 +250,29 @@ def test_first_value_is_no_jump_in_time(sheep: Network) -> None:
 def test_venous_pressure_is_an_input(sheep: Network) -> None:
     """P_venous set before every step against the scheme stepped with it: to 1e-12."""
     component, values = start(sheep)
-    scheme = Staggered(sheep)
-    report, state = reporter(scheme), scheme.initial_state()
+    model = build(sheep)
+    report, state = reporter(model), initial_state(model)
     for i in range(50):
         P_venous = 200.0 * np.sin(0.1 * i * np.arange(1, 6))
         inputs = dict(zip(component.venous, P_venous.tolist(), strict=True))
         component.step(i * MS, MS, {**values, "inlet.Q": 20e-6, **inputs})
-        state = scheme.step(state, MS, np.full(4, 20e-6), P_venous)
+        state = step(model, state, MS, np.full(4, 20e-6), P_venous)
         assert component.outputs() == pytest.approx(report(state)[0], rel=1e-12)
 
 
 def test_retuned_parameters(sheep: Network) -> None:
     """CA.E and an outlet changed at t = 10 ms against the scheme with other coefficients from there: to 1e-12."""
     component, values = start(sheep)
-    scheme = Staggered(sheep)
-    state = scheme.initial_state()
+    model = build(sheep)
+    state = initial_state(model)
     new = {"CA.E": 2e6, "FA.outlet.R_t": 0.8}
     for i in range(30):
         if i == 10:
             component.retune({**values, **new})
-            scheme = scheme.with_parameters(new)
+            model = model.with_parameters(new)
         component.step(i * MS, MS, {**values, "inlet.Q": 20e-6})
-        state = scheme.step(state, MS, np.full(4, 20e-6))
-    assert component.outputs()[1:] == pytest.approx(reporter(scheme)(state)[0, 1:], rel=1e-12)
+        state = step(model, state, MS, np.full(4, 20e-6))
+    assert component.outputs()[1:] == pytest.approx(reporter(model)(state)[0, 1:], rel=1e-12)
 
 
 def test_refused_parameters_change_nothing(sheep: Network) -> None:

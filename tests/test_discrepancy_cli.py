@@ -17,10 +17,11 @@ from typer.testing import CliRunner
 from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
-from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
+from discrepancy.outcome import Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from discrepancy.source import build_fmu
 from fitting.bench import on_bench
+from fitting.estimate import Estimate
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network

@@ -20,8 +20,10 @@ from fmpy.fmi1 import FMICallException
 from fmus import COARSE, MS, TEXTS, Instance, mixed, run_python
 
 from fmu_src.run import run_fmu
-from solver import Network, Settings, Staggered, load, sampled_inflow, simulate
-from solver.report import output_variables, reporter
+from solver import Network, Settings, load, sampled_inflow, simulate
+from solver.outputs import output_variables, reporter
+from solver.scheme.model import build as build_model
+from solver.scheme.step import initial_state, step
 
 Array = np.ndarray
 
@@ -81,12 +83,12 @@ def test_held_inflow_equals_the_solver(instantiate: Callable[..., Instance], cas
     network = CASES[case].network()
     instance = instantiate(CASES[case].fmu)
     instance.initialize()
-    scheme = Staggered(network)
-    report, state = reporter(scheme), scheme.initial_state()
+    model = build_model(network)
+    report, state = reporter(model), initial_state(model)
     value, expected = [], []
     for i, Q in enumerate(network.inlet.Q(np.arange(1, 1001) * MS)):
         value.append(instance.step(i, Q))
-        state = scheme.step(state, MS, np.full(4, Q))
+        state = step(model, state, MS, np.full(4, Q))
         expected.append(report(state)[0])
     difference = np.abs(np.array(value) - expected).max(axis=0) / np.abs(expected).max(axis=0)
     assert difference.max() <= 1e-9
@@ -108,18 +110,18 @@ def test_venous_pressure_and_tuning(instantiate: Callable[..., Instance]) -> Non
     instance.initialize()
     names = [f"{o.segment}.outlet.P_venous" for o in mixed().outlets]
     tuned = {"CA.E": 3e6, "CA.outlet.R2": 1e9, "FA.outlet.R_t": 0.9}
-    scheme = Staggered(mixed())
-    state = scheme.initial_state()
+    model = build_model(mixed())
+    state = initial_state(model)
     for i in range(60):
         P_venous = 500.0 * np.sin(0.1 * i * np.arange(1, 6)) + [500.0, 0.0, 10e3, 0.0, 0.0]
         venous = dict(zip(names, P_venous.tolist(), strict=True))
         instance.set(venous)
         if i == 20:
             instance.set(tuned)
-            scheme = scheme.with_parameters({**tuned, **venous})
+            model = model.with_parameters({**tuned, **venous})
         value = instance.step(i, 30e-6)
-        state = scheme.step(state, MS, np.full(4, 30e-6), P_venous)
-        assert value[1:] == pytest.approx(reporter(scheme)(state)[0, 1:].tolist(), rel=1e-9, abs=0.0)
+        state = step(model, state, MS, np.full(4, 30e-6), P_venous)
+        assert value[1:] == pytest.approx(reporter(model)(state)[0, 1:].tolist(), rel=1e-9, abs=0.0)
 
 
 def test_plain_client(fmus: dict[str, Path], sheep: Network) -> None:

@@ -17,7 +17,9 @@ from fmpy.fmi2 import fmi2Discard, fmi2Fatal
 from fmus import MS, run_python
 
 from fmu_src.run import FMUError, run_fmu
-from solver import Network, NonPhysicalState, Staggered, load, simulate
+from solver import Network, NonPhysicalState, load, simulate
+from solver.scheme.model import build
+from solver.scheme.step import initial_state, step
 
 # --- bad input ----------------------------------------------------------------------------------------------------
 
@@ -256,8 +258,8 @@ def sentence_of_the_solver(case: str, sheep: Network) -> str:
     """What the solver says to the same mistake."""
     with pytest.raises((ValueError, NonPhysicalState)) as error:
         if case == "large inflow":
-            scheme = Staggered(sheep)
-            scheme.step(scheme.step(scheme.initial_state(), MS, np.zeros(4)), MS, np.full(4, 0.5))
+            model = build(sheep)
+            step(model, step(model, initial_state(model), MS, np.zeros(4)), MS, np.full(4, 0.5))
         elif case == "unreachable pressure":
             simulate(replace(sheep, elastic_law="regression"), parameters={"network.P_0": 1e6})
         else:

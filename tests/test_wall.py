@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -275,3 +276,20 @@ def test_wall_derivatives_and_inverse(elastic: str, viscous: str) -> None:
     np.testing.assert_allclose(wall.area(wall.pressure(A, rest)), A, rtol=2e-15)
     np.testing.assert_allclose(wall.wave_speed(A) ** 2, A / RHO * wall.stiffness(A), rtol=2e-15)
     assert wall.pressure(np.full_like(A, A0), rest) == pytest.approx(1e4, abs=1e-9)
+
+
+@pytest.mark.parametrize("elastic", ELASTIC_LAWS)
+@pytest.mark.parametrize("viscous", VISCOUS_LAWS)
+@pytest.mark.parametrize("r", [0.0, -0.915, 1.4], ids=["linear", "falling", "rising"])
+@pytest.mark.parametrize("memory", [False, True], ids=["at once", "memory"])
+def test_viscous_slope_is_that_of_the_pressure(elastic: str, viscous: str, r: float, memory: bool) -> None:
+    """∂P/∂A at fixed ∂A/∂t is stiffness + viscous_slope, of a wall with memory too; to round-off (4e-16 of K/A0)."""
+    wall = aorta(elastic, viscous, e=0.3, r=r, P_ref=1e4)
+    if memory:
+        tau = np.linspace(0.0, 0.05, len(STRETCH))
+        wall = replace(wall, tau=tau).remembering(np.linspace(-5e3, 9e3, len(STRETCH)), 4e-4)
+    A = A0 * STRETCH**2
+    A_t = 2.0 * A0 * np.linspace(-0.3, 0.5, len(A))
+    slope = derivative(lambda a: wall.pressure(a, A_t), A)
+    found = wall.stiffness(A) + wall.viscous_slope(A, A_t)
+    np.testing.assert_allclose(found, slope, rtol=0.0, atol=2e-15 * K[0] / A0)

@@ -116,7 +116,7 @@ class Forward(Protocol):
         ...
 
     def left_out(self, fit: Fit) -> dict[str, float]:
-        """Whitened RMS of each site as the others foretell it; of none where there are no others."""
+        """Whitened RMS of each site, predicted from the others; of none where there are no others."""
         ...
 
     # --- the FMU that stands for the model ----------------------------------------------------------------------------

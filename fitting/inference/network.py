@@ -14,7 +14,7 @@ import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
-from solver.report import output_variables
+from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from ..records.beats import Beats
@@ -111,7 +111,7 @@ class NetworkProblem:
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
     def left_out(self, fit: Fit) -> dict[str, float]:
-        """Whitened RMS of each site as the others foretell it."""
+        """Whitened RMS of each site, predicted from the others."""
         return leave_one_site_out(self.target, fit)
 
     def measured_wave(self, beats: Beats) -> Array:

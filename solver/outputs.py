@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .network import Network
-from .staggered import Staggered, State
+from .scheme.model import Model
+from .scheme.step import State
 
 Array = np.ndarray
 
@@ -26,19 +27,19 @@ class Reporter:
         return self.report(state)
 
 
-def reporter(scheme: Staggered) -> Reporter:
+def reporter(model: Model) -> Reporter:
     """Outputs of a network: inlet.P, <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
     stress; the nodal pressures are the multipliers H.
     """
-    network, mesh = scheme.network, scheme.mesh
+    network, mesh = model.network, model.mesh
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     segment = np.array([index[site.segment] for site in network.sites], int)
     position = np.array([site.position for site in network.sites])
     gauss, lobatto = mesh.sample_gauss(segment, position).T, mesh.sample_lobatto(segment, position).T
-    wall = scheme.coefficients.wall_at(segment, position)
-    n, B = len(segment), scheme.coefficients.B
+    wall = model.coefficients.wall_at(segment, position)
+    n, B = len(segment), model.coefficients.B
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
     names, units = output_variables(network)
     sites = slice(1, 1 + 3 * n)
@@ -50,10 +51,10 @@ def reporter(scheme: Staggered) -> Reporter:
         A = state.A.reshape(B, -1) @ gauss
         at_sites = result[:, sites].reshape(B, n, 3)
         at_sites[..., 0] = wall.pressure(A, A_t)
-        if state.stress is not None:
+        if model.wall.tau is not None:
             # the difference, not the stress itself: so that the answer is continuous as tau vanishes
-            change = state.stress - scheme.wall.viscous_stress(state.A, state.A_t)
-            change = np.where(scheme.wall.tau == 0.0, 0.0, change).reshape(B, -1) @ gauss
+            change = model.layout.part(state.y, "stress") - model.wall.viscous_stress(state.A, state.A_t)
+            change = np.where(model.wall.tau == 0.0, 0.0, change).reshape(B, -1) @ gauss
             at_sites[..., 0] += wall.K_h * np.sqrt(wall.A0 / A) * change
         at_sites[..., 1] = state.Q.reshape(B, -1) @ lobatto
         at_sites[..., 2] = np.sqrt(A / np.pi)

@@ -7,7 +7,7 @@ Gauss points. N = 1 is the ordinary staggered finite volume. Reference: Canuto e
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -60,6 +60,45 @@ class Element:
     derivative: Array  # (N, N+1)  dQ/dξ at the gauss points
     to_gauss: Array  # (N, N+1)  Q at the gauss points
     to_lobatto: Array  # (N+1, N)  A at the lobatto points, extrapolated at the ends
+
+    # the same for rows of values, Q @ d_xi, and against the test functions
+
+    @cached_property
+    def d_xi(self) -> Array:
+        """(N+1, N) dQ/dξ at the gauss points."""
+        return np.ascontiguousarray(self.derivative.T)
+
+    @cached_property
+    def at_gauss(self) -> Array:
+        """(N+1, N) Q at the gauss points."""
+        return np.ascontiguousarray(self.to_gauss.T)
+
+    @cached_property
+    def at_lobatto(self) -> Array:
+        """(N, N+1) A at the lobatto points."""
+        return np.ascontiguousarray(self.to_lobatto.T)
+
+    @cached_property
+    def minus_d_test(self) -> Array:
+        """(N, N+1): values f at the gauss points times it are -∫ f dv/dξ dξ."""
+        return -self.w_gauss[:, None] * self.derivative
+
+    @cached_property
+    def twice_test(self) -> Array:
+        """(N, N+1): values f at the gauss points times it are 2 ∫ f v dξ."""
+        return 2.0 * self.w_gauss[:, None] * self.to_gauss
+
+    @cached_property
+    def end_flux(self) -> Array:
+        """(2, N+1): values at the two ends times it are the boundary terms [f v]."""
+        flux = np.zeros((2, self.N + 1))
+        flux[0, 0], flux[1, -1] = -1.0, 1.0
+        return flux
+
+    @cached_property
+    def both_ends(self) -> slice:
+        """The lobatto points at the ends."""
+        return slice(None, None, self.N)
 
 
 @lru_cache(maxsize=8)

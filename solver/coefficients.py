@@ -1,0 +1,264 @@
+"""The numbers of the equations, from a network's objects, with those of a batch laid over them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from . import effects
+from .effect import Effect
+from .network import Network
+from .outlets import Outlet
+from .quantity import quantities
+from .validation import check_parameters
+from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
+
+Array = np.ndarray
+Parameters = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect that is on somewhere, and its numbers (B, n): of n segments, outlets or junctions, or of the fluid."""
+
+    effect: Effect
+    values: Mapping[str, Array]
+
+    def at(self, index: Array | slice) -> dict[str, Array]:
+        """Its numbers at some of its owners."""
+        return {key: value[:, index] for key, value in self.values.items()}
+
+    @property
+    def on(self) -> Array:
+        """(n,) where any member of the batch has it."""
+        neutral = self.effect.neutral
+        return np.any([np.any(value != neutral[key], axis=0) for key, value in self.values.items()], axis=0)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """The outlets of one kind, and their numbers (B, n) before the effects of outlets.
+
+    index : (n,) which of the network's outlets. terms : the effects of outlets that are on.
+    """
+
+    kind: type[Outlet]
+    index: Array
+    given: Mapping[str, Array]
+    terms: tuple[Term, ...]
+
+    def under(self, P_venous: Array) -> Mapping[str, Array]:
+        """The numbers by key, (B, n), under venous pressures : (B, n_outlets) or (n_outlets,) [Pa]."""
+        return self._changed({**self.given, "P_venous": P_venous[..., self.index]})
+
+    @cached_property
+    def numbers(self) -> Mapping[str, Array]:
+        """The numbers by key, (B, n), under the venous pressures of the parameters."""
+        return self._changed(self.given)
+
+    def _changed(self, numbers: Mapping[str, Array]) -> Mapping[str, Array]:
+        for term in self.terms:
+            numbers = term.effect.outlet(numbers, term.at(self.index))
+        return numbers
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """The numbers of a network, or of a batch of them: leading axis B (1 when nothing is batched).
+
+    L : (B, n_segments) [m]. base : the walls without further effects, arrays (B, n_segments). rho, nu, C_f, alpha,
+    P_0 : (B, 1). k : (B, n_junctions) weight of the kinetic pressure that a junction keeps. outlets : by kind.
+    P_venous : (B, n_outlets) [Pa]. terms : the effects that are on.
+    """
+
+    L: Array
+    base: Wall
+    terms: tuple[Term, ...]
+    rho: Array
+    nu: Array
+    k: Array
+    C_f: Array
+    alpha: Array
+    P_0: Array
+    outlets: tuple[Ends, ...]
+    P_venous: Array
+    batched: bool
+
+    @property
+    def B(self) -> int:
+        return self.L.shape[0]
+
+    def wall_at(self, segment: Array, x: Array) -> Wall:
+        """The walls at points x : (n,) = x/L of segments : (n,), arrays (B, n), with the effects that are on."""
+        wall = self.base.at(segment)
+        for term in self.terms:
+            if term.effect.owner == "segment":
+                wall = term.effect.wall(wall, term.at(segment), x)
+        return wall
+
+    @cached_property
+    def wall(self) -> Wall:
+        """The walls at the middles of the segments : (B, n_segments)."""
+        n = self.L.shape[1]
+        return self.wall_at(np.arange(n), np.full(n, 0.5))
+
+    @property
+    def cuts(self) -> tuple[tuple[float, ...], ...]:
+        """x/L at which elements must end, for every segment."""
+        wanted = [(term.effect.cuts, term.on) for term in self.terms if term.effect.cuts]
+        n = self.L.shape[1]
+        return tuple(tuple(sorted({x for cuts, on in wanted if on[s] for x in cuts})) for s in range(n))
+
+    def venous(self, P_venous: Array) -> Array:
+        """P_venous : (n_outlets,) or (B, n_outlets) [Pa] as the effects of outlets leave it."""
+        if all(ends.numbers["P_venous"] is ends.given["P_venous"] for ends in self.outlets):
+            return P_venous
+        changed = np.empty_like(self.P_venous)
+        for ends in self.outlets:
+            changed[:, ends.index] = ends.under(P_venous)["P_venous"]
+        return changed
+
+
+def batch_size(parameters: Parameters) -> int | None:
+    """Length of the parameters that are arrays, or None if all are scalars. Raises ValueError unless they agree."""
+    sizes = {name: np.shape(value) for name, value in parameters.items() if np.ndim(value)}
+    for name, shape in sizes.items():
+        if len(shape) != 1 or shape[0] == 0 or shape != next(iter(sizes.values())):
+            first = next(iter(sizes))
+            raise ValueError(
+                f"{name}: batch of shape {shape} does not fit {first} of shape {sizes[first]}; "
+                "give scalars or one-dimensional arrays of one length."
+            )
+    return next(iter(sizes.values()))[0] if sizes else None
+
+
+def coefficients(network: Network, parameters: Parameters | None = None, *, checked: bool = True) -> Coefficients:
+    """The coefficients of a network with some parameters replaced by numbers or by arrays of B numbers.
+
+    checked : whether the parameters must be allowed: then raises ValueError for an unknown name, a value out of range,
+    or arrays of different lengths.
+    """
+    parameters = parameters or {}
+    if checked:
+        check_parameters(network, parameters)
+    size = batch_size(parameters)
+    numbers = _Numbers(network, parameters, size or 1)
+    segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]
+    terms = tuple(term for term in map(numbers.term, effects.ALL) if term is not None and term.on.any())
+    rho, nu = numbers.of(fluid, "rho"), numbers.of(fluid, "nu")
+    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones((numbers.size, 1))
+    junctions: Mapping[str, Array] = {"k": np.zeros((numbers.size, len(network.junctions)))}
+    for term in terms:
+        if term.effect.owner == "fluid":
+            C_f = term.effect.friction(C_f, term.values)
+            alpha = term.effect.convection(alpha, term.values)
+        if term.effect.owner == "junction":
+            junctions = term.effect.junction(junctions, term.values)
+    outlets = _outlets(numbers, tuple(term for term in terms if term.effect.owner == "outlet"))
+    P_venous = np.empty((numbers.size, len(network.outlets)))
+    for ends in outlets:
+        P_venous[:, ends.index] = ends.numbers["P_venous"]
+    return Coefficients(
+        L=numbers.of(segments, "L"),
+        base=_walls(numbers),
+        terms=terms,
+        rho=rho,
+        nu=nu,
+        k=junctions["k"],
+        C_f=C_f,
+        alpha=alpha,
+        P_0=numbers.whole("P_0"),
+        outlets=outlets,
+        P_venous=P_venous,
+        batched=size is not None,
+    )
+
+
+def changes(effect: Effect, hook: str) -> bool:
+    """Whether an effect has a hook of its own."""
+    return getattr(type(effect), hook, None) is not getattr(Effect, hook, None)
+
+
+class _Numbers:
+    """The numbers of a network's objects as arrays of B, those of a batch laid over them."""
+
+    def __init__(self, network: Network, parameters: Parameters, size: int) -> None:
+        self.network, self.parameters, self.size = network, parameters, size
+        self.owners: dict[str, list[tuple[str, Any]]] = {
+            "segment": [(segment.name, segment) for segment in network.segments],
+            "fluid": [("fluid", network.fluid)],
+            "outlet": [(f"{outlet.segment}.outlet", outlet) for outlet in network.outlets],
+            "junction": [(f"{junction.name}.junction", junction) for junction in network.junctions],
+        }
+
+    def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float | None = None) -> Array:
+        """(B, n): the number behind a key of every owner, ``otherwise`` where one does not hold it."""
+        values = np.empty((self.size, len(owners)))
+        for i, (prefix, owner) in enumerate(owners):
+            values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
+        return values
+
+    def whole(self, key: str) -> Array:
+        """(B, 1) a number of the whole network."""
+        return self.of([(self.network.NETWORK_GROUP, self.network)], key)
+
+    def term(self, effect: Effect) -> Term | None:
+        """The numbers of an effect, neutral where an owner does not hold them; None if none does, or if it has no
+        numbers that would switch it off."""
+        owners = self.owners.get(effect.owner, [])
+        held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
+        if not held or not effect.neutral:
+            return None
+        return Term(effect, {key: self.of(owners, key, effect.neutral[key]) for key in effect.terms})
+
+
+def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
+    """What an owner holds under a key, as a term or as a field."""
+    held: Mapping[str, float] = getattr(owner, "terms", {})
+    if key in held:
+        return held[key]
+    kind: Any = type(owner)
+    return float(getattr(owner, key)) if key in _fields(kind) else otherwise
+
+
+@lru_cache(maxsize=64)
+def _fields(kind: type) -> frozenset[str]:
+    return frozenset(quantities(kind))
+
+
+def _walls(numbers: _Numbers) -> Wall:
+    """The walls without further effects."""
+    R0, E, h = (numbers.of(numbers.owners["segment"], key) for key in ("R0", "E", "h"))
+    plate = 1.0 - numbers.whole("eta") ** 2
+    h_over_R0, none = h / R0, np.zeros_like(R0)
+    return Wall(
+        elastic=ELASTIC_LAWS[numbers.network.elastic_law],
+        viscous=VISCOUS_LAWS[numbers.network.viscous_law],
+        A0=np.pi * R0**2,
+        K=E * h_over_R0 / plate,
+        e=none,
+        K_h=h_over_R0 / plate,
+        phi0=none,
+        r=none,
+        P_ref=np.broadcast_to(numbers.whole("P_ref"), R0.shape),
+        rho=np.broadcast_to(numbers.of(numbers.owners["fluid"], "rho"), R0.shape),
+        nonlinear=False,
+        bent=False,
+    )
+
+
+def _outlets(numbers: _Numbers, terms: tuple[Term, ...]) -> tuple[Ends, ...]:
+    """The outlets by kind."""
+    by_kind: dict[type[Outlet], list[int]] = {}
+    for i, outlet in enumerate(numbers.network.outlets):
+        by_kind.setdefault(type(outlet), []).append(i)
+    owners = numbers.owners["outlet"]
+
+    def given(kind: type[Outlet], index: list[int]) -> dict[str, Array]:
+        return {key: numbers.of([owners[i] for i in index], key) for key in quantities(kind)}
+
+    return tuple(Ends(kind, np.array(index), given(kind, index), terms) for kind, index in by_kind.items())

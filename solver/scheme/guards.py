@@ -1,0 +1,89 @@
+"""Where the equations end: what must hold of a solution, and the sentences that say where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NoReturn
+
+import numpy as np
+
+from .model import Model
+
+Array = np.ndarray
+
+
+class NonPhysicalState(ArithmeticError):
+    """The solution left what the equations describe. ``segment``, ``x`` [m] and ``t`` [s] say where and when."""
+
+    def __init__(self, reason: str, segment: str, x: float, t: float, remedy: str) -> None:
+        self.reason, self.segment, self.x, self.t = reason, segment, x, t
+        super().__init__(f"segment {segment} at x = {100 * x:.3g} cm, t = {t:.6g} s: {reason}; {remedy}.")
+
+
+def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
+    """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
+    for margin, reason, remedy in _margins(model, A, A_t, Q):
+        if not margin.min() > 0.0:
+            _fail(model, margin, t, reason(), remedy)
+
+
+def refuse(
+    model: Model, A: Array, A_t: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float
+) -> NoReturn:
+    """Raise NonPhysicalState for a stage that did not converge: by outlets, then by :func:`check`, else as such.
+
+    A, A_t, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. ``done`` members are not to blame.
+    """
+    nodes = model.mesh.topology
+    for ends in model.coefficients.outlets:
+        numbers = {**ends.numbers, "P_venous": venous[..., ends.index]}
+        P = H[:, nodes.outlets][:, ends.index]
+        lost = ends.kind.unreachable(numbers, model.outlet_wall.at(ends.index), P)
+        for b, o in np.argwhere(~done[:, None] & lost):
+            s = nodes.outlet_segment[ends.index[o]]
+            name = model.network.segments[s].name
+            raise NonPhysicalState(
+                "the wall at the outlet cannot carry the pressure P - P_venous" + _member(model, int(b)),
+                name,
+                float(model.coefficients.L[b, s]),
+                t,
+                f"check {name}.outlet.P_venous and the elastic law",
+            )
+    innocent = np.where(done, np.inf, 0.0)[:, None, None]
+    for margin, reason, remedy in _margins(model, A, A_t, Q):
+        if not np.min(margin + innocent) > 0.0:
+            _fail(model, margin + innocent, t, reason(), remedy)
+    margin = innocent - changes[..., None] / model.wall.A0
+    _fail(model, margin, t, "the step did not converge", "use a smaller dt or check the parameters there")
+
+
+def _margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
+    """What must stay positive : (B, n_e, N), how to say that it does not, and the remedy; in the order to ask."""
+    wall = model.wall
+    if wall.nonlinear:
+        # asked first: where it is negative the iteration diverges, and the area with it
+        relative = np.nan_to_num(wall.relative_viscosity(A, A_t), nan=np.inf)
+        remedy = 'use viscous_law = "monotone", a smaller |phiNL/phi0| or a lower inflow'
+        yield relative, lambda: _viscosity_reason(model, relative), remedy
+    yield A, lambda: "the area fell to zero or below", "lower the inflow or check R0, E and h there"
+    speed = wall.wave_speed(A)
+    yield speed, lambda: "the wall has no stiffness left (dP/dA <= 0)", "use a smaller |ENL/E| or pressure"
+    subcritical = speed - np.abs((Q @ model.mesh.element.at_gauss) / A)
+    yield subcritical, lambda: "the flow is supercritical (|Q/A| >= c)", "lower the inflow or stiffen the wall"
+
+
+def _viscosity_reason(model: Model, relative: Array) -> str:
+    r = np.broadcast_to(model.wall.r, relative.shape).ravel()[np.argmin(relative)]
+    return f"the effective wall viscosity turned negative: the strain rate passed {-0.5 / r:.3g} 1/s"
+
+
+def _member(model: Model, b: int) -> str:
+    return f" in parameter set {b} of the batch" if model.coefficients.batched else ""
+
+
+def _fail(model: Model, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
+    """Raise NonPhysicalState at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
+    b, e, g = np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape)
+    s = model.mesh.segment[e]
+    x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g] * model.coefficients.L[b, s])
+    raise NonPhysicalState(reason + _member(model, int(b)), model.network.segments[s].name, x, t, remedy)

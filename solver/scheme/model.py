@@ -1,0 +1,202 @@
+"""The equations of one network on one mesh, ready to be stepped: from a network to a frozen :class:`Model`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..coefficients import Coefficients, Parameters, changes, coefficients
+from ..effect import Drag, Points
+from ..network import Network
+from ..validation import check_parameters
+from ..wall import Wall
+from .mesh import Layout, Mesh, build_mesh
+from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
+
+Array = np.ndarray
+
+_ROUND_OFF = 1e-13  # of A0 c0 and of the wall stiffness: smaller corrections are round-off of a network at rest
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numerical settings, chosen once: they do not depend on the wall, so that answers are continuous in φ0.
+
+    dt : time step [s]. element_length : longest element [m]. degree : N of the flow polynomial.
+    tolerance : last correction of the flows in a stage, relative to the largest; of the nodal pressures ten times that.
+    """
+
+    dt: float = 1e-3
+    element_length: float = 0.05
+    degree: int = 3
+    tolerance: float = 3e-5
+
+    def __post_init__(self) -> None:
+        limits = (("dt", "s", 1e-7, 0.1), ("element_length", "m", 1e-4, 10.0), ("tolerance", "", 1e-13, 0.1))
+        for name, unit, low, high in limits:
+            value = getattr(self, name)
+            if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
+                allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
+                raise ValueError(f"settings: {name} = {value!r} must be a number in {allowed}.")
+        if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
+            raise ValueError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A network, or a batch of B parameter sets of it, as the arrays of its equations. Made by :func:`build`.
+
+    parameters : what was laid over the network's own numbers. layout : of the state vector: A (n_e, N) [m²];
+    Q (n_e, N+1) [m³/s]; P_C (n_outlets,) [Pa]; stress like A [Pa], of walls with memory; history (m, n_e, N+1) [m/s],
+    of a force with memory.
+    wall : (B, n_e, N). outlet_wall : (B, n_outlets). minus_J_inverse, kinetic : (B, n_e, N) -1/J and ½ρα.
+    mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, 2) ½ρ(α - k) at the element ends.
+    A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections that are round-off; impedance : (B,) ρ c0/A0,
+    which turns flow into pressure: all of them per member, so that a batch does not change a member's answer.
+    memo : operators by dt, made by :func:`~solver.scheme.stage.operators`.
+    """
+
+    network: Network
+    settings: Settings
+    parameters: Parameters
+    coefficients: Coefficients
+    mesh: Mesh
+    layout: Layout
+    wall: Wall
+    outlet_wall: Wall
+    minus_J_inverse: Array
+    mass: Array
+    friction: Array
+    kinetic: Array
+    end_kinetic: Array
+    force: Force
+    storage: Storage
+    A_rest: Array
+    flow_floor: Array
+    pressure_floor: Array
+    impedance: Array
+    memo: dict[float, Any] = field(default_factory=dict, repr=False)
+
+    def with_parameters(self, changed: Parameters) -> Model:
+        """The same on the same mesh, with some parameters changed: only what they belong to is checked.
+
+        Raises ValueError as :func:`build`.
+        """
+        parameters = {**self.parameters, **changed}
+        owners = {name.rpartition(".")[0] for name in changed}
+        check_parameters(self.network, {n: v for n, v in parameters.items() if n.rpartition(".")[0] in owners})
+        c = coefficients(self.network, parameters, checked=False)
+        return _lay_out(self.network, parameters, self.settings, c, self.mesh)
+
+    def at_rest(self) -> Array:
+        """The state vector of a fluid at rest under P_0, whose walls have been at rest for ever."""
+        y = np.zeros((self.coefficients.B, self.layout.size))
+        self.layout.part(y, "A")[:] = self.A_rest
+        self.layout.part(y, "P_C")[:] = self.coefficients.P_0
+        return y
+
+
+def build(network: Network, parameters: Parameters | None = None, settings: Settings | None = None) -> Model:
+    """The model of a network with some parameters replaced by numbers or by arrays of B numbers.
+
+    Raises ValueError for parameters that are not allowed.
+    """
+    settings = settings or Settings()
+    c = coefficients(network, parameters)
+    mesh = build_mesh(network, c.L.max(axis=0), settings.element_length, settings.degree, c.cuts)
+    return _lay_out(network, dict(parameters or {}), settings, c, mesh)
+
+
+def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh) -> Model:
+    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1)."""
+    el, ends = mesh.element, mesh.topology.outlet_segment
+    wall = _walls(c, mesh, el.x_gauss)
+    # full contiguous arrays: broadcasting over a last axis of length N is several times slower
+    gauss, lobatto = (c.B, mesh.n_elements, el.N), (c.B, mesh.n_elements, el.N + 1)
+    J = (c.L[:, mesh.segment] / mesh.parts)[..., None] / 2.0
+    rho, alpha = c.rho[..., None], c.alpha[..., None]
+    mass = np.broadcast_to(rho * el.w_lobatto * J, lobatto).copy()
+    force = _force(c, mesh, mass)
+    node_kinetic = np.zeros((c.B, mesh.n_nodes))
+    node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * c.alpha
+    node_kinetic[:, mesh.topology.junctions] = 0.5 * c.rho * (c.alpha - c.k)
+    layout = _layout(c, mesh, wall, force)
+    model = Model(
+        network=network,
+        settings=settings,
+        parameters=parameters,
+        coefficients=c,
+        mesh=mesh,
+        layout=layout,
+        wall=wall,
+        outlet_wall=c.wall_at(ends, np.ones(len(ends))),
+        minus_J_inverse=np.broadcast_to(-1.0 / J, gauss).copy(),
+        mass=mass,
+        friction=mass * c.C_f[..., None],
+        kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
+        end_kinetic=node_kinetic[:, mesh.ends],
+        force=force,
+        storage=Tight() if wall.leak is None else Leaking(wall.leak, mesh.sink, wall, wall.A0),
+        A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
+        flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
+        pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
+        impedance=np.min(wall.rho * wall.c0 / wall.A0, axis=(1, 2)),
+    )
+    _refuse_unreachable_pressure(model)
+    return model
+
+
+def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:
+    """The state vector; without memory of any kind it is A and Q."""
+    gauss, lobatto = (mesh.n_elements, mesh.element.N), (mesh.n_elements, mesh.element.N + 1)
+    remembers = wall.tau is not None or force.memories > 0 or any(ends.kind.stores for ends in c.outlets)
+    return Layout(
+        {
+            "A": gauss,
+            "Q": lobatto,
+            "P_C": (len(mesh.topology.outlet_segment) if remembers else 0,),
+            "stress": (0,) if wall.tau is None else gauss,
+            "history": (force.memories, *lobatto),
+        }
+    )
+
+
+def _walls(c: Coefficients, mesh: Mesh, xi: Array) -> Wall:
+    """The walls at points ξ of every element : (B, n_e, len(xi))."""
+    x = mesh.positions(xi)
+    return c.wall_at(np.repeat(mesh.segment, len(xi)), x.ravel()).shaped(x.shape)
+
+
+def _force(c: Coefficients, mesh: Mesh, mass: Array) -> Force:
+    """The forces on the flow of the effects that are on, together."""
+    el, found = mesh.element, list[Drag]()
+    terms = [term for term in c.terms if changes(term.effect, "drag")]
+    if terms:
+        R0 = np.sqrt(_walls(c, mesh, el.x_lobatto).A0 / np.pi)
+        x, centre = mesh.positions(el.x_lobatto), mesh.positions(np.zeros(1))
+        points = Points(x, centre, R0, c.L[:, mesh.segment, None], c.nu[..., None])
+    for term in terms:
+        values: Mapping[str, Array] = term.at(mesh.segment) if term.effect.owner == "segment" else term.values
+        drag = term.effect.drag({key: value[..., None] for key, value in values.items()}, points)
+        found += [] if drag is None else [drag]
+    return DragForce.of(sum(found[1:], found[0]), mass, el.at_lobatto) if found else NoForce()
+
+
+def _refuse_unreachable_pressure(model: Model) -> None:
+    c, law = model.coefficients, model.network.elastic_law
+    for _, e in np.argwhere(~(model.A_rest[..., 0] > 0.0)):
+        name = model.network.segments[model.mesh.segment[e]].name
+        raise ValueError(
+            f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
+            f"{law} law; lower network.P_0 or raise {name}.E or {name}.h."
+        )
+    for ends in c.outlets:
+        for _, o in np.argwhere(ends.kind.unreachable(ends.numbers, model.outlet_wall.at(ends.index), c.P_0)):
+            name = model.network.outlets[ends.index[o]].segment
+            raise ValueError(
+                f"{name}.outlet.P_venous: the wall at the outlet cannot carry P_0 - P_venous under the {law} law; "
+                f"bring {name}.outlet.P_venous nearer to network.P_0."
+            )

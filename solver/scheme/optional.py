@@ -1,0 +1,178 @@
+"""Physics that a model may lack. Where it does, a term that is zero stands in its place, and costs nothing.
+
+A term of a stage is made from the term of the model by ``since``, which tells it what the stage starts from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from ..effect import Drag
+from ..wall import Wall
+
+Array = np.ndarray
+
+_LEAK_STEPS = 3  # Newton steps for ∂A/∂t: a leak takes little of the flow, and each step squares the error
+
+
+# --- a force on the flow ------------------------------------------------------------------------------------------
+
+
+class Force(Protocol):
+    """ρ w J f(U) at the Lobatto points, with f(U) of :class:`~solver.effect.Drag` [m/s²]."""
+
+    @property
+    def memories(self) -> int:
+        """How many numbers its history has at a point."""
+        ...
+
+    def since(self, history: Array, tau: float) -> Force:
+        """The force at the end of a stage of length tau [s] from a history z = y - U : (B, m, n_e, N+1) [m/s]."""
+        ...
+
+    def add_to(self, R: Array, Q: Array, A: Array) -> None:
+        """Add the force of the flow Q through A to R, all (B, n_e, N+1)."""
+        ...
+
+    def slopes(self, Q: Array, A: Array) -> tuple[Array | float, Array | float]:
+        """Its derivatives with respect to Q and A."""
+        ...
+
+    def history(self, before: Array, Q: Array, A: Array) -> Array:
+        """The history at the end of the stage, when it was ``before`` at its start; A : (B, n_e, N)."""
+        ...
+
+
+class NoForce:
+    """The flow feels no more than friction."""
+
+    memories = 0
+
+    def since(self, history: Array, tau: float) -> NoForce:
+        return self
+
+    def add_to(self, R: Array, Q: Array, A: Array) -> None:
+        return None
+
+    def slopes(self, Q: Array, A: Array) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    def history(self, before: Array, Q: Array, A: Array) -> Array:
+        return before
+
+
+@dataclass(frozen=True)
+class DragForce:
+    """A force that has memory: dz/dt = -rate (z + U) over the stage by backward Euler, solved for exactly.
+
+    mass : (B, n_e, N+1) ρ w J. quadratic : like mass. weight, rate : (B, m, n_e, N+1). at_lobatto : (N, N+1).
+    Of a stage: passed = τ rate; linear, constant : like mass, of Σ weight y = linear U + constant.
+    """
+
+    mass: Array
+    quadratic: Array
+    weight: Array
+    rate: Array
+    at_lobatto: Array
+    passed: Array = field(default_factory=lambda: np.zeros(0))
+    linear: Array | float = 0.0
+    constant: Array | float = 0.0
+
+    @staticmethod
+    def of(drag: Drag, mass: Array, at_lobatto: Array) -> DragForce:
+        weight, rate = (np.ascontiguousarray(np.moveaxis(array, 0, 1)) for array in (drag.weight, drag.rate))
+        return DragForce(mass, drag.quadratic, weight, rate, at_lobatto)
+
+    @property
+    def memories(self) -> int:
+        return self.rate.shape[1]
+
+    def since(self, history: Array, tau: float) -> DragForce:
+        # y = z + U with z from dz/dt = -rate (z + U): y = (z_start + U)/(1 + τ rate)
+        passed = tau * self.rate
+        share = self.weight / (1.0 + passed)
+        return replace(self, passed=passed, linear=share.sum(axis=1), constant=(share * history).sum(axis=1))
+
+    def add_to(self, R: Array, Q: Array, A: Array) -> None:
+        U = Q / A
+        R += self.mass * (self.linear * U + self.constant + self.quadratic * U * np.abs(U))
+
+    def slopes(self, Q: Array, A: Array) -> tuple[Array, Array]:
+        U = Q / A
+        by_Q = self.mass * (self.linear + 2.0 * self.quadratic * np.abs(U)) / A
+        return by_Q, -by_Q * U
+
+    def history(self, before: Array, Q: Array, A: Array) -> Array:
+        U = Q / (A @ self.at_lobatto)
+        return (before - self.passed * U[:, None]) / (1.0 + self.passed)
+
+
+# --- what the wall lets through -----------------------------------------------------------------------------------
+
+
+class Storage(Protocol):
+    """∂A/∂t at the end of a stage from supply = -∂Q/∂x, both (B, n_e, N) [m²/s]."""
+
+    def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Storage:
+        """The storage of a stage of length tau [s] from A, with the walls of that moment."""
+        ...
+
+    def area_rate(self, supply: Array) -> Array:
+        """∂A/∂t."""
+        ...
+
+    def slope(self, A: Array, A_t: Array) -> Array | float:
+        """d(∂A/∂t)/d supply, with a last axis of length 1 where it is an array."""
+        ...
+
+
+class Tight:
+    """∂A/∂t = -∂Q/∂x (`massConserv_AQ`)."""
+
+    def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Tight:
+        return self
+
+    def area_rate(self, supply: Array) -> Array:
+        return supply
+
+    def slope(self, A: Array, A_t: Array) -> float:
+        return 1.0
+
+
+@dataclass(frozen=True)
+class Leaking:
+    """∂A/∂t = -∂Q/∂x - g (P - P_sink), P_sink the venous pressure of the outlet where the segment ends, else 0.
+
+    leak : (B, n_e, N) g [m²/(Pa·s)]. sink : (n_e,) the outlet; their number where there is none.
+    """
+
+    leak: Array
+    sink: Array
+    wall: Wall
+    A: Array
+    tau: float = 0.0
+    P_sink: Array | float = 0.0
+
+    def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Leaking:
+        pressures = np.concatenate([P_venous, np.zeros((*P_venous.shape[:-1], 1))], axis=-1)
+        return replace(self, wall=wall, A=A, tau=tau, P_sink=pressures[..., self.sink, None])
+
+    def area_rate(self, supply: Array) -> Array:
+        # by Newton steps: P depends on both A and ∂A/∂t
+        A_t = supply
+        for _ in range(_LEAK_STEPS):
+            A = self.A + self.tau * A_t
+            rest = A_t - supply + self.leak * (self.wall.pressure(A, A_t) - self.P_sink)
+            A_t = A_t - rest / (1.0 + self.leak * self._pressure_slope(A, A_t))
+        return A_t
+
+    def slope(self, A: Array, A_t: Array) -> Array:
+        return (1.0 / (1.0 + self.leak * self._pressure_slope(A, A_t)))[..., None]
+
+    def _pressure_slope(self, A: Array, A_t: Array) -> Array:
+        """dP/d(∂A/∂t) with A = A_start + τ ∂A/∂t."""
+        wall = self.wall
+        return self.tau * (wall.stiffness(A) + wall.viscous_slope(A, A_t)) + wall.viscosity(A, A_t)

@@ -1,0 +1,246 @@
+"""One implicit stage: momentum in the elements, ΣQ and loads at the nodes, and the chord iteration that meets both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..outlets import Load
+from ..wall import Wall
+from . import terms
+from .guards import refuse
+from .model import Model
+from .optional import Force
+from .sdirk import GAMMA
+from .terms import Start
+
+Array = np.ndarray
+Index = Array | slice
+
+CORRECTIONS = 8  # chord iterations before the Jacobian is refreshed
+REFRESHES = 5  # fresh Jacobians before the step is given up
+_KEPT = 16  # lengths of step whose operators a model keeps
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What the outlets put on the nodes at the end of a stage: :class:`~solver.outlets.Load`, scale ΣQ = flow(P - P_b).
+
+    scale : (B, n_nodes), 1 but at outlets. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
+    """
+
+    scale: Array
+    keep: Array
+    give: Array
+    charge: Array
+    kinds: tuple[tuple[Index, Index, Load], ...]
+
+
+@dataclass(frozen=True)
+class Condensed:
+    """The inverse of the Jacobian of a stage, its elements condensed onto the nodes.
+
+    K_inverse : (B, n_e, N+1, N+1) of each element's momentum. K_left, K_right : (B, n_e, N+1) response of Q to the
+    pressures at its ends. minus_G_inverse : (B, n_nodes, n_nodes) of the nodal system.
+    """
+
+    K_inverse: Array
+    K_left: Array
+    K_right: Array
+    minus_G_inverse: Array
+
+
+@dataclass(frozen=True)
+class Operators:
+    """What every stage of length tau = γ dt uses: inertia (B, n_e, N+1) ρ w J/τ, the loads, the Jacobian at rest."""
+
+    tau: float
+    inertia: Array
+    memory: Memory | NoMemory
+    loads: Loads
+    at_rest: Condensed
+
+
+def operators(model: Model, dt: float) -> Operators:
+    """The operators for steps of length dt [s]; made once per dt and kept."""
+    if dt not in model.memo:
+        if len(model.memo) >= _KEPT:
+            model.memo.clear()
+        tau, c = GAMMA * dt, model.coefficients
+        inertia, loads, memory = model.mass / tau, _loads(model, tau), memory_of(model)
+        rest = start(model, tau, inertia, memory, model.at_rest(), c.P_venous)
+        K = terms.jacobian(rest, rest.Q)
+        H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
+        behind = loads.keep * c.P_0 + loads.give * c.P_venous
+        model.memo[dt] = Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
+    operators: Operators = model.memo[dt]
+    return operators
+
+
+class NoMemory:
+    """A and Q are the whole state."""
+
+    def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
+        """Wall and force of a stage of length tau [s] that starts from y : (B, n), and P_C there."""
+        return model.wall, model.force, 0.0
+
+    def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
+        """Write what is remembered at the end of the stage into the state vector ``end``."""
+
+
+class Memory:
+    """Stored pressures, viscous stress, history of a force: backward Euler steps of length τ, relaxation solved for."""
+
+    def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
+        _, _, P_C, stress, history = model.layout.split(y)
+        return model.wall.remembering(stress, tau), model.force.since(history, tau), P_C
+
+    def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
+        s, layout = stage.start, stage.start.model.layout
+        _, _, P_C, stress, history = layout.split(end)
+        P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
+        stress[:] = s.wall.carried(A, A_t)
+        history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
+
+
+def memory_of(model: Model) -> Memory | NoMemory:
+    """What the states of a model remember beside A and Q."""
+    return Memory() if model.layout.shapes["P_C"][0] else NoMemory()
+
+
+def start(model: Model, tau: float, inertia: Array, memory: Memory | NoMemory, y: Array, P_venous: Array) -> Start:
+    """What a stage of length tau [s] starts from, with the state vector y : (B, n)."""
+    A, Q = model.layout.part(y, "A"), model.layout.part(y, "Q")
+    wall, force, P_C = memory.recall(model, y, tau)
+    return Start(model, tau, y, A, Q, P_C, inertia, wall, force, model.storage.since(wall, A, tau, P_venous))
+
+
+def _loads(model: Model, tau: float) -> Loads:
+    c, nodes = model.coefficients, model.mesh.topology
+    scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
+    keep, give, charge = (np.zeros((c.B, len(outlet_nodes))) for _ in range(3))
+    kinds = []
+    for ends in c.outlets:
+        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
+        at = outlet_nodes[ends.index]
+        scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
+        charge[:, ends.index] = load.charge
+        kinds.append((_as_slice(at), _as_slice(ends.index), load))
+    return Loads(scale, keep, give, charge, tuple(kinds))
+
+
+def _as_slice(index: Array) -> Index:
+    """The same as a slice where there is one, which is faster."""
+    together = slice(int(index[0]), int(index[-1]) + 1)
+    return together if np.array_equal(np.arange(together.start, together.stop), index) else index
+
+
+def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> Condensed:
+    """Invert the element Jacobians K and condense them onto the nodes; outlets linearised at H : (B, n_nodes)."""
+    mesh, B = model.mesh, model.coefficients.B
+    K_inverse = np.linalg.inv(K)
+    K_left = np.ascontiguousarray(K_inverse[..., 0])
+    K_right = np.ascontiguousarray(-K_inverse[..., -1])
+    response = np.zeros((B, 2 * mesh.n_elements, mesh.n_nodes))
+    e = np.arange(mesh.n_elements)
+    for column, K_end in enumerate((K_left, K_right)):
+        response[:, 2 * e, mesh.ends[:, column]] += K_end[..., 0]
+        response[:, 2 * e + 1, mesh.ends[:, column]] += K_end[..., -1]
+    G = loads.scale[..., None] * (mesh.incidence @ response)
+    for nodes, outlets, load in loads.kinds:
+        at = np.arange(mesh.n_nodes)[nodes]
+        G[:, at, at] -= load.slope(H[:, nodes] - behind[:, outlets])
+    return Condensed(K_inverse, K_left, K_right, -np.linalg.inv(G))
+
+
+class Stage(NamedTuple):
+    """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
+
+    behind : (B, n_outlets) [Pa] the pressures behind the outlets. inflow [m³/s]. P_venous : (B, n_outlets) [Pa].
+    """
+
+    start: Start
+    operators: Operators
+    behind: Array
+    inflow: Array
+    P_venous: Array
+    t: float
+
+    @staticmethod
+    def of(model: Model, o: Operators, y: Array, inflow: Array, P_venous: Array, t: float) -> Stage:
+        """The stage that starts from the state vector y : (B, n)."""
+        s = start(model, o.tau, o.inertia, o.memory, y, P_venous)
+        return Stage(s, o, o.loads.keep * s.P_C + o.loads.give * P_venous, inflow, P_venous, t)
+
+    def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+        """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
+
+        Returns Q, H and ∂A/∂t. A member of a batch that has converged stays what it is alone, whatever its neighbours
+        do. One that was thrown off starts again from the guess, with the Jacobian there.
+        Raises NonPhysicalState, located from the last finite iterate.
+        """
+        small_Q, small_H = small
+        model, start = self.start.model, self.start
+        jacobian, guess = self.operators.at_rest, (Q, H)
+        done, before = np.zeros(len(Q), bool), Q
+        for _ in range(1 + REFRESHES):
+            for _ in range(CORRECTIONS):
+                Q_new, H_new = self.correct(jacobian, Q, H)
+                change_Q = np.abs(Q_new - Q).reshape(len(Q), -1).max(axis=1)
+                change_H = np.abs(H_new - H).max(axis=1)
+                near = (change_Q <= small_Q) & (change_H <= small_H)
+                if near.all() and not done.any():
+                    return Q_new, H_new, start.area_rate(Q_new)
+                moves = ~done & np.isfinite(change_Q) & np.isfinite(change_H)
+                if moves.all():
+                    before, Q, H = Q, Q_new, H_new
+                else:
+                    before = np.where(moves[:, None, None], Q, before)
+                    Q, H = np.where(moves[:, None, None], Q_new, Q), np.where(moves[:, None], H_new, H)
+                done = done | (moves & near)
+                if done.all():
+                    return Q, H, start.area_rate(Q)
+                if not (moves & ~done).any():
+                    break
+            last, finite = (Q, H), (start.area(start.area_rate(Q)) > 0.0).all(axis=(1, 2)) & moves
+            lost = ~done & ~finite
+            Q, H = np.where(lost[:, None, None], guess[0], Q), np.where(lost[:, None], guess[1], H)
+            try:
+                jacobian = condense(model, self.operators.loads, terms.jacobian(start, Q), H, self.behind)
+            except np.linalg.LinAlgError:  # a state without a Jacobian: nothing to go on with
+                break
+        changes = np.abs(last[0] - before).max(axis=2)
+        A_t = start.area_rate(last[0])
+        refuse(model, start.area(A_t), A_t, *last, changes, self.P_venous, done, self.t)
+
+    def correct(self, jacobian: Condensed, Q: Array, H: Array) -> tuple[Array, Array]:
+        """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow."""
+        R = terms.residual(self.start, Q, H)
+        Q_free = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
+        net = self.node_residual(Q_free, H)
+        dH = np.matmul(jacobian.minus_G_inverse, net[..., None])[..., 0]
+        at_ends = dH.take(self.start.model.mesh.ends, axis=1)
+        Q_free += jacobian.K_left * at_ends[..., :1]
+        Q_free += jacobian.K_right * at_ends[..., 1:]
+        return Q_free, H + dH
+
+    def node_residual(self, Q: Array, H: Array) -> Array:
+        """ΣQ at the nodes; inflow at the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
+        mesh, loads = self.start.model.mesh, self.operators.loads
+        ends = Q[..., mesh.element.both_ends].reshape(len(Q), -1)
+        net = loads.scale * (ends @ mesh.net_inflow)
+        net[:, 0] += self.inflow
+        for nodes, outlets, load in loads.kinds:
+            net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])
+        return net
+
+    def end(self, Q: Array, A_t: Array) -> Array:
+        """The state vector at the end of the stage, from the flow and ∂A/∂t there."""
+        s, model, B = self.start, self.start.model, len(Q)
+        end, A = np.empty_like(s.y), s.area(A_t)
+        end[:, model.layout.places["A"]] = A.reshape(B, -1)
+        end[:, model.layout.places["Q"]] = Q.reshape(B, -1)
+        self.operators.memory.store(self, end, A, A_t, Q)
+        return end

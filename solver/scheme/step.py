@@ -1,0 +1,163 @@
+"""The default scheme: staggered spectral elements in space, unsplit and implicit in time.
+
+`massConserv_AQ` and `momentumConserv_AQ` with the wall of `sheep_constitutive`:
+
+    ∂A/∂t = -∂Q/∂x
+    ρ/A ∂Q/∂t + ∂/∂x (P + ½ρα U²) + ρα (U/A) ∂Q/∂x + ρ C_f Q/A² = 0,     U = Q/A
+    P = P_ref + P_el(A) + ν_s ∂A/∂t + ν_NL (∂A/∂t)²                       (the *total* pressure, pointwise)
+
+Q lives at Lobatto points (degree N), A and P at Gauss points (degree N - 1), so ∂A/∂t = -∂Q/∂x holds pointwise and
+mass is conserved to round-off. At every node one pressure H is the Lagrange multiplier that enforces ΣQ = 0; outlets
+load the total pressure. Time: the three-stage, third-order, L-stable and stiffly accurate SDIRK method of Alexander
+(1977). Each stage is solved by chord iterations with the Jacobian at rest, factorised once per (parameters, dt):
+elements are condensed onto the nodes. Why not Crank–Nicolson: one L-stable scheme serves elastic and viscous walls
+alike, so the answer is continuous as φ0 → 0, and it does not ring when an input is held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .guards import check
+from .mesh import Layout
+from .model import Model
+from .sdirk import INFLOW_AT_STAGES, SDIRK3, STAGES
+from .stage import Stage, operators
+
+Array = np.ndarray
+
+_PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything a step needs.
+
+    y : (B, n) the state vector, its parts in ``layout``. A_t : (B, n_e, N) ∂A/∂t [m²/s]; H : (B, n_nodes) [Pa].
+    unknowns, unknowns_before : (STAGES, B, m), ∂Q/∂t and H at the stages of the last step and of the one before, which
+    start the next iterations; their parts in ``guess``.
+    """
+
+    t: float
+    y: Array
+    A_t: Array
+    H: Array
+    unknowns: Array
+    unknowns_before: Array
+    layout: Layout
+    guess: Layout
+
+    @property
+    def A(self) -> Array:
+        """(B, n_e, N) [m²]."""
+        return self.layout.part(self.y, "A")
+
+    @property
+    def Q(self) -> Array:
+        """(B, n_e, N+1) [m³/s]."""
+        return self.layout.part(self.y, "Q")
+
+    @property
+    def rates(self) -> Array:
+        """(STAGES, B, n_e, N+1) ∂Q/∂t at the stages of the last step [m³/s²]."""
+        return self.guess.part(self.unknowns, "rates")
+
+    def members(self, index: Array | slice) -> State:
+        """The state of some members of a batch."""
+        return replace(
+            self,
+            y=self.y[index],
+            A_t=self.A_t[index],
+            H=self.H[index],
+            unknowns=self.unknowns[:, index],
+            unknowns_before=self.unknowns_before[:, index],
+        )
+
+
+def initial_state(model: Model, t: float = 0.0) -> State:
+    """Fluid at rest under the uniform pressure P_0."""
+    guess = Layout({"rates": model.mass.shape[1:], "heads": (model.mesh.n_nodes,)})
+    H = np.broadcast_to(model.coefficients.P_0, (model.coefficients.B, model.mesh.n_nodes)).copy()
+    unknowns = np.zeros((STAGES, model.coefficients.B, guess.size))
+    guess.part(unknowns, "heads")[:] = H
+    return State(t, model.at_rest(), np.zeros_like(model.A_rest), H, unknowns, unknowns, model.layout, guess)
+
+
+def adopt(model: Model, state: State) -> State:
+    """A state of this mesh under other parameters, ready for these: memory is added where it lacks, or dropped.
+
+    The stress of a wall that had no memory is that of its strain rate, the history of a fluid none. The state of
+    one member serves a whole batch. Raises ValueError for a batch of another size.
+    """
+    B, members = model.coefficients.B, len(state.y)
+    if members not in (1, B):
+        raise ValueError(f"the state is one of {members} parameter sets, not of {B}; take one member of it.")
+    if members != B:
+        state = state.members(np.zeros(B, int))
+    if state.layout.shapes == model.layout.shapes:
+        return replace(state, layout=model.layout)
+    A, Q, *memory = state.layout.split(state.y)
+    U = Q / (A @ model.mesh.element.at_lobatto)
+    without = {
+        "P_C": state.H[:, model.mesh.topology.outlets],
+        "stress": model.wall.carried(A, state.A_t),
+        "history": np.broadcast_to(-U[:, None], (B, *model.layout.shapes["history"])),
+    }
+    kept = [
+        part if part.shape[1:] == model.layout.shapes[name] else without[name][:, : model.layout.shapes[name][0]]
+        for (name, part) in zip(without, memory, strict=True)
+    ]
+    return replace(state, y=model.layout.join(A, Q, *kept), layout=model.layout)
+
+
+def step(model: Model, state: State, dt: float, inflow: Array, P_venous: Array | None = None) -> State:
+    """Advance by dt [s].
+
+    inflow : (4,) or (4, B) [m³/s] at the times t + INFLOW_TIMES dt. P_venous : (n_outlets,) or
+    (B, n_outlets) [Pa] during the step, default the parameters'.
+    Raises NonPhysicalState if the result is not physical.
+    """
+    with np.errstate(all="ignore"):
+        return _advance(model, state, dt, inflow, P_venous)
+
+
+def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Array | None) -> State:
+    """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
+    o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
+    Q_in = INFLOW_AT_STAGES @ inflow
+    venous = c.P_venous if P_venous is None else c.venous(P_venous)
+    small = _tolerances(model, state, Q_in[-1])
+    y = state.y.copy()
+    # where the inflow jumps (a held input that is set anew) the flow at the inlet starts from its new value: spread
+    # over the step, the jump would show in the inlet pressure as its inertia divided by dt
+    layout.part(y, "Q")[:, model.mesh.inlet_element, 0] = inflow[0]
+    # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
+    guesses = 2.0 * state.unknowns - state.unknowns_before
+    unknowns, k = np.empty_like(guesses), list[Array]()
+    for a, guessed, found, Q_i in zip(SDIRK3, guesses, unknowns, Q_in, strict=True):
+        start = y
+        for a_j, k_j in zip(a, k, strict=False):
+            start = start + (dt * a_j) * k_j
+        stage = Stage.of(model, o, start, Q_i, venous, state.t + dt)
+        rates, heads = guess.split(guessed)
+        Q, H, A_t = stage.solve(stage.start.Q + o.tau * rates, heads, small)
+        end = stage.end(Q, A_t)
+        k_i = (end - start) / o.tau
+        k_i[:, layout.places["A"]] = A_t.reshape(len(y), -1)  # without the round-off of the difference
+        found[:, guess.places["rates"]], found[:, guess.places["heads"]] = k_i[:, layout.places["Q"]], H
+        k.append(k_i)
+    check(model, layout.part(end, "A"), A_t, Q, state.t + dt)
+    return State(state.t + dt, end, A_t, H, unknowns, state.unknowns, layout, guess)
+
+
+def _tolerances(model: Model, state: State, Q_in: Array) -> tuple[Array, Array]:
+    """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
+    flow = np.maximum(np.abs(state.Q).reshape(len(state.y), -1).max(axis=1), np.abs(Q_in))
+    pressure = np.abs(state.H - model.coefficients.P_0).max(axis=1)
+    tolerance = model.settings.tolerance
+    return (
+        tolerance * flow + model.flow_floor,
+        _PRESSURES * tolerance * np.maximum(pressure, flow * model.impedance) + model.pressure_floor,
+    )
