@@ -28,12 +28,17 @@ PHYSICS = (
     *("fitting/inference/errors_in_variables.py", "fitting/indices.py", "fitting/records/virtual.py"),
     *("fitting/cohort/", "fitting/pages/"),
 )
-OWN = {"solver/wall.py": {f.name for f in fields(Wall)}, "solver/units.py": {"k"}}  # k is kilo there
+OWN = {
+    "solver/wall.py": {f.name for f in fields(Wall)},
+    "solver/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
+    "solver/units.py": {"k"},  # kilo
+}
 
 
 def classes_of_effects(path: Path) -> list[range]:
-    """The lines of the classes in a file that belong to an effect of the catalogue."""
-    kinds = {kind for effect in ALL for kind in type(effect).__mro__[:-1] if inspect.getsourcefile(kind) == str(path)}
+    """The lines of the classes in a file that belong to an effect of the catalogue or to a kind of outlet."""
+    known = {kind for effect in ALL for kind in type(effect).__mro__[:-1]} | set(OUTLETS)
+    kinds = {kind for kind in known if inspect.getsourcefile(kind) == str(path)}
     spans = [inspect.getsourcelines(kind) for kind in kinds]
     return [range(first, first + len(lines)) for lines, first in spans]
 
