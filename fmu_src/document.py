@@ -9,7 +9,7 @@ from importlib.metadata import distribution
 import numpy as np
 
 from solver.network import Network
-from solver.outlets import Pressure, Reflection, Resistance, Windkessel
+from solver.outlets import Outlet
 from solver.units import display_factor
 
 from .drawing import model_png, network_svg
@@ -102,7 +102,7 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figure>
 {network_svg(network)}
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
-bars are outlets (R_t reflection, RCR Windkessel, R resistance, P prescribed pressure).</figcaption>
+bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in _kinds(network))}).</figcaption>
 </figure>
 {_USE}
 <h2>Variables</h2>
@@ -125,9 +125,12 @@ def _count(network: Network) -> str:
 
 
 def _outlets_in_words(network: Network) -> str:
-    names = {Reflection: "a reflection", Windkessel: "a Windkessel", Resistance: "a resistance", Pressure: "a pressure"}
-    kinds = [name for kind, name in names.items() if any(isinstance(o, kind) for o in network.outlets)]
-    return f"every free end has {' or '.join(kinds)} as condition."
+    return f"every free end has {' or '.join(f'a {kind.noun}' for kind in _kinds(network))} as condition."
+
+
+def _kinds(network: Network) -> list[type[Outlet]]:
+    """The kinds of outlet that a network has."""
+    return list(dict.fromkeys(type(outlet) for outlet in network.outlets))
 
 
 def _table(rows: Iterable[Variable]) -> str:

@@ -7,14 +7,8 @@ from html import escape
 
 from solver.layout import BEND, Lane, lanes
 from solver.network import Network
-from solver.outlets import Outlet, Pressure, Reflection, Resistance, Windkessel
 
 ARTERY, OUTLET, TEXT, FAINT = "#b3363b", "#27496d", "#1d1f22", "#6b7078"
-_OUTLET_LABELS = {Windkessel: "RCR", Resistance: "R", Pressure: "P"}
-
-
-def _outlet_label(outlet: Outlet) -> str:
-    return f"R_t = {outlet.R_t:g}" if isinstance(outlet, Reflection) else _OUTLET_LABELS[type(outlet)]
 
 
 def network_svg(network: Network) -> str:
@@ -66,7 +60,7 @@ def network_svg(network: Network) -> str:
                 f'<path d="M{at[0] + gap + 3:.1f},{at[1] - half:.1f} v{2 * half:.1f}" stroke="{OUTLET}" '
                 'stroke-width="3"/>'
             )
-            parts.append(text((at[0] + gap + 10, at[1] + 4), _outlet_label(lane.outlet), font_size="11", fill=OUTLET))
+            parts.append(text((at[0] + gap + 10, at[1] + 4), lane.outlet.label, font_size="11", fill=OUTLET))
     for site in network.sites:
         a, b = named[site.segment].at(site.position)
         parts.append(
