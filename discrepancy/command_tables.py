@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from rich.table import Table
 
+from solver.console import right
+
 from . import thresholds
 from .outcome import Outcome
 from .places import plain
@@ -16,9 +18,8 @@ _MOST_GAINS = 3
 
 def effects_table(outcome: Outcome) -> Table:
     """The effects that were added, with their parameters in the units that people read."""
-    table = Table(title="best of the class" if outcome.verdict == "ambiguous" else "what was missing")
-    for column in ("effect", "where", "parameter", "value", "95 % interval", "confidence"):
-        table.add_column(column)
+    title = "best of the class" if outcome.verdict == "ambiguous" else "what was missing"
+    table = Table("effect", "where", "parameter", "value", "95 % interval", "confidence", title=title)
     for row in map(effect_row, outcome.effects):
         for i, p in enumerate(row["parameters"]):
             first = (row["name"], row["where"]) if i == 0 else ("", "")
@@ -48,12 +49,8 @@ def class_text(outcome: Outcome) -> str:
 
 def plan_table(plan: SensorPlan) -> Table:
     """Every effect that the channels see: how well, and what it could be taken for."""
-    table = Table(title=f"what inlet.Q, {', '.join(plan.channels)} can tell apart")
-    table.add_column("effect of typical size")
-    table.add_column("d′", justify="right")
-    table.add_column("nearest rival")
-    table.add_column("separation", justify="right")
-    table.add_column("cannot be told from")
+    columns = ("effect of typical size", right("d′"), "nearest rival", right("separation"), "cannot be told from")
+    table = Table(*columns, title=f"what inlet.Q, {', '.join(plan.channels)} can tell apart")
     for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
         if effect in plan.table.invisible:
             continue

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import norm
+from scipy.stats import false_discovery_control, norm
 
 from fitting.inference.bench import bench, fit
 from fitting.records.beats import Beats
@@ -57,15 +57,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
 
 def benjamini_yekutieli(p: Array, rate: float) -> Array:
     """Which of the p-values are discoveries at this false discovery rate, whatever their dependence; any shape."""
-    flat = p.ravel()
-    n = len(flat)
-    order = np.argsort(flat)
-    limit = rate * np.arange(1, n + 1) / (n * np.sum(1.0 / np.arange(1, n + 1)))
-    below = np.flatnonzero(flat[order] <= limit)
-    found = np.zeros(n, bool)
-    if len(below):
-        found[order[: below[-1] + 1]] = True
-    return found.reshape(p.shape)
+    return np.asarray(false_discovery_control(p.ravel(), method="by") <= rate).reshape(p.shape)
 
 
 def _global(residual: Array, covariance: Array) -> float:

@@ -1,8 +1,9 @@
 """What a sensor set can tell apart: separations between effects of typical size, before any data or beside them.
 
 For two effects with whitened columns a and b (the change of all data by an effect of typical size), what the
-nuisances can absorb is taken out of both. The norm of what is left of a is its visibility d'; the norm of what b in
-any size cannot make of it, the separation of a from b. A strong effect may be far from a weak one that is near to it.
+nuisances can absorb is taken out of both. The norm of what is left of a is its visibility d'; the least norm of a - s b
+over all sizes s is the separation of a from b. It is not symmetric: a strong effect may be far from a weak one that is
+near to it.
 """
 
 from __future__ import annotations

@@ -22,7 +22,6 @@ from fitting.inference.search import bounded_step
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, joins
 from fitting.inference.unknown import bounds, penalty, precisions
-from fitting.inference.unknown import quantile as of_dof
 
 from . import thresholds as at
 
@@ -171,7 +170,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None) -> N
 
 
 def _lower(problem: Forward, none: Named, fits: Sequence[Fit], runs: Runs) -> Named:
-    """No effect, searched again from where an effect of no size came lower: the first search ended in a side valley."""
+    """The fit without effect, repeated from a fit of lower cost whose effect vanished: a local minimum was left."""
     best = min(fits, key=lambda f: f.cost, default=none.fit)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]
@@ -291,8 +290,3 @@ def _left(fit: Fit, problem: Forward) -> str:
     worst = max(power, key=lambda s: power[s])
     where = f", most in {problem.signals[worst]}" if len(power) > 1 else ""
     return f"whitened RMS {rms:.2g} ({low:.2g} up to the third harmonic){where}"
-
-
-def quantile(problem: Forward) -> float:
-    """Half a 95 % interval in standard deviations."""
-    return of_dof(problem.dof_of_noise)

@@ -32,19 +32,19 @@ class Unusable(ValueError):
 
 @dataclass(frozen=True)
 class Study:
-    """kind : "bench" (P and R of one ``site``) or "network". fitted, held_out : beats. problem : of the fitted ones.
+    """fitted, held_out : beats. problem : of the fitted ones. warnings : what to know of the record, in sentences."""
 
-    warnings : what to know of the record, one sentence each.
-    """
-
-    kind: str
-    site: str | None
     network: Network
     fitted: Beats
     held_out: Beats
     problem: Forward
     terms: tuple[Term, ...]
     warnings: tuple[str, ...] = ()
+
+    @property
+    def site(self) -> str | None:
+        """The only artery that is compared, if P and R of it are all that was measured."""
+        return self.problem.site
 
 
 def prepare(record: Record, network: Network, period: float | None = None, runs: Runs | None = None) -> Study:
@@ -60,12 +60,10 @@ def prepare(record: Record, network: Network, period: float | None = None, runs:
     try:
         if INFLOW in record.channels:
             problem: Forward = network_problem(fitted, network, channels(record, network), runs)
-            terms = candidates(network, problem.signals)
-            return Study("network", None, network, fitted, kept, problem, terms, warnings)
-        site = bench_site(record, network)
-        problem = bench(fitted, network, site)
-        terms = candidates(network, problem.signals, site)
-        return Study("bench", site, network, fitted, kept, problem, terms, warnings)
+        else:
+            problem = bench(fitted, network, bench_site(record, network))
+        terms = candidates(network, problem.signals, problem.site)
+        return Study(network, fitted, kept, problem, terms, warnings)
     except Unusable:
         raise
     except (ValueError, ArithmeticError) as error:

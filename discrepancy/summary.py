@@ -11,6 +11,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
+from fitting.inference.unknown import quantile
 from fitting.provenance import software
 from fitting.records.noise import mean_beat
 from fitting.records.record import Record
@@ -20,7 +21,7 @@ from solver.units import INFLOW
 from . import thresholds
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .isolability import isolability, smallest
-from .name import Naming, quantile
+from .name import Naming
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
 from .places import of_sensor, plain
 from .separating import separating_measurement
@@ -75,7 +76,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         sentence=sentence(naming, effects, before.gap, after.gap if after else None),
         record=record.path,
         model=os.fspath(model),
-        kind=study.kind,
+        kind=study.problem.kind,
         effects=effects,
         members=tuple(dict.fromkeys(members)),
         reason=plain(naming.reason) if naming.reason else None,
@@ -108,7 +109,7 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
     The pressure drives a bench, so that its channel has no residual there: that of the wall law, with the errors of
     both, is judged.
     """
-    if study.problem.driven(study.problem.measured_wave(study.fitted)).imposed is None:
+    if study.site is None:
         return of_map
     base = naming.base.fit
     return float(chi2_distribution.sf(base.chi2, max(1, len(base.z) - len(base.x))))
@@ -217,7 +218,7 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
     """The best hypotheses, each with what it leaves of the held-out beats."""
-    shown, half = naming.ranked[:_SHOWN], quantile(naming.problem)
+    shown, half = naming.ranked[:_SHOWN], quantile(naming.problem.dof_of_noise)
     kept = study.problem.held_out(study.held_out, study.fitted)
     found = []
     for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fitting.estimate import decimals
+from fitting.estimate import Estimate, decimals
 from solver import effects
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
 from . import thresholds
-from .outcome import Candidate, ChannelBeats, Estimate, Isolability, NamedEffect, Outcome
+from .outcome import Candidate, ChannelBeats, Isolability, NamedEffect, Outcome
 from .places import entry, label_text, place_text, plain
 from .scales import Z
 

@@ -112,7 +112,7 @@ def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:
     fits = {name: _best_shift(measured, model) for name, (measured, model) in pairs.items()}
     _check_time(study, fits)
     middle = float(np.median([without for _, _, without in fits.values()]))
-    if study.kind == "network" and middle < _STRANGE:
+    if study.site is None and middle < _STRANGE:
         raise Unusable(
             f"{study.fitted.source}: its waves do not resemble those of network {study.network.name} (correlation "
             f"about {middle:.2f}); check that the record is of this network and that inlet.Q is the flow into it."

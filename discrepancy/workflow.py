@@ -17,24 +17,23 @@ from typing import Any
 
 import numpy as np
 
-from fitting.bench import on_bench
 from fitting.fmu_run import RunFailed
 from fitting.inference.added import estimates, extended
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Meter, Runs
-from fitting.inference.unknown import parameter_values
+from fitting.inference.unknown import parameter_values, quantile
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
 from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
 from solver import NonPhysicalState, Settings
-from solver.effects import BY_NAME
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
 from .journal import Journal
-from .name import Naming, name, quantile
+from .name import Naming, name
 from .outcome import NamedEffect, Outcome, Round, verdict_json
+from .places import entry
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
@@ -182,10 +181,12 @@ class _Work:
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""
-        if self.study.site is None and stage == "given" and self.model.suffix.lower() == ".fmu":
+        part = self.study.problem.part(network)
+        if part is network and stage == "given" and self.model.suffix.lower() == ".fmu":
             return self.model
-        if self.study.site is not None:
-            network = on_bench(network, self.study.site)
+        return self._built(part, stage)
+
+    def _built(self, network: Network, stage: str) -> Path:
         file = self.place / f"{stage}.toml"
         write_network(network, file)
         return build_fmu(file, self.place / stage)
@@ -194,10 +195,7 @@ class _Work:
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
         try:
-            return self.journal.stage(
-                f"run_{stage}",
-                lambda: free_run(fmu, study or self.study, fit, wave, starts),
-            )
+            return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study or self.study, fit, wave, starts))
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
 
@@ -210,16 +208,14 @@ class _Work:
         self.progress(0.88, "running the extended FMU")
         after = self._free(fmu, "after", best, wave, {}, study)
         difference = failure = None
-        if study.site is None:
+        if study.problem.part(network) is network:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
             physical = free_run(fmu, study, _nothing(), wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
-            file = self.place / "model.toml"
-            write_network(network, file)
-            fmu = build_fmu(file, self.place / "model")
+            fmu = self._built(network, "model")
             archive = fmu.read_bytes()
             try:
                 difference = own_parity(fmu, network)
@@ -230,14 +226,14 @@ class _Work:
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
-        half, best = quantile(naming.problem), naming.best
+        half, best = quantile(naming.problem.dof_of_noise), naming.best
         effects = [
             NamedEffect(
                 t.effect,
                 t.where,
                 estimates(self.network, best.fit, t, half),
                 best.probability,
-                BY_NAME[t.effect].equation,
+                entry(t.effect).equation,
             )
             for t in best.fit.terms
         ]

@@ -16,11 +16,12 @@ from .bench import bench_network
 from .estimate import Estimate
 from .fmu_run import RunFailed
 from .indices import indices, plain
-from .inference.errors_in_variables import NoFit
+from .inference.loop import NoFit
 from .parameter_set import ParameterSet, read_set, set_format, write_set
 from .records.beats import Beats, align
 from .records.record import read_record
-from .wall import WallFit, bootstrap, fit
+from .wall import bootstrap, fit
+from .wall_fit import WallFit
 from .wall_model import model
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
-
 import numpy as np
 from scipy.stats import chi2, norm
 
-from .inference.errors_in_variables import Loop, Solution
-from .wall_model import WallModel, relative_viscosity
+from .inference.loop import Loop
+from .wall_fit import WallFit
+from .wall_model import relative_viscosity
 
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
@@ -20,42 +18,13 @@ NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to thi
 NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
 
 
-class Fitted(Protocol):
-    """What is looked at of a fit: see :class:`fitting.wall.WallFit`."""
-
-    @property
-    def site(self) -> str: ...
-    @property
-    def model(self) -> WallModel: ...
-    @property
-    def values(self) -> Mapping[str, float]: ...
-    @property
-    def lag(self) -> tuple[float, float]: ...
-    @property
-    def r2(self) -> float: ...
-    @property
-    def dof(self) -> int: ...
-    @property
-    def chi2(self) -> float: ...
-    @property
-    def condition(self) -> float: ...
-    @property
-    def ignored_noise(self) -> Mapping[str, float]: ...
-    @property
-    def loop(self) -> Loop: ...
-    @property
-    def solution(self) -> Solution: ...
-    def sd(self, name: str) -> float: ...
-    def ci95(self, name: str) -> tuple[float, float]: ...
-
-
-def doubts(fitted: Fitted) -> tuple[str, ...]:
+def doubts(fitted: WallFit) -> tuple[str, ...]:
     """The sentences that apply to a fit, each starting with its site."""
     checks = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
     return tuple(text for check in checks if (text := check(fitted)))
 
 
-def _unusual(fitted: Fitted) -> str:
+def _unusual(fitted: WallFit) -> str:
     E, (low, high) = fitted.values["E"], USUAL_E
     if low <= E <= high:
         return ""
@@ -65,7 +34,7 @@ def _unusual(fitted: Fitted) -> str:
     )
 
 
-def _viscosity(fitted: Fitted) -> str:
+def _viscosity(fitted: WallFit) -> str:
     R_t = fitted.solution.R_t
     lowest = float(np.min(relative_viscosity(fitted.model, fitted.values, R_t)))
     if lowest > NEAR_THE_TURN or fitted.model.viscous == "monotone":
@@ -78,7 +47,7 @@ def _viscosity(fitted: Fitted) -> str:
     )
 
 
-def _collinear(fitted: Fitted) -> str:
+def _collinear(fitted: WallFit) -> str:
     if fitted.condition <= COLLINEAR:
         return ""
     return (
@@ -87,7 +56,7 @@ def _collinear(fitted: Fitted) -> str:
     )
 
 
-def _noise_of_R(fitted: Fitted) -> str:
+def _noise_of_R(fitted: WallFit) -> str:
     if _misfit(fitted):  # then ordinary least squares differs for another reason
         return ""
     worst = max(
@@ -103,7 +72,7 @@ def _noise_of_R(fitted: Fitted) -> str:
     )
 
 
-def _misfit(fitted: Fitted) -> str:
+def _misfit(fitted: WallFit) -> str:
     if _noise_free(fitted.loop):  # rounding is no measure of a misfit
         missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
         return (
@@ -126,12 +95,12 @@ def _noise_free(loop: Loop) -> bool:
     return bool(loop.noise[1:, 0, 0].mean() < 1e3 * loop.floor[0] and loop.noise[1:, 1, 1].mean() < 1e3 * loop.floor[1])
 
 
-def _undetermined(fitted: Fitted) -> str:
+def _undetermined(fitted: WallFit) -> str:
     wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
     return f"{fitted.site}: the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
 
 
-def _loose(fitted: Fitted) -> str:
+def _loose(fitted: WallFit) -> str:
     share = fitted.sd("phi0") / fitted.values["phi0"]
     if "phiNL" not in fitted.model.free or share <= (LOOSE if np.isnan(fitted.lag[1]) else LOOSE_WITH_LAG):
         return ""

@@ -21,7 +21,8 @@ from .estimate import Estimate
 from .inference.unknown import quantile
 from .records.beats import Beats
 from .records.spectral import coefficients
-from .wall import WallFit, without_lag
+from .wall import without_lag
+from .wall_fit import WallFit
 
 Array = np.ndarray
 Values = Mapping[str, float]

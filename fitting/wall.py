@@ -10,147 +10,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from solver.network import Network, Segment
 from solver.quantity import quantities
-from solver.wall import Wall
 
-from . import wall_model
 from .doubts import doubts
 from .inference.errors_in_variables import Solution, plain, solve
-from .inference.loop import Loop, NoFit
-from .parameter_set import ParameterSet, Value
-from .provenance import software
+from .inference.loop import Loop, NoFit, mean_loop, paired
 from .records import spectral
 from .records.beats import Beats
 from .threads import single_threaded
-from .wall_model import PARAMETERS, UNITS, WallModel, columns, evaluate, model, parameters_of
+from .wall_fit import WallFit
+from .wall_model import WallModel, columns, evaluate, model, parameters_of
 
 Array = np.ndarray
 
-_MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 _LAG_HARMONICS = 12  # of the radius, for the search of a lag: enough for its shape, few enough for its noise
 _THIN = (2.0, 300.0)  # R0/h of arteries, generously: outside, a unit or a channel is wrong
-
-
-@dataclass(frozen=True)
-class WallFit:
-    """The wall of one site.
-
-    values : the five parameters in SI, and h and eta as given. covariance : (p, p) of ``model.free``.
-    lag : by which P comes later than the wall law says [s], with its standard deviation (NaN unless it was free).
-    r2 : 1 - |P - F(R)|²/|P - mean P|² on the filtered radius, the paper's J. dof : of the residual; where its chi2 is
-    larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
-    delayed, if the lag was not free. ignored_noise : the values that ordinary least squares gives, without regard to
-    the noise of R. filtered : the γ-loop. loop : the mean beats that were fitted, without the lag. solution : how.
-    n_beats, source, sha256 : of the record. warnings : what to know, one sentence each.
-    """
-
-    site: str
-    model: WallModel
-    values: Mapping[str, float]
-    covariance: Array
-    lag: tuple[float, float]
-    r2: float
-    dof: int
-    by_lag: Mapping[str, float]
-    ignored_noise: Mapping[str, float]
-    filtered: spectral.Filtered
-    loop: Loop
-    solution: Solution
-    n_beats: int
-    source: str
-    sha256: str
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def h(self) -> float:
-        """Wall thickness as given [m]."""
-        return self.values["h"]
-
-    @property
-    def eta(self) -> float:
-        """Poisson's ratio as given."""
-        return self.values["eta"]
-
-    @property
-    def chi2(self) -> float:
-        """uᵀ V⁻¹ u of the residual against its expected noise."""
-        return self.solution.chi2
-
-    @property
-    def condition(self) -> float:
-        """Condition number of the whitened columns, each of unit length."""
-        return self.solution.condition
-
-    def sd(self, name: str) -> float:
-        """Standard deviation of a parameter; 0 for one that was given."""
-        if name not in self.model.free:
-            return 0.0
-        i = self.model.free.index(name)
-        return float(np.sqrt(self.covariance[i, i]))
-
-    def ci95(self, name: str) -> tuple[float, float]:
-        """95 % interval of a parameter, by Student's t."""
-        half = float(t_distribution.ppf(0.975, self.dof)) * self.sd(name)
-        return self.values[name] - half, self.values[name] + half
-
-    @property
-    def relaxation_time(self) -> tuple[float, float]:
-        """φ0/E [s] and its standard deviation."""
-        E, phi0 = self.values["E"], self.values["phi0"]
-        i, j = self.model.free.index("E"), self.model.free.index("phi0")
-        slope = np.array([-phi0 / E**2, 1.0 / E])
-        return phi0 / E, float(np.sqrt(slope @ self.covariance[np.ix_([i, j], [i, j])] @ slope))
-
-    @property
-    def P_fitted(self) -> Array:
-        """P of the fitted law on the most probable radius : (N,) [Pa], on the same times as loop.P."""
-        s = self.solution
-        return evaluate(self.model, self.values, s.R, s.R_t).P
-
-    def residual_spectrum(self) -> tuple[Array, Array, Array]:
-        """Harmonic k, |residual_k| [Pa], and the standard deviation it should have [Pa] : (N//2 + 1,) each."""
-        size = np.abs(spectral.coefficients(self.solution.residual))
-        return np.arange(len(size)), size, self.solution.expected
-
-    def wall(self, values: Mapping[str, float] | None = None, rho: float = 1060.0) -> Wall:
-        """The solver's wall of these values (default: the fitted ones)."""
-        return wall_model.wall(self.model, self.values if values is None else values, rho)
-
-    def parameter_set(self) -> ParameterSet:
-        """E, R0, h and viscosities as start values of segment ``site``, with intervals and where they come from."""
-        fitted = {
-            f"{self.site}.{name}": Value(
-                self.values[name], UNITS[name], self.ci95(name) if name in self.model.free else None
-            )
-            for name in PARAMETERS
-        }
-        return ParameterSet(
-            f"wall of {self.site}",
-            {"network.eta": Value(self.eta, "1"), f"{self.site}.h": Value(self.h, "m"), **fitted},
-            {"network.elastic_law": self.model.elastic, "network.viscous_law": self.model.viscous},
-            {
-                "record": self.source,
-                "sha256": self.sha256,
-                "model": self.model.name,
-                "free": list(self.model.free),
-                "beats": self.n_beats,
-                **({"lag_of_P": {"value": self.lag[0], "unit": "s", "sd": self.lag[1]}} if self.lag[0] else {}),
-                "period": {"value": self.loop.T, "unit": "s"},
-                "gamma": {"value": self.filtered.gamma, "unit": "m"},
-                "kept_harmonics": list(self.filtered.kept),
-                "r2": self.r2,
-                "chi2_per_dof": self.chi2 / self.dof,
-                "warnings": list(self.warnings),
-                "software": software(),
-            },
-        )
 
 
 @single_threaded
@@ -205,29 +85,6 @@ def without_lag(beats: Beats, fitted: WallFit) -> Beats:
     return replace(beats, values={**beats.values, name: moved})
 
 
-def mean_loop(beats: Beats, site: str) -> Loop:
-    """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError as :func:`fit`."""
-    names = (f"{site}.P", f"{site}.R")
-    beats = _paired(beats, site)
-    P, R = (beats.mean(name) for name in names)
-    noise = beats.covariance(names)
-    N = min(beats.N, _MOST_SAMPLES)
-    return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
-
-
-def _paired(beats: Beats, site: str) -> Beats:
-    """A gap of P is a gap of R and the other way round, unless that leaves a phase without any sample.
-
-    What varies from beat to beat must be in the mean of both, or in neither.
-    """
-    P, R = beats.site(site)
-    gaps = np.isnan(P) | np.isnan(R)
-    if not gaps.any() or gaps.all(axis=0).any():
-        return beats
-    paired = {name: np.where(gaps, np.nan, x) for name, x in ((f"{site}.P", P), (f"{site}.R", R))}
-    return replace(beats, values=paired)
-
-
 @single_threaded
 def bootstrap(
     fitted: WallFit, beats: Beats, replicates: int = 200, seed: int = 0, progress: Callable[[float], None] | None = None
@@ -238,7 +95,7 @@ def bootstrap(
     Percentile intervals, for ``model.free``, widened by √(n/(n - 1)) as n drawn beats scatter less than n measured.
     """
     rng = np.random.default_rng(seed)
-    beats, lag = _paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
+    beats, lag = paired(without_lag(beats, fitted), fitted.site), 0.0 if np.isfinite(fitted.lag[1]) else None
     names = (f"{fitted.site}.P", f"{fitted.site}.R")
     whole = {name: beats.mean(name) for name in names}
     means = np.empty((replicates, len(fitted.model.free)))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver import loop
 from solver.network import Segment
 from solver.quantity import quantities
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS, ElasticLaw, ViscousLaw, Wall
@@ -115,30 +116,20 @@ class Evaluated:
 
 def evaluate(model: WallModel, values: Values, R: Array, R_t: Array) -> Evaluated:
     """The pressure on a loop R, R' : (N,) and all its first derivatives."""
-    E, R0, phi0, phiNL, ENL = (values[name] for name in PARAMETERS)
-    thickness = values["h"] / (1.0 - values["eta"] ** 2)
-    K, e = E * thickness / R0, ENL / E
-    s, rate = R / R0, R_t / R0
-    elastic, viscous = model.elastic_law, model.viscous_law
-    one = elastic.pressure(s, 1.0, 0.0)  # type: ignore[arg-type]
-    two = elastic.pressure(s, 1.0, 1.0) - one  # type: ignore[arg-type]
-    P_el, P_s = K * (one + e * two), elastic.derivative(s, K, e)  # type: ignore[arg-type]
-    x = phiNL / phi0 * rate
-    factor, slope = viscous.factor(x), viscous.slope(x)
-    P_v = thickness / R * phi0 * rate * factor
+    w = wall(model, values)
+    P, by_R, by_R_t = loop.tangent(w, R, R_t)
+    s, rate = R / values["R0"], R_t / values["R0"]
+    one = w.elastic.pressure(s, np.ones(()), np.zeros(()))
+    two = w.elastic.pressure(s, np.ones(()), np.ones(())) - one
+    x = w.r * rate
     by = {
-        "E": thickness / R0 * one,
-        "R0": -(P_el + s * P_s + thickness / s * phi0 * rate * slope / R0) / R0,
-        "phi0": thickness / R * rate * (2.0 * factor - slope),
-        "phiNL": thickness / R * rate * rate * viscous.bend(x),
-        "ENL": thickness / R0 * two,
+        "E": w.K_h * one,
+        "R0": -(P + R * by_R + R_t * by_R_t) / values["R0"],  # P is homogeneous of degree -1 in R, R' and R0
+        "phi0": w.K_h / s * rate * (2.0 * w.viscous.factor(x) - w.viscous.slope(x)),
+        "phiNL": w.K_h / s * rate * rate * w.viscous.bend(x),
+        "ENL": w.K_h * two,
     }
-    return Evaluated(
-        P_el + P_v,
-        P_s / R0 - P_v / R,
-        thickness / R * phi0 * slope / R0,
-        np.stack([by[name] for name in model.free], axis=-1),
-    )
+    return Evaluated(P, by_R, by_R_t, np.stack([by[name] for name in model.free], axis=-1))
 
 
 def relative_viscosity(model: WallModel, values: Values, R_t: Array) -> Array:

@@ -9,7 +9,7 @@ from importlib.metadata import distribution
 import numpy as np
 
 from solver.network import Network
-from solver.outlets import Outlet
+from solver.outlets import OUTLETS
 from solver.units import display_factor
 
 from .drawing import model_png, network_svg
@@ -102,7 +102,7 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figure>
 {network_svg(network)}
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
-bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in _kinds(network))}).</figcaption>
+bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
 {_USE}
 <h2>Variables</h2>
@@ -125,12 +125,8 @@ def _count(network: Network) -> str:
 
 
 def _outlets_in_words(network: Network) -> str:
-    return f"every free end has {' or '.join(f'a {kind.noun}' for kind in _kinds(network))} as condition."
-
-
-def _kinds(network: Network) -> list[type[Outlet]]:
-    """The kinds of outlet that a network has."""
-    return list(dict.fromkeys(type(outlet) for outlet in network.outlets))
+    kinds = [f"a {kind.noun}" for kind in OUTLETS if kind in {type(outlet) for outlet in network.outlets}]
+    return f"every free end has {' or '.join(kinds)} as condition."
 
 
 def _table(rows: Iterable[Variable]) -> str:

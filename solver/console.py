@@ -17,6 +17,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 
 BAD_INPUT = 2  # exit code
 PACE = 30.0  # s
@@ -76,3 +77,8 @@ def show(*tables: RenderableType) -> None:
     console = Console()
     for table in tables:
         console.print(table)
+
+
+def right(heading: str) -> Column:
+    """A column of numbers."""
+    return Column(heading, justify="right")

@@ -31,23 +31,26 @@ def wall_of(network: Network, segment: str, parameters: Parameters | None = None
     return coefficients(network, parameters, checked=False).wall_at(np.array([names.index(segment)]), np.array([0.5]))
 
 
-def pressure(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
-    """P [Pa] of walls (B, 1), or of one whose arrays are numbers, on a loop R, R' : (…, N) of period T [s]."""
+def pressure(wall: Wall, R: Array, R_t: Array, T: float = 1.0) -> Array:
+    """P [Pa] of walls (B, 1), or of one whose arrays are numbers, on a loop R, R' : (…, N).
+
+    T : its period [s], which walls with memory need.
+    """
     A, A_t = np.pi * R * R, 2.0 * np.pi * R * R_t
     return _present(wall, A, A_t, T).pressure(A, A_t)
 
 
-def slopes(wall: Wall, R: Array, R_t: Array, T: float) -> tuple[Array, Array]:
-    """∂P/∂R at fixed viscous stress : (…, N) [Pa/m], and ∂P/∂R' of the viscous stress of the moment [Pa·s/m]."""
-    A, A_t = np.pi * R * R, 2.0 * np.pi * R * R_t
-    elastic = wall.elastic.pressure(np.sqrt(A / wall.A0), wall.K, wall.e) + wall.P_ref
-    viscous = _present(wall, A, A_t, T).pressure(A, A_t) - elastic
-    return 2.0 * np.pi * R * wall.stiffness(A) - viscous / R, 2.0 * np.pi * R * wall.viscosity(A, A_t)
+def tangent(wall: Wall, R: Array, R_t: Array, T: float = 1.0) -> tuple[Array, Array, Array]:
+    """P as :func:`pressure`, ∂P/∂R at fixed viscous stress [Pa/m], and ∂P/∂R' by the stress of the moment [Pa·s/m]."""
+    A, A_t, around = np.pi * R * R, 2.0 * np.pi * R * R_t, 2.0 * np.pi * R
+    P = _present(wall, A, A_t, T).pressure(A, A_t)
+    viscous = P - wall.P_ref - wall.elastic.pressure(np.sqrt(A / wall.A0), wall.K, wall.e)
+    return P, around * wall.stiffness(A) - viscous / R, around * wall.viscosity(A, A_t)
 
 
 def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
     """dP/dR : (N, N) [Pa/m] of the first of some walls on a loop R, R' : (N,), R' moving along."""
-    by_R, by_R_t = (np.atleast_2d(x)[0] for x in slopes(wall, R, R_t, T))
+    _, by_R, by_R_t = (np.atleast_2d(x)[0] for x in tangent(wall, R, R_t, T))
     D = derivative_matrix(len(R), T)
     if wall.tau is None:
         matrix = by_R_t[:, None] * D

@@ -45,7 +45,7 @@ _SYMBOLS = {
     "Pa": (1, -1, -2, 0, 0),
     "mmHg": (1, -1, -2, 0, 1),
 }
-_PREFIXES = {"M": 6, "k": 3, "c": -2, "m": -3, "u": -6}
+_PREFIXES = dict(zip("Mkcmu", (6, 3, -2, -3, -6), strict=True))
 _FACTOR = re.compile(r"([./]?)(\(?)([A-Za-z]+|10?)(?:\^(-?\d+))?(\)?)")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -20,3 +21,14 @@ def in_process(main: Callable[..., Any], arguments: Sequence[str | os.PathLike[s
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     return subprocess.CompletedProcess(line, done.exit_code, done.stdout, done.stderr)
+
+
+def refused_in_one_sentence(app: typer.Typer, arguments: Sequence[str], sentence: str, folder: Path) -> None:
+    """Assert exit code 2, one sentence on the error stream that names the thing, and nothing new in the folder."""
+    before = sorted(folder.rglob("*"))
+    done = CliRunner(env={"COLUMNS": "160"}).invoke(app, [*arguments, "-q"])
+    assert done.exit_code == 2, done.output
+    assert sentence in done.stderr
+    assert done.stderr.startswith("Error: ")
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert sorted(folder.rglob("*")) == before

@@ -18,8 +18,6 @@ from fitting.records.record import read_record, write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load
 
-pytestmark = pytest.mark.usefixtures("one_process")
-
 
 def loop_channels(site: str = "AA", n: int = 100) -> dict[str, Array]:
     """P and R of a virtual wall on the bench, from rest to periodic by DOP853."""

@@ -13,7 +13,7 @@ from truth.records import Case, Nuisance, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy.name import Naming, quantile
+from discrepancy.name import Naming
 from discrepancy.study import judge
 from fitting.inference.added import estimates
 from fitting.inference.bench import Bench, fit
@@ -21,6 +21,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.loop import Loop
 from fitting.inference.observation import chain
 from fitting.inference.terms import Term, candidates
+from fitting.inference.unknown import quantile
 from fitting.records.record import Record
 from solver import catalogue
 from solver.sensors import CatheterResonance
@@ -182,7 +183,7 @@ def test_nonlinear_elasticity_is_named() -> None:
     made = make(Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),)), 5)
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
     (told,) = estimates(
-        naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem)
+        naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem.dof_of_noise)
     ).values()
     assert told.ci95[0] <= made.truth["effects"][0]["parameters"][f"{SITE}.ENL"] <= told.ci95[1]
     assert naming.verdict == "effect"
@@ -234,5 +235,7 @@ def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
     made = make(case, (20261121, 0, 136))
     _, naming = judge(Record("synthetic", "", made.time, made.channels, {}), made.base)
     assert (naming.verdict, naming.best.label) == ("effect", "catheter_resonance at MD.P")
-    told = estimates(naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem))
+    told = estimates(
+        naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem.dof_of_noise)
+    )
     assert told["MD.P.f_n"].value == pytest.approx(15.736, rel=0.05)

@@ -11,13 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import refused_in_one_sentence
 from typer.testing import CliRunner
 
+from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
-from discrepancy.outcome import Estimate, Isolability, NamedEffect, Outcome
+from discrepancy.outcome import Isolability, NamedEffect, Outcome
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
+from discrepancy.source import build_fmu
 from fitting.bench import on_bench
+from fitting.estimate import Estimate
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
@@ -178,13 +182,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
 def test_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str) -> None:
     """Exit code 2, one sentence on the error stream that names the thing, and nothing new in the folder."""
     monkeypatch.chdir(folder)
-    before = sorted(folder.rglob("*"))
-    done = run(*arguments, "-q")
-    assert done.exit_code == 2, done.output
-    assert sentence in done.stderr
-    assert done.stderr.startswith("Error: ")
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert sorted(folder.rglob("*")) == before
+    refused_in_one_sentence(app, arguments, sentence, folder)
 
 
 def test_an_unusable_record_leaves_a_report(folder: Path) -> None:
@@ -252,3 +250,12 @@ def test_import_is_cheap() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "discrepancy.workflow", "")
+
+
+def test_an_fmu_from_a_process_of_its_own(folder: Path, tmp_path: Path) -> None:
+    """Byte for byte the FMU that is built here; what that process refuses is an error with its sentence."""
+    fmu = build_fmu(folder / "bench.toml", tmp_path)
+    assert fmu.read_bytes() == build(read_network(folder / "bench.toml"), tmp_path / "here").read_bytes()
+    (tmp_path / "BAD.toml").write_text("name = ")
+    with pytest.raises(ValueError, match=r"^.*BAD\.toml: not valid TOML: "):
+        build_fmu(tmp_path / "BAD.toml", tmp_path)

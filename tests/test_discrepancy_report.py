@@ -26,7 +26,6 @@ from discrepancy.outcome import (
     Balance,
     Candidate,
     ChannelBeats,
-    Estimate,
     Isolability,
     Located,
     NamedEffect,
@@ -38,6 +37,7 @@ from discrepancy.places import marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
 from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number, smallest_rows
+from fitting.estimate import Estimate
 from solver import Network
 from solver.units import MMHG
 

@@ -181,7 +181,7 @@ def test_a_healthy_record_passes() -> None:
 def test_held_out_beats_are_the_last_quarter() -> None:
     """20 beats: 15 are fitted, the last 5 kept."""
     study = prepare(as_record(healthy()), NETWORK)
-    assert (study.kind, study.site, study.fitted.n_beats, study.held_out.n_beats) == ("network", None, 15, 5)
+    assert (study.problem.kind, study.site, study.fitted.n_beats, study.held_out.n_beats) == ("network", None, 15, 5)
     assert set(study.problem.signals) == set(NAMES) - {"inlet.Q"}
 
 

@@ -134,9 +134,9 @@ def test_demo_says_what_is_wrong(tmp_path: Path) -> None:
     assert len(outcome.errors.strip().splitlines()) == 1
 
 
-def test_demo_prints_what_readme_shows(demo: Outcome) -> None:
-    """README's copy of the output has the same rows, and its peaks and amplitudes agree to 1e-3."""
-    shown = rows((ROOT / "README.md").read_text(encoding="utf-8"))
+def test_demo_prints_what_its_page_shows(demo: Outcome) -> None:
+    """The copy of the output in docs/demo.md has the same rows, and its peaks and amplitudes agree to 1e-3."""
+    shown = rows((ROOT / "docs" / "demo.md").read_text(encoding="utf-8"))
     assert [row[0] for row in shown] == [row[0] for row in demo.rows()]
     for old, new in zip(shown, demo.rows(), strict=True):
         assert list(map(float, old[1:3])) == pytest.approx(list(map(float, new[1:3])), rel=1e-3)

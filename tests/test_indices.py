@@ -14,7 +14,8 @@ from fitting.estimate import Estimate
 from fitting.indices import OF_LAW, indices, loop_area, measured_loss
 from fitting.records.beats import Beats
 from fitting.records.virtual import VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import WallFit, fit
+from fitting.wall import fit
+from fitting.wall_fit import WallFit
 from solver.units import MMHG
 
 T, N, BEATS = 0.5, 100, 15

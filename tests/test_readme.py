@@ -1,4 +1,4 @@
-"""Every snippet of README.md, docs/fitting.md and docs/discrepancy.md runs, in order, in a fresh directory each.
+"""Every snippet of README.md, CONTRIBUTING.md and docs/ runs, in order, in a fresh directory for each document.
 
 CI sees to installation.
 """
@@ -12,17 +12,35 @@ from pathlib import Path
 
 import pytest
 
-from solver import read_network
+from fmu_src.variables import variable_table
+from solver import Network, Settings, catalogue, read_network
+from solver.files import loads
+from solver.network import Fluid, Inlet, Junction, Segment
+from solver.outlets import OUTLETS
+from solver.quantity import quantities
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = ("README.md", "docs/fitting.md", "docs/discrepancy.md")
+PAGES = sorted(["README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+# Python and shell snippets at least: the test of snippets cannot pass by finding none
+DOCUMENTS = {
+    "README.md": (2, 2),
+    "CONTRIBUTING.md": (1, 0),
+    "docs/fmu.md": (2, 1),
+    "docs/effects.md": (1, 0),
+    "docs/fitting.md": (2, 2),
+    "docs/discrepancy.md": (2, 2),
+}
 SLOW = ("docs/fitting.md", "docs/discrepancy.md")
 # these install things or run the whole test suite
-NOT_HERE = ("make demo", "-m venv")
+NOT_HERE = ("make ", "-m venv")
+
+
+def _text(document: str) -> str:
+    return (ROOT / document).read_text(encoding="utf-8")
 
 
 def _snippets(document: str) -> list[tuple[str, str]]:
-    found = re.findall(r"```(python|sh)\n(.*?)```", (ROOT / document).read_text(encoding="utf-8"), flags=re.DOTALL)
+    found = re.findall(r"```(python|sh)\n(.*?)```", _text(document), flags=re.DOTALL)
     return [(kind, text) for kind, text in found if not any(word in text for word in NOT_HERE)]
 
 
@@ -35,12 +53,13 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return paths
 
 
-@pytest.mark.parametrize("document", DOCUMENTS)
+@pytest.mark.parametrize("document", PAGES)
 def test_there_are_snippets(document: str) -> None:
-    """Two Python and two shell snippets at least: the test below cannot pass by finding none."""
+    """A document with snippets is in the list above, and has as many as it says, or more."""
     kinds = [kind for kind, _ in _snippets(document)]
-    assert kinds.count("python") >= 2
-    assert kinds.count("sh") >= 2
+    python, shell = DOCUMENTS.get(document, (0, 0))
+    assert kinds.count("python") >= python and kinds.count("sh") >= shell
+    assert document in DOCUMENTS or not kinds
 
 
 # those that fit take more than 10 s; in the other documents all need them
@@ -66,13 +85,52 @@ def test_snippet(folders: dict[str, Path], document: str, number: int) -> None:
     assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
 
 
+def _anchors(document: str) -> set[str]:
+    """The anchors of a page's titles, as GitHub makes them."""
+    titles = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", _text(document), flags=re.DOTALL), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title).lower().replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("document", PAGES)
+def test_links(document: str) -> None:
+    """Every link of a page leads to a file or folder that is there, and to a title that is in it."""
+    for target in re.findall(r"\]\(([^)\s]+)\)", _text(document)):
+        if target.startswith("https://"):
+            continue
+        file, _, anchor = target.partition("#")
+        path = (ROOT / document).parent / file if file else ROOT / document
+        assert path.exists(), target
+        assert not anchor or anchor in _anchors(path.resolve().relative_to(ROOT).as_posix()), target
+
+
 def test_network_file_examples() -> None:
     """The complete TOML example of docs/network-file.md is a network."""
-    text = (ROOT / "docs" / "network-file.md").read_text(encoding="utf-8")
-    blocks = [block for block in re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL) if "[inlet]" in block]
+    blocks = re.findall(r"```toml\n(.*?)```", _text("docs/network-file.md"), flags=re.DOTALL)
+    blocks = [block for block in blocks if "[inlet]" in block]
     assert blocks
-    from solver.files import loads
-
     for block in blocks:
         assert loads(block, "docs/network-file.md").segments
     assert read_network(ROOT / "solver" / "networks" / "sheep.toml").name == "sheep"
+
+
+def test_network_file_keys() -> None:
+    """docs/network-file.md has a row for every key that carries a number."""
+    kinds = (Segment, Fluid, Inlet, Junction, *OUTLETS)
+    keys = {key for kind in kinds for key in quantities(kind)}
+    keys |= {key for owner in ("segment", "fluid", "channel") for key in catalogue.terms_of(owner)}
+    rows = re.findall(r"^\|.*\|$", _text("docs/network-file.md"), flags=re.MULTILINE)
+    assert keys <= set(re.findall(r"`(\w+)`", "\n".join(rows)))
+
+
+def test_fmu_variables(sheep: Network) -> None:
+    """The table of docs/fmu.md has every variable of the FMU, and in the kind of its row."""
+    known = {}
+    for names, kind in re.findall(r"^\| (`.*?) \| ([\w ]+) \|", _text("docs/fmu.md"), flags=re.MULTILINE):
+        first, *others = re.findall(r"`([^`]+)`", names)
+        stem = first.rpartition(".")[0]
+        known |= dict.fromkeys((first, *(stem + other for other in others)), kind)
+    patterns = {re.sub(r"<\w+>", r"\\w+", name.replace(".", r"\.")): kind for name, kind in known.items()}
+    for v in variable_table(sheep, Settings()):
+        kinds = [kind for pattern, kind in patterns.items() if re.fullmatch(pattern, v.name)]
+        expected = f"{v.variability} parameter" if v.causality == "parameter" else v.causality
+        assert [known.get(v.name)] == [expected] or kinds == [expected], v.name

@@ -19,7 +19,8 @@ from fitting.records.beats import Beats, align
 from fitting.records.record import Record
 from fitting.records.spectral import coefficients, derivative
 from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
-from fitting.wall import WallFit, bootstrap, fit
+from fitting.wall import bootstrap, fit
+from fitting.wall_fit import WallFit
 from fitting.wall_model import PARAMETERS, columns, evaluate, model, parameters_of
 
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.name import Named, Naming, quantile
+from discrepancy.name import Named, Naming
 from discrepancy.study import Study, Unusable, judge
 from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
+from fitting.inference.unknown import quantile
 from fitting.records.record import Record
 from tests.truth.anatomy import anatomy
 from tests.truth.bench import NoPeriodicRadius
@@ -63,7 +64,7 @@ def row(kind: str, seed: int, index: int, case: Case) -> Line:
 
 def verdict_of(study: Study, naming: Naming) -> Line:
     """What was named, with the numbers behind it."""
-    half = quantile(study.problem)
+    half = quantile(study.problem.dof_of_noise)
     fresh = {n.label: n for n in (*naming.ranked, *naming.members)}
     return {
         "verdict": naming.verdict,

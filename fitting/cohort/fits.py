@@ -14,7 +14,8 @@ from ..parameter_set import ParameterSet, Value
 from ..provenance import software
 from ..records.beats import align
 from ..records.record import read_record
-from ..wall import WallFit, fit
+from ..wall import fit
+from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS, UNITS, WallModel, model
 from . import claims as cohort_claims
 from .claims import Cells, Claim

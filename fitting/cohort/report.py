@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
+from solver.console import right
 from solver.files import write_whole
 
 from ..estimate import decimals
@@ -34,22 +35,18 @@ _SHOWN = (
 
 def tables(cohort: Cohort) -> list[RenderableType]:
     """Means ± standard deviations of the main model by site, the claims, and what could not be used."""
-    means = Table(title=f"{cohort.label}; {cohort.main} model: mean ± standard deviation between animals")
-    for heading in ("site", "n", *(heading for heading, _, _ in _SHOWN)):
-        means.add_column(heading, justify="left" if heading == "site" else "right")
+    numbers = [right(heading) for heading in ("n", *(heading for heading, _, _ in _SHOWN))]
+    title = f"{cohort.label}; {cohort.main} model: mean ± standard deviation between animals"
+    means = Table("site", *numbers, title=title)
     for site, row in cohort.table().items():
         n = str(row["E"].n) if "E" in row else "0"
         means.add_row(site, n, *(_cell(row.get(quantity), factor) for _, quantity, factor in _SHOWN))
-    claims = Table(title=f"Claims of the paper; {cohort.label}", show_lines=True)
-    for heading in ("claim", "verdict", "why"):
-        claims.add_column(heading)
+    claims = Table("claim", "verdict", "why", title=f"Claims of the paper; {cohort.label}", show_lines=True)
     for claim in cohort.claims():
         claims.add_row(claim.name, claim.verdict, claim.text)
     if not cohort.failures:
         return [means, claims]
-    unused = Table(title="Not used", show_lines=True)
-    for heading in ("animal", "site", "why"):
-        unused.add_column(heading)
+    unused = Table("animal", "site", "why", title="Not used", show_lines=True)
     for failure in cohort.failures:
         unused.add_row(failure.entry.animal, failure.entry.site, failure.sentence)
     return [means, claims, unused]

@@ -12,9 +12,10 @@ from solver.effect import ALL_PLACES
 from solver.network import Channel, Network
 from solver.sensors import Sensor
 
+from ..estimate import Estimate
 from .fit import Fit
 from .terms import Term, effect_of, rewired
-from .unknown import Estimate, Unknown, interval, parameter_values, values
+from .unknown import Unknown, interval, parameter_values, values
 
 Array = np.ndarray
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,11 +23,10 @@ from ..bench import on_bench
 from ..records import spectral
 from ..records.beats import Beats
 from ..records.noise import degrees_of_freedom
-from ..wall import mean_loop
 from .added import allowed, extended
-from .fit import Fit, Member, begun
+from .fit import Fit, Member, begun, taken_over
 from .forward import Drive
-from .loop import Linear, Loop, NoFit, linearise
+from .loop import Linear, Loop, NoFit, linearise, mean_loop
 from .observation import chain, mean_wander
 from .search import bounded_step
 from .simulator import Runs
@@ -52,6 +52,8 @@ class Bench:
     loop : the mean beats; K : harmonics above the noise; n_beats : behind the means.
     """
 
+    kind: ClassVar[str] = "bench"
+
     network: Network
     site: str
     loop: Loop
@@ -62,7 +64,7 @@ class Bench:
     def artery(self) -> Network:
         """The site's artery alone, with all terms that a wall may have, neutral."""
         neutral = {f"{self.site}.{key}": neutral_value(key) for key in terms_of("segment")}
-        alone = on_bench(self.network, self.site)
+        alone = self.part(self.network)
         return alone.with_terms(neutral | alone.parameters())
 
     @property
@@ -154,6 +156,10 @@ class Bench:
         """None: there is one site."""
         return {}
 
+    def part(self, network: Network) -> Network:
+        """A millimetre of the site's artery."""
+        return on_bench(network, self.site)
+
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) [Pa] the mean pressure."""
         return self.loop.P
@@ -241,12 +247,10 @@ def _largest(step: Array) -> Array:
 
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> Member:
     """Where the search begins: at the simpler fit, the new terms at the best of their starting points."""
-    before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
-    unknowns = problem.hypothesis(terms)
-    low, high = bounds(unknowns)
-    member = Member(terms, unknowns, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high))
+    member = taken_over(terms, problem.hypothesis(terms), start)
+    known = () if start is None else [u.name for u in start.unknowns]
     for term in terms:
-        if term.starts and term.unknowns[0].name not in before:
+        if term.starts and term.unknowns[0].name not in known:
             member = min(begun(member, term), key=lambda trial: _promise(problem, trial))
     return member
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .terms import Term
-from .unknown import Unknown, penalty, precision, precisions
+from .unknown import Unknown, bounds, penalty, precision, precisions
 
 Array = np.ndarray
 
@@ -65,6 +65,12 @@ class Fit:
     def covariance(self) -> Array:
         """(p, p) of x."""
         return np.linalg.pinv(self.J.T @ self.J + np.diag(precision(self.prior, self.x)), hermitian=True)
+
+
+def taken_over(terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], start: Fit | None) -> Member:
+    """A hypothesis where another one ended, as far as they share unknowns, and else at zero; within the bounds."""
+    known = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
+    return Member(terms, unknowns, np.clip([known.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
 
 def begun(member: Member, term: Term) -> list[Member]:

@@ -12,6 +12,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from solver.network import Network
+
 from ..records.beats import Beats
 from .fit import Fit
 from .simulator import Runs
@@ -38,6 +40,16 @@ class Drive:
 
 class Forward(Protocol):
     """A record and the model that it is compared with."""
+
+    @property
+    def kind(self) -> str:
+        """ "bench" or "network", as reports say it."""
+        ...
+
+    @property
+    def site(self) -> str | None:
+        """The only artery that is compared, if it is one."""
+        ...
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -116,10 +128,14 @@ class Forward(Protocol):
         ...
 
     def left_out(self, fit: Fit) -> dict[str, float]:
-        """Whitened RMS of each site as the others foretell it; of none where there are no others."""
+        """Whitened RMS of each site, predicted from the others; of none where there are no others."""
         ...
 
     # --- the FMU that stands for the model ----------------------------------------------------------------------------
+
+    def part(self, network: Network) -> Network:
+        """What of a network the FMU holds: all of it (the same object), or the artery on the bench."""
+        ...
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) what drives the FMU, as it was measured."""

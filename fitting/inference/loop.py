@@ -22,9 +22,11 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from solver.loop import circulant
 
 from ..records import spectral
+from ..records.beats import Beats
 
 Array = np.ndarray
 
+_MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none is half known
 _FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
 
 
@@ -63,6 +65,33 @@ class Loop:
         """C_PP, C_RR, C_RP : (N, N) of the samples."""
         PP, RR = (circulant(self.N * (self.noise[:, i, i] + self.floor[i]), self.N) for i in (0, 1))
         return PP, RR, circulant(self.N * self.noise[:, 1, 0], self.N)
+
+
+def mean_loop(beats: Beats, site: str) -> Loop:
+    """The mean beats of P and R of a site, and the noise of their harmonics. Raises ValueError if the channels are
+    missing or do not pulsate."""
+    names = (f"{site}.P", f"{site}.R")
+    beats = paired(beats, site)
+    P, R = (beats.mean(name) for name in names)
+    noise = beats.covariance(names)
+    N = min(beats.N, _MOST_SAMPLES)
+    return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
+
+
+def paired(beats: Beats, site: str) -> Beats:
+    """A gap of P is a gap of R and the other way round, unless that leaves a phase without any sample.
+
+    What varies from beat to beat must be in the mean of both, or in neither.
+    """
+    P, R = beats.site(site)
+    gaps = np.isnan(P) | np.isnan(R)
+    if not gaps.any() or gaps.all(axis=0).any():
+        return beats
+    paired = {name: np.where(gaps, np.nan, x) for name, x in ((f"{site}.P", P), (f"{site}.R", R))}
+    return replace(beats, values=paired)
+
+
+# --- the linear problem -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

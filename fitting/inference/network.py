@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,14 +31,14 @@ from ..records.noise import (
     target,
 )
 from .added import allowed, extended
-from .fit import Fit, Member, begun
+from .fit import Fit, Member, begun, taken_over
 from .forward import Drive
 from .observation import mean_wander, sense
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
 from .terms import EVERY, Term, followers, nuisances, refined, rewired
-from .unknown import Unknown, bounds, finite_steps, parameter_values
+from .unknown import Unknown, finite_steps, parameter_values
 
 Array = np.ndarray
 
@@ -55,6 +56,9 @@ class NetworkProblem:
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
     """
+
+    kind: ClassVar[str] = "network"
+    site: ClassVar[None] = None
 
     network: Network
     beats: Beats
@@ -111,8 +115,12 @@ class NetworkProblem:
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
     def left_out(self, fit: Fit) -> dict[str, float]:
-        """Whitened RMS of each site as the others foretell it."""
+        """Whitened RMS of each site, predicted from the others."""
         return leave_one_site_out(self.target, fit)
+
+    def part(self, network: Network) -> Network:
+        """The network."""
+        return network
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) [m³/s] the mean inflow."""
@@ -256,9 +264,7 @@ class NetworkProblem:
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
         unknowns = self.hypothesis(terms)
-        before = {} if start is None else dict(zip((u.name for u in start.unknowns), start.x, strict=True))
-        low, high = bounds(unknowns)
-        there = Member(terms, unknowns, np.clip([before.get(u.name, 0.0) for u in unknowns], low, high))
+        there = taken_over(terms, unknowns, start)
         search = Search(self._started(there, start, runs))
         if not np.array_equal(search.x, there.x):
             return search

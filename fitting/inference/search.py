@@ -19,7 +19,7 @@ Array = np.ndarray
 
 _LARGEST = 2.0  # of a step in x
 _ROUNDS = 14  # simulations of a hypothesis at most
-_FRESH = (4, 8)  # of them before which derivatives are simulated anew: by then the updated ones have led astray
+_FRESH = (4, 8)  # of them before which derivatives are simulated anew: the updated ones are too far off by then
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 

@@ -28,9 +28,9 @@ class Subset:
 
 
 def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
-    """Whitened RMS of each site as the others foretell it: a hypothesis refitted without it, linearised where it is.
+    """Whitened RMS of each site, predicted from the others: the hypothesis refitted without it, linearised at its fit.
 
-    Sites that are the only ones are left out; a measurement chain at a site is not foretold by others.
+    None for a single site; what a measurement chain does at a site cannot be predicted from others.
     """
     sites = list(dict.fromkeys(name.rpartition(".")[0] for name in whole.names))
     faulty = {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}

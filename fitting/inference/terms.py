@@ -65,7 +65,7 @@ def effect_of(term: Term) -> Effect:
 
 
 def joins(term: Term, others: Sequence[Term]) -> bool:
-    """Whether a term can act beside others: an outlet that one of them rewires no longer has what this one moves."""
+    """Whether a term can act beside others: not on the numbers of an outlet that another one replaces."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
     return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
 

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from solver.units import MMHG
 
 from ..records.beats import Beats
-from ..wall import WallFit, without_lag
+from ..wall import without_lag
+from ..wall_fit import WallFit
 from .style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION
 
 Array = np.ndarray

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
+from solver.console import right
 from solver.network import Segment
 from solver.quantity import quantities
 from solver.units import readable
@@ -14,7 +15,7 @@ from solver.units import readable
 from ..calibrate import Calibration
 from ..estimate import Estimate, decimals
 from ..indices import read_in
-from ..wall import WallFit
+from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS
 
 
@@ -30,10 +31,9 @@ _SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     """Parameters ± half the 95 % interval, one column a model."""
-    table = Table(title=f"Wall of {chosen.site}: {chosen.n_beats} beats of {chosen.loop.T:.5g} s, {chosen.source}")
-    table.add_column("± half the 95 % interval")
-    for fitted in fits:
-        table.add_column(fitted.model.name + (" (kept)" if fitted is chosen else ""), justify="right")
+    models = [right(fitted.model.name + (" (kept)" if fitted is chosen else "")) for fitted in fits]
+    title = f"Wall of {chosen.site}: {chosen.n_beats} beats of {chosen.loop.T:.5g} s, {chosen.source}"
+    table = Table("± half the 95 % interval", *models, title=title)
     for name, (label, factor) in _SHOWN.items():
         if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
@@ -50,14 +50,10 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
 
 def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, float]]) -> Table:
     """Interval and bootstrap; how a time lag, or ignoring the noise of R, would move the value."""
-    table = Table(title=f"How sure: {fitted.model.name} model of {fitted.site}")
-    table.add_column("")
-    table.add_column("95 % interval", justify="right")
-    if bootstrapped:
-        table.add_column("bootstrap", justify="right")
     # in units of the interval: a relative change says nothing of a value near 0
-    table.add_column("moved by P\n1 ms late", justify="right")
-    table.add_column("by ignoring\nnoise of R", justify="right")
+    moved = ("moved by P\n1 ms late", "by ignoring\nnoise of R")
+    columns = ("95 % interval", *(["bootstrap"] if bootstrapped else []), *moved)
+    table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}")
     for name in fitted.model.free:
         label, factor = _SHOWN[name]
         row = [label, _interval(fitted.ci95(name), factor)]
@@ -72,9 +68,8 @@ def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, f
 
 def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     """What a physiologist reads."""
-    table = Table(title=f"{site} at the mean pressure of the beat")
-    for column in ("index", "value", "95 % interval", "unit"):
-        table.add_column(column, justify="left" if column in ("index", "unit") else "right")
+    columns = ("index", right("value"), right("95 % interval"), "unit")
+    table = Table(*columns, title=f"{site} at the mean pressure of the beat")
     for name, estimate in indices.items():
         unit, factor = read_in(estimate.unit)
         table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", _interval(estimate.ci95, factor), unit)
@@ -84,10 +79,9 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
 def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimate]]) -> Table:
     """The indices of :func:`~fitting.network_indices.network_indices`, a line a site: ± half the 95 % interval."""
     units = {name: read_in(estimate.unit) for found in sites.values() for name, estimate in found.items()}
-    table = Table(title=f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)")
-    table.add_column("site")
-    for name, (unit, _) in units.items():
-        table.add_column(name.replace("_", " ") + (f"\n{unit}" if unit else ""), justify="right")
+    columns = [right(name.replace("_", " ") + (f"\n{unit}" if unit else "")) for name, (unit, _) in units.items()]
+    title = f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)"
+    table = Table("site", *columns, title=title)
     for site, found in sites.items():
         table.add_row(site, *(_plus_minus(found.get(name), factor) for name, (_, factor) in units.items()))
     return table
@@ -95,10 +89,8 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
 
 def calibration_table(result: Calibration) -> Table:
     """Every value that moved, with its interval, in SI."""
-    table = Table(title=f"{result.network} calibrated: χ²/dof {result.chi2 / result.dof:.3g}")
-    table.add_column("parameter")
-    table.add_column("value (SI)", justify="right")
-    table.add_column("95 % interval", justify="right")
+    title = f"{result.network} calibrated: χ²/dof {result.chi2 / result.dof:.3g}"
+    table = Table("parameter", right("value (SI)"), right("95 % interval"), title=title)
     for name, value in result.values.items():
         table.add_row(name, f"{value:.5g}", _interval(result.ci95[name], 1.0))
     return table
