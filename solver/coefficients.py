@@ -51,16 +51,14 @@ class Ends:
     given: Mapping[str, Array]
     terms: tuple[Term, ...]
 
-    def under(self, P_venous: Array) -> Mapping[str, Array]:
-        """The numbers by key, (B, n), under venous pressures : (B, n_outlets) or (n_outlets,) [Pa]."""
-        return self._changed({**self.given, "P_venous": P_venous[..., self.index]})
-
     @cached_property
     def numbers(self) -> Mapping[str, Array]:
-        """The numbers by key, (B, n), under the venous pressures of the parameters."""
-        return self._changed(self.given)
+        """The numbers by key, (B, n)."""
+        return self.changed({})
 
-    def _changed(self, numbers: Mapping[str, Array]) -> Mapping[str, Array]:
+    def changed(self, driven: Mapping[str, Array]) -> Mapping[str, Array]:
+        """The numbers where some are driven from outside."""
+        numbers: Mapping[str, Array] = {**self.given, **driven}
         for term in self.terms:
             numbers = term.effect.outlet(numbers, term.at(self.index))
         return numbers
@@ -119,7 +117,7 @@ class Coefficients:
             return P_venous
         changed = np.empty_like(self.P_venous)
         for ends in self.outlets:
-            changed[:, ends.index] = ends.under(P_venous)["P_venous"]
+            changed[:, ends.index] = ends.changed({"P_venous": P_venous[..., ends.index]})["P_venous"]
         return changed
 
 

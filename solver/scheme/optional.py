@@ -6,7 +6,6 @@ A term of a stage is made from the term of the model by ``since``, which tells i
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -16,34 +15,6 @@ from ..wall import Wall
 Array = np.ndarray
 
 _LEAK_STEPS = 3  # Newton steps for ∂A/∂t: a leak takes little of the flow, and each step squares the error
-
-
-# --- a force on the flow ------------------------------------------------------------------------------------------
-
-
-class Force(Protocol):
-    """ρ w J f(U) at the Lobatto points, with f(U) of :class:`~solver.effect.Drag` [m/s²]."""
-
-    @property
-    def memories(self) -> int:
-        """How many numbers its history has at a point."""
-        ...
-
-    def since(self, history: Array, tau: float) -> Force:
-        """The force at the end of a stage of length tau [s] from a history z = y - U : (B, m, n_e, N+1) [m/s]."""
-        ...
-
-    def add_to(self, R: Array, Q: Array, A: Array) -> None:
-        """Add the force of the flow Q through A to R, all (B, n_e, N+1)."""
-        ...
-
-    def slopes(self, Q: Array, A: Array) -> tuple[Array | float, Array | float]:
-        """Its derivatives with respect to Q and A."""
-        ...
-
-    def history(self, before: Array, Q: Array, A: Array) -> Array:
-        """The history at the end of the stage, when it was ``before`` at its start; A : (B, n_e, N)."""
-        ...
 
 
 class NoForce:
@@ -66,7 +37,7 @@ class NoForce:
 
 @dataclass(frozen=True)
 class DragForce:
-    """A force that has memory: dz/dt = -rate (z + U) over the stage by backward Euler, solved for exactly.
+    """ρ w J f(U) at the Lobatto points, f of :class:`~solver.effect.Drag`, whose memory is a history z = y - U.
 
     mass : (B, n_e, N+1) ρ w J. quadratic : like mass. weight, rate : (B, m, n_e, N+1). at_lobatto : (N, N+1).
     Of a stage: passed = τ rate; linear, constant : like mass, of Σ weight y = linear U + constant.
@@ -88,45 +59,34 @@ class DragForce:
 
     @property
     def memories(self) -> int:
+        """m, how many numbers its history has at a point."""
         return self.rate.shape[1]
 
     def since(self, history: Array, tau: float) -> DragForce:
-        # y = z + U with z from dz/dt = -rate (z + U): y = (z_start + U)/(1 + τ rate)
+        """The force at the end of a stage of length tau [s] from z : (B, m, n_e, N+1) [m/s]."""
+        # dz/dt = -rate (z + U) by backward Euler, solved for exactly: y = z + U = (z_start + U)/(1 + τ rate)
         passed = tau * self.rate
         share = self.weight / (1.0 + passed)
         return replace(self, passed=passed, linear=share.sum(axis=1), constant=(share * history).sum(axis=1))
 
     def add_to(self, R: Array, Q: Array, A: Array) -> None:
+        """Add the force of the flow Q through A to R, all (B, n_e, N+1)."""
         U = Q / A
         R += self.mass * (self.linear * U + self.constant + self.quadratic * U * np.abs(U))
 
     def slopes(self, Q: Array, A: Array) -> tuple[Array, Array]:
+        """Its derivatives with respect to Q and A."""
         U = Q / A
         by_Q = self.mass * (self.linear + 2.0 * self.quadratic * np.abs(U)) / A
         return by_Q, -by_Q * U
 
     def history(self, before: Array, Q: Array, A: Array) -> Array:
+        """The history at the end of the stage, when it was ``before`` at its start; A : (B, n_e, N)."""
         U = Q / (A @ self.at_lobatto)
         return (before - self.passed * U[:, None]) / (1.0 + self.passed)
 
 
-# --- what the wall lets through -----------------------------------------------------------------------------------
-
-
-class Storage(Protocol):
-    """∂A/∂t at the end of a stage from supply = -∂Q/∂x, both (B, n_e, N) [m²/s]."""
-
-    def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Storage:
-        """The storage of a stage of length tau [s] from A, with the walls of that moment."""
-        ...
-
-    def area_rate(self, supply: Array) -> Array:
-        """∂A/∂t."""
-        ...
-
-    def slope(self, A: Array, A_t: Array) -> Array | float:
-        """d(∂A/∂t)/d supply, with a last axis of length 1 where it is an array."""
-        ...
+Force = NoForce | DragForce
 
 
 class Tight:
@@ -157,12 +117,13 @@ class Leaking:
     P_sink: Array | float = 0.0
 
     def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Leaking:
+        """The storage of a stage of length tau [s] from A, with the walls of that moment."""
         pressures = np.concatenate([P_venous, np.zeros((*P_venous.shape[:-1], 1))], axis=-1)
         return replace(self, wall=wall, A=A, tau=tau, P_sink=pressures[..., self.sink, None])
 
     def area_rate(self, supply: Array) -> Array:
-        # by Newton steps: P depends on both A and ∂A/∂t
-        A_t = supply
+        """∂A/∂t at the end of a stage from supply = -∂Q/∂x, both (B, n_e, N) [m²/s]."""
+        A_t = supply  # by Newton steps: P depends on both A and ∂A/∂t
         for _ in range(_LEAK_STEPS):
             A = self.A + self.tau * A_t
             rest = A_t - supply + self.leak * (self.wall.pressure(A, A_t) - self.P_sink)
@@ -170,9 +131,13 @@ class Leaking:
         return A_t
 
     def slope(self, A: Array, A_t: Array) -> Array:
+        """d(∂A/∂t)/d supply, (B, n_e, N, 1)."""
         return (1.0 / (1.0 + self.leak * self._pressure_slope(A, A_t)))[..., None]
 
     def _pressure_slope(self, A: Array, A_t: Array) -> Array:
         """dP/d(∂A/∂t) with A = A_start + τ ∂A/∂t."""
         wall = self.wall
         return self.tau * (wall.stiffness(A) + wall.viscous_slope(A, A_t)) + wall.viscosity(A, A_t)
+
+
+Storage = Tight | Leaking

@@ -144,7 +144,8 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
         rates, heads = guess.split(guessed)
         Q, H, A_t = stage.solve(stage.start.Q + o.tau * rates, heads, small)
         end = stage.end(Q, A_t)
-        k_i = (end - start) / o.tau
+        k_i = end - start
+        k_i /= o.tau
         k_i[:, layout.places["A"]] = A_t.reshape(len(y), -1)  # without the round-off of the difference
         found[:, guess.places["rates"]], found[:, guess.places["heads"]] = k_i[:, layout.places["Q"]], H
         k.append(k_i)
