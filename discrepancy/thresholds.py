@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+# of the forward models: steps of the simulations, and the width of the prior of an effect's size
 from fitting.inference.network import COARSE_DT as COARSE_DT
 from fitting.inference.network import SCREEN_DT as SCREEN_DT
 from fitting.inference.terms import PRIOR_WIDTH as PRIOR_WIDTH

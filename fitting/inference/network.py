@@ -87,9 +87,9 @@ class NetworkProblem:
         return followers(extended(self.network, fit), None, terms)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        """A term that acts everywhere with a size of its own for every segment; None if it is no such term."""
+        """A term that acts everywhere with sizes of its own for every segment; None if it is no such term."""
         x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
-        return refined(self.network, term, float(x[0]))
+        return refined(self.network, term, [float(each) for each in x])
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         """Other beats of the same record, with the noise that the fitted ones showed."""

@@ -18,7 +18,7 @@ from solver.effect import ALL_PLACES, Effect
 from solver.network import Network
 from solver.quantity import Quantity
 
-from .unknown import Unknown, unknown
+from .unknown import Unknown, with_prior
 
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
 EVERY = "every segment"
@@ -75,7 +75,7 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 
 def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
     """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
-    unknowns = tuple(unknown(c, PRIOR_WIDTH) for c in effect.coordinates(network, place, bench))
+    unknowns = tuple(with_prior(c, PRIOR_WIDTH) for c in effect.coordinates(network, place, bench))
     return Term(effect.name, place, (place,), unknowns, effect.starts) if unknowns else None
 
 
@@ -107,14 +107,15 @@ def followers(network: Network, site: str | None, present: Sequence[Term]) -> tu
     return tuple(t for t in candidates(network, (), site) if t.label not in known and effect_of(t).needs is not None)
 
 
-def refined(network: Network, term: Term, x: float) -> Term | None:
-    """An effect of walls everywhere with a size of its own for every segment, from the common size x; else None."""
+def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of walls everywhere with sizes of its own for every segment, from the common sizes x; else None."""
     effect = effect_of(term)
     if term.place != ALL_PLACES or effect.owner != "segment":
         return None
-    each = [term_at(network, effect, s) for s in effect.where(network) if s != ALL_PLACES]
-    unknowns = tuple(u for t in each if t is not None for u in t.unknowns)
-    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, ((x,) * len(unknowns),)) if len(unknowns) > 1 else None
+    found = [term_at(network, effect, s) for s in effect.where(network) if s != ALL_PLACES]
+    each = [t.unknowns for t in found if t is not None]
+    unknowns = tuple(u for own in each for u in own)
+    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:

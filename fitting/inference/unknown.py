@@ -50,7 +50,7 @@ class Unknown(Coordinate):
         return Estimate(value, self.unit, (low, high))
 
 
-def unknown(coordinate: Coordinate, prior_sd: float | None) -> Unknown:
+def with_prior(coordinate: Coordinate, prior_sd: float | None) -> Unknown:
     """A coordinate with its prior."""
     return Unknown(**vars(coordinate), prior_sd=prior_sd)
 
