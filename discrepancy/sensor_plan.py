@@ -22,7 +22,6 @@ from fitting.records.virtual import measured
 from fitting.threads import single_threaded
 from solver import simulate_periodic
 from solver.network import Network
-from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from . import thresholds
@@ -69,7 +68,7 @@ def plan_sensors(
     progress : told the fraction done and the stage. Raises ValueError for a channel that the network has not, or a
     noise or number of beats that no experiment has, and ArithmeticError if the network cannot be simulated.
     """
-    known = tuple(n for n in output_variables(network)[0] if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
+    known = tuple(n for n in network.output_units() if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
     _check(network, channels, known, dB, beats)
     progress(0.0, "simulating the network")
     problem = network_problem(_virtual(network, known, dB, beats), network, known)

@@ -16,7 +16,6 @@ from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats, align
 from fitting.records.record import Record
 from solver.network import Network
-from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from . import thresholds
@@ -139,7 +138,7 @@ def judge(record: Record, network: Network, period: float | None = None) -> tupl
 
 def channels(record: Record, network: Network) -> tuple[str, ...]:
     """The recorded outputs of the network. Raises Unusable if there is none, or one that the network has not."""
-    known = output_variables(network)[0]
+    known = network.output_units()
     names = tuple(n for n in record.channels if n != INFLOW)
     foreign = [n for n in names if n not in known]
     if foreign or not names:

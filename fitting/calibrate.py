@@ -22,7 +22,6 @@ import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
-from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from .inference.asked import parse_unknowns
@@ -183,7 +182,7 @@ def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> t
     for name in names:
         if name not in recorded:
             raise ValueError(f"channel {name}: {beats.source} has no such channel; it has {', '.join(recorded)}.")
-        if name not in output_variables(network)[0]:
+        if name not in network.output_units():
             sites = ", ".join(site.name for site in network.sites)
             raise ValueError(
                 f"{beats.source}: its channel {name} is no output of network {network.name} (sites {sites}); "

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from solver.network import Network
-from solver.outputs import output_variables
 from solver.quantity import Quantity
 from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
@@ -81,7 +80,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             Variable(name, "parameter", "fixed", f"{description}: {' or '.join(choices)}", start, None, choices)
         )
     outputs = []
-    for name in output_variables(network)[0]:
+    for name in network.output_units():
         place, kind = name.rsplit(".", 1)
         quantity = _OUTPUTS[kind]
         outputs.append(Variable(name, "output", "continuous", f"{quantity.description} at {place}", None, quantity))

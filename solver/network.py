@@ -9,8 +9,8 @@ fields, which every network has, segments, fluid and channels hold *terms* by ke
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -267,48 +267,23 @@ class Network:
 
 
 def to_dict(network: Network) -> dict[str, Any]:
-    """The network as nested dicts, lists, strings and SI floats (JSON-ready); :func:`from_dict` inverts it exactly."""
-
-    def plain(owner: Any, skip: Iterable[str] = ()) -> dict[str, Any]:
-        result = {f.name: getattr(owner, f.name) for f in fields(owner) if f.name not in skip}
-        lists = {key: list(value) for key, value in result.items() if isinstance(value, tuple)}
-        return result | lists | ({"terms": dict(owner.terms)} if "terms" in result else {})
-
-    nested = ("segments", "junctions", "outlets", "sites", "fluid", "inlet", "channels")
-    return {
-        **plain(network, nested),
-        "fluid": plain(network.fluid),
-        "inlet": plain(network.inlet),
-        "segments": [plain(s) for s in network.segments],
-        "junctions": [plain(j) for j in network.junctions],
-        "outlets": [{"condition": type(o).__name__, **plain(o)} for o in network.outlets],
-        "sites": [plain(s) for s in network.sites],
-        "channels": [plain(c) for c in network.channels],
-    }
+    """The network as nested dicts, tuples, strings and SI floats (JSON-ready); :func:`from_dict` inverts it exactly."""
+    outlets = [{"condition": type(outlet).__name__, **asdict(outlet)} for outlet in network.outlets]
+    return {**asdict(network), "outlets": outlets}
 
 
 def from_dict(data: Mapping[str, Any]) -> Network:
     """The network of a :func:`to_dict` result."""
     conditions = {kind.__name__: kind for kind in OUTLETS}
-    plain = {key: value for key, value in data.items() if not isinstance(value, (list, dict))}
-
-    def outlet(entry: Mapping[str, Any]) -> Outlet:
-        return conditions[entry["condition"]](**{k: v for k, v in entry.items() if k != "condition"})
-
-    return Network(
-        **plain,
-        fluid=Fluid(**data["fluid"]),
-        inlet=Inlet(**data["inlet"]),
-        segments=tuple(Segment(**s) for s in data["segments"]),
-        junctions=tuple(
-            Junction(
-                tuple(j["inflow"]),
-                tuple(j["outflow"]),
-                **{k: v for k, v in j.items() if k not in ("inflow", "outflow")},
-            )
-            for j in data["junctions"]
-        ),
-        outlets=tuple(outlet(o) for o in data["outlets"]),
-        sites=tuple(Site(**s) for s in data["sites"]),
-        channels=tuple(Channel(**c) for c in data.get("channels", ())),
-    )
+    junctions = [{**j, "inflow": tuple(j["inflow"]), "outflow": tuple(j["outflow"])} for j in data["junctions"]]
+    outlets = [(conditions[o["condition"]], {k: v for k, v in o.items() if k != "condition"}) for o in data["outlets"]]
+    parts: dict[str, Any] = {
+        "fluid": Fluid(**data["fluid"]),
+        "inlet": Inlet(**data["inlet"]),
+        "segments": tuple(Segment(**s) for s in data["segments"]),
+        "junctions": tuple(Junction(**j) for j in junctions),
+        "outlets": tuple(kind(**own) for kind, own in outlets),
+        "sites": tuple(Site(**s) for s in data["sites"]),
+        "channels": tuple(Channel(**c) for c in data["channels"]),
+    }
+    return Network(**{**data, **parts})

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .network import Network
 from .scheme.model import Model
 from .scheme.step import State
 
@@ -41,11 +40,11 @@ def reporter(model: Model) -> Reporter:
     wall = model.coefficients.wall_at(segment, position)
     n, B = len(segment), model.coefficients.B
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
-    names, units = output_variables(network)
+    units = network.output_units()
     sites = slice(1, 1 + 3 * n)
 
     def report(state: State) -> Array:
-        result = np.empty((B, len(names)))
+        result = np.empty((B, len(units)))
         result[:, 0] = state.H[:, 0]
         A_t = state.A_t.reshape(B, -1) @ gauss
         A = state.A.reshape(B, -1) @ gauss
@@ -63,10 +62,4 @@ def reporter(model: Model) -> Reporter:
         result[:, 2 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
         return result
 
-    return Reporter(names, units, report)
-
-
-def output_variables(network: Network) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and SI units of the outputs of a network."""
-    units = network.output_units()
-    return tuple(units), tuple(units.values())
+    return Reporter(tuple(units), tuple(units.values()), report)

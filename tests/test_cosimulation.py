@@ -16,7 +16,7 @@ from compare import elastic
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.variables import variable_table
 from solver import Network, NonPhysicalState, Settings, sampled_inflow, simulate
-from solver.outputs import output_variables, reporter
+from solver.outputs import reporter
 from solver.scheme.model import build
 from solver.scheme.step import initial_state, step
 
@@ -96,7 +96,7 @@ def test_linear_equals_the_direct_solver(sheep: Network, parameters: dict[str, f
     """Same inflow, same grid: the solver's own answer to 1e-10 (measured 7e-13)."""
     inflow = sampled_inflow(KINKS, FLOWS)
     direct = simulate(sheep, inflow, KINKS[-1], parameters=parameters)
-    expected = np.column_stack([direct[name] for name in output_variables(sheep)[0]])
+    expected = np.column_stack([direct[name] for name in sheep.output_units()])
     assert largest_error(on_grid, expected) <= 1e-10
 
 

@@ -21,7 +21,7 @@ from fmus import COARSE, MS, TEXTS, Instance, mixed, run_python
 
 from fmu_src.run import run_fmu
 from solver import Network, Settings, load, sampled_inflow, simulate
-from solver.outputs import output_variables, reporter
+from solver.outputs import reporter
 from solver.scheme.model import build as build_model
 from solver.scheme.step import initial_state, step
 
@@ -92,7 +92,7 @@ def test_held_inflow_equals_the_solver(instantiate: Callable[..., Instance], cas
         expected.append(report(state)[0])
     difference = np.abs(np.array(value) - expected).max(axis=0) / np.abs(expected).max(axis=0)
     assert difference.max() <= 1e-9
-    assert tuple(instance.outputs) == output_variables(network)[0]
+    assert tuple(instance.outputs) == tuple(network.output_units())
 
 
 def test_settings_are_start_values(fmus: dict[str, Path], sheep: Network) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
-from solver.outputs import output_variables
 from solver.units import INFLOW
 
 from ..records.beats import Beats
@@ -366,7 +365,7 @@ def network_problem(
     Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
     """
     runs = runs or Runs()
-    known = output_variables(network)[0]
+    known = network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
     settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
