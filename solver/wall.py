@@ -31,35 +31,27 @@ class ElasticLaw(Protocol):
     @property
     def name(self) -> str:
         """The name in network files."""
-        ...
 
     def pressure(self, s: Array, K: Array, e: Array) -> Array:
         """P_el(s) [Pa]; zero at s = 1."""
-        ...
 
     def derivative(self, s: Array, K: Array, e: Array) -> Array:
         """dP_el/ds [Pa]."""
-        ...
 
     def stretch(self, P: Array, K: Array, e: Array) -> Array:
         """s with P_el(s) = P; NaN where no wall can carry P."""
-        ...
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:
         """∫₁ˢ P_el s ds [Pa]; 2 A0 times it is the stored energy per length ∫ P_el dA."""
-        ...
 
     def simple_wave(self, s: Array, c0: Array) -> Array:
         """w = ∫ c/A dA from A0 [m/s] when e = 0, in closed form; c0 is the wave speed at s = 1."""
-        ...
 
     def columns(self, R: Array) -> tuple[Array, Array, Array]:
         """Functions of R of which P_el is a linear combination whatever E, R0 and E_NL; the last one for E_NL only."""
-        ...
 
     def solve(self, c: Array) -> tuple[float, float, float]:
         """K [Pa], R0 [m] and e of the combination P_el = Σ cᵢ columnᵢ; NaN where no wall has it."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -172,19 +164,15 @@ class ViscousLaw(Protocol):
     @property
     def name(self) -> str:
         """The name in network files."""
-        ...
 
     def factor(self, x: Array) -> Array:
         """σ_v/(φ0 ε̇) at x = r ε̇."""
-        ...
 
     def slope(self, x: Array) -> Array:
         """dσ_v/dε̇ / φ0 at x = r ε̇: the effective viscosity, which must stay positive."""
-        ...
 
     def bend(self, x: Array) -> Array:
         """d factor/dx at x = r ε̇: ∂σ_v/∂φ_NL / ε̇²."""
-        ...
 
 
 @dataclass(frozen=True)

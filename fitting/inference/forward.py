@@ -44,36 +44,29 @@ class Forward(Protocol):
     @property
     def kind(self) -> str:
         """ "bench" or "network", as reports say it."""
-        ...
 
     @property
     def site(self) -> str | None:
         """The only artery that is compared, if it is one."""
-        ...
 
     @property
     def signals(self) -> tuple[str, ...]:
         """The channels that are compared."""
-        ...
 
     @property
     def K(self) -> int:
         """The highest harmonic that is compared."""
-        ...
 
     @property
     def n_effective(self) -> int:
         """Independent numbers in the record."""
-        ...
 
     @property
     def dof_of_noise(self) -> float:
         """Degrees of freedom that the noise is known from."""
-        ...
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         """Unknowns of a hypothesis: nuisances, then those of its terms."""
-        ...
 
     def refit(
         self,
@@ -84,71 +77,54 @@ class Forward(Protocol):
         known: float = math.inf,
     ) -> list[Fit | None]:
         """The most probable unknowns of every hypothesis; those that stay far above a ``known`` cost need not be."""
-        ...
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
-        ...
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> Forward:
         """The same record weighted and simulated as a fit needs it."""
-        ...
 
     def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
         """Fits under the weights of another model of this record, where they are, under these."""
-        ...
 
     @property
     def weights(self) -> Any:
         """What :meth:`restored` makes a problem of this record of, weighted as this one is: plain data."""
-        ...
 
     def restored(self, weights: Any) -> Forward:
         """The problem with given weights."""
-        ...
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         """Whitened derivatives by terms that may be added."""
-        ...
 
     def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Terms that can act only beside those of a fit."""
-        ...
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
-        ...
 
     def held_out(self, beats: Beats, fitted: Beats) -> Forward:
         """Other beats of the same record, with the noise that the fitted ones showed."""
-        ...
 
     def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
         """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
-        ...
 
     def left_out(self, fit: Fit) -> dict[str, float]:
         """Whitened RMS of each site, predicted from the others; of none where there are no others."""
-        ...
 
     # --- the FMU that stands for the model ----------------------------------------------------------------------------
 
     def part(self, network: Network) -> Network:
         """What of a network the FMU holds: all of it (the same object), or the artery on the bench."""
-        ...
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) what drives the FMU, as it was measured."""
-        ...
 
     def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
-        ...
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
-        ...
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""
-        ...

@@ -57,15 +57,12 @@ class Searched(Protocol):
 
     def observe(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
         """Observations of every member; None where the simulation broke down."""
-        ...
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
-        ...
 
     def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
         """z : (n,) and its columns (n, p) by all unknowns, of every member."""
-        ...
 
 
 class Search:
