@@ -16,11 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fitting.inference.added import extended
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.search import bounded_step
 from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term, joins
+from fitting.inference.terms import Term, followers, joins
 from fitting.inference.unknown import bounds, penalty, precisions
 
 from . import thresholds as at
@@ -121,10 +122,10 @@ def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
 def score(problem: Forward, fit: Fit, terms: Sequence[Term]) -> float:
     """BIC and the price of having had many candidates: 2 ln(effects x places of this effect) for every term."""
     effects = {t.effect for t in terms}
-    price = 0.0
+    price, numbers = 0.0, len(problem.signals) * (2 * problem.K + 1)
     for term in fit.terms:
         places = sum(t.effect == term.effect for t in terms)
-        price += 2.0 * math.log(len(effects) * max(places, 1)) + len(term.unknowns) * math.log(problem.n_effective)
+        price += 2.0 * math.log(len(effects) * max(places, 1)) + len(term.unknowns) * math.log(numbers)
     return fit.cost + price
 
 
@@ -257,7 +258,7 @@ def _more(problem: Forward, ranked: Sequence[Named], terms: Sequence[Term], runs
     for first in firsts:
         there = {t.label for t in first.fit.terms}
         others = [t for t in terms if t.label not in there and not t.rewires and joins(t, first.fit.terms)]
-        others += problem.followers(first.fit, terms)
+        others += followers(extended(problem.network, first.fit), problem.site, terms)
         (anew,) = problem.refine([first.fit], runs)
         base = first.fit if anew is None else anew
         columns = problem.columns(base, others, runs)

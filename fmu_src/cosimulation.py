@@ -27,12 +27,9 @@ class _Piece:
     Q_start: float
     Q_end: float
 
-    @property
-    def slope(self) -> float:
-        return (self.Q_end - self.Q_start) / (self.end - self.start)
-
     def __call__(self, t: float) -> float:
-        return self.Q_end if t == self.end else self.Q_start + self.slope * (t - self.start)
+        slope = (self.Q_end - self.Q_start) / (self.end - self.start)
+        return self.Q_end if t == self.end else self.Q_start + slope * (t - self.start)
 
 
 class CoSimulation:

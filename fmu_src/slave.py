@@ -128,10 +128,7 @@ class ArterialSlave(Fmi2Slave):
     def get_string(self, vrs: list[int]) -> list[str]:
         return self._guarded("reading variables", lambda: self._get(vrs, self.texts))
 
-    def get_integer(self, vrs: list[int]) -> list[int]:
-        return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
-
-    def get_boolean(self, vrs: list[int]) -> list[bool]:
+    def get_integer(self, vrs: list[int]) -> list[Any]:
         return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
@@ -140,11 +137,10 @@ class ArterialSlave(Fmi2Slave):
     def set_string(self, vrs: list[int], values: list[str]) -> None:
         self._guarded("setting variables", lambda: self._set(vrs, values, self.texts))
 
-    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+    def set_integer(self, vrs: list[int], values: list[Any]) -> None:
         self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
 
-    def set_boolean(self, vrs: list[int], values: list[bool]) -> None:
-        self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
+    get_boolean, set_boolean = get_integer, set_integer  # no variable is of these types
 
     def _get(self, vrs: list[int], kind: frozenset[int]) -> list[Any]:
         self._check_kind(vrs, kind)
@@ -194,14 +190,13 @@ class ArterialSlave(Fmi2Slave):
                 f"this process runs module {self.code_name} instead of {expected.read_text().strip()}; rebuild the FMU."
             )
 
-    def _get_fmu_state(self) -> dict[str, Any]:
-        return self._guarded("saving the state", self._refuse_state)
+    def _get_fmu_state(self, *_: Any) -> None:
+        def refuse() -> NoReturn:
+            raise ValueError("the state cannot be saved or restored (canGetAndSetFMUstate is false).")
 
-    def _set_fmu_state(self, state: dict[str, Any]) -> None:
-        self._guarded("restoring the state", self._refuse_state)
+        self._guarded("saving or restoring the state", refuse)
 
-    def _refuse_state(self) -> NoReturn:
-        raise ValueError("the state cannot be saved or restored (canGetAndSetFMUstate is false).")
+    _set_fmu_state = _get_fmu_state
 
     # --- errors ---------------------------------------------------------------------------------------------------
 

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from .console import bar, sentences
+from .console import bar, right, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .network import Network
 from .scheme.guards import NonPhysicalState
@@ -39,15 +38,15 @@ def main(
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         settings = Settings(
-            dt=parse_quantity(dt, "s", "--dt"),
-            element_length=parse_quantity(element_length, "m", "--element-length"),
+            dt=parse_quantity(dt, "s", "--dt"), element_length=parse_quantity(element_length, "m", "--element-length")
         )
         model = model.with_parameters(_assignments(model, set_ or []))
         result = _run(model, settings, duration, tolerance, max_beats, quiet)
         if out is not None:
             result.to_csv(out)
     if not quiet:
-        _show(model, result, out)
+        _show(model, result)
+        say_written(out)
 
 
 def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
@@ -58,9 +57,8 @@ def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
         name, equals, value = text.partition("=")
         if not equals:
             raise ValueError(f'--set {text}: must look like NAME=VALUE, for example "CA.phi0=0 kPa*s".')
-        name = name.strip()
-        unit = known[name].unit if name in known else "1"
-        values[name] = parse_quantity(value.strip(), unit, name) if name in known else 0.0
+        name = name.strip()  # an unknown one is refused with the others
+        values[name] = parse_quantity(value.strip(), known[name].unit, name) if name in known else 0.0
     return values
 
 
@@ -76,25 +74,16 @@ def _run(
         )
 
 
-def _show(network: Network, result: Waveforms, out: Path | None) -> None:
-    console = Console()
+def _show(network: Network, result: Waveforms) -> None:
     periodic = result.change == result.change
     how = f"{result.beats} beats, last change {result.change:.1e}" if periodic else f"{result.time[-1]:g} s from rest"
-    table = Table(title=f"{network.name}: {how}")
-    for column in ("site", "P min, mmHg", "P max, mmHg", "Q max, mL/s", "R mean, mm"):
-        table.add_column(column, justify="left" if column == "site" else "right")
+    headings = ("P min, mmHg", "P max, mmHg", "Q max, mL/s", "R mean, mm")
+    table = Table("site", *map(right, headings), title=f"{network.name}: {how}")
     for site in network.sites:
         P, Q, R = (result[f"{site.name}.{kind}"] for kind in "PQR")
-        table.add_row(
-            site.name,
-            f"{P.min() / MMHG:.2f}",
-            f"{P.max() / MMHG:.2f}",
-            f"{Q.max() * 1e6:.3f}",
-            f"{R.mean() * 1e3:.3f}",
-        )
-    console.print(table)
-    if out is not None:
-        console.print(f"wrote {out}", markup=False)
+        numbers = (f"{P.min() / MMHG:.2f}", f"{P.max() / MMHG:.2f}", f"{Q.max() * 1e6:.3f}", f"{R.mean() * 1e3:.3f}")
+        table.add_row(site.name, *numbers)
+    show(table)
 
 
 if __name__ == "__main__":

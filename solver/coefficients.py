@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -169,7 +170,7 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
         k=junctions["k"],
         C_f=C_f,
         alpha=alpha,
-        P_0=numbers.whole("P_0"),
+        P_0=numbers.of(numbers.owners["network"], "P_0"),
         outlets=outlets,
         P_venous=P_venous,
         batched=size is not None,
@@ -186,12 +187,9 @@ class _Numbers:
 
     def __init__(self, network: Network, parameters: Parameters, size: int) -> None:
         self.network, self.parameters, self.size = network, parameters, size
-        self.owners: dict[str, list[tuple[str, Any]]] = {
-            "segment": [(segment.name, segment) for segment in network.segments],
-            "fluid": [("fluid", network.fluid)],
-            "outlet": [(f"{outlet.segment}.outlet", outlet) for outlet in network.outlets],
-            "junction": [(f"{junction.name}.junction", junction) for junction in network.junctions],
-        }
+        self.owners: dict[str, list[tuple[str, Any]]] = defaultdict(list)
+        for prefix, owner in network.owners():
+            self.owners[owner.OWNER].append((prefix, owner))
 
     def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float | None = None) -> Array:
         """(B, n): the number behind a key of every owner, ``otherwise`` where one does not hold it."""
@@ -200,14 +198,10 @@ class _Numbers:
             values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
         return values
 
-    def whole(self, key: str) -> Array:
-        """(B, 1) a number of the whole network."""
-        return self.of([(self.network.NETWORK_GROUP, self.network)], key)
-
     def term(self, effect: Effect) -> Term | None:
         """The numbers of an effect, neutral where an owner does not hold them; None if none does, or if it has no
         numbers that would switch it off."""
-        owners = self.owners.get(effect.owner, [])
+        owners = self.owners[effect.owner]
         held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
         if not held or not effect.neutral:
             return None
@@ -231,7 +225,8 @@ def _fields(kind: type) -> frozenset[str]:
 def _walls(numbers: _Numbers) -> Wall:
     """The walls without further effects."""
     R0, E, h = (numbers.of(numbers.owners["segment"], key) for key in ("R0", "E", "h"))
-    plate = 1.0 - numbers.whole("eta") ** 2
+    eta, P_ref = (numbers.of(numbers.owners["network"], key) for key in ("eta", "P_ref"))
+    plate = 1.0 - eta**2
     h_over_R0, none = h / R0, np.zeros_like(R0)
     return Wall(
         elastic=ELASTIC_LAWS[numbers.network.elastic_law],
@@ -242,7 +237,7 @@ def _walls(numbers: _Numbers) -> Wall:
         K_h=h_over_R0 / plate,
         phi0=none,
         r=none,
-        P_ref=np.broadcast_to(numbers.whole("P_ref"), R0.shape),
+        P_ref=np.broadcast_to(P_ref, R0.shape),
         rho=np.broadcast_to(numbers.of(numbers.owners["fluid"], "rho"), R0.shape),
         nonlinear=False,
         bent=False,

@@ -155,13 +155,8 @@ class Effect:
             return ("fluid",)
         if self.owner == "channel":
             return tuple(name for name in channels if name in network.channel_names())
-        return tuple(name for name, owner in self._owners(network) if self.acts_on(owner))
-
-    def _owners(self, network: Described) -> list[tuple[str, Any]]:
-        """Every owner of its kind, by place."""
-        if self.owner == "outlet":
-            return [(outlet.segment, outlet) for outlet in network.outlets]
-        return [(each.name, each) for each in (network.segments if self.owner == "segment" else network.junctions)]
+        owners = [(name, owner) for name, owner in network.owners() if owner.OWNER == self.owner]
+        return tuple(name.removesuffix(f".{self.owner}") for name, owner in owners if self.acts_on(owner))
 
     def acts_on(self, owner: Any) -> bool:
         """Whether it makes sense at this segment, outlet or junction."""

@@ -166,7 +166,7 @@ class Network:
     viscous_law: str = "quadratic"
     reference: str = ""
 
-    NETWORK_GROUP: ClassVar[str] = "network"
+    OWNER: ClassVar[str] = "network"
 
     def __post_init__(self) -> None:
         check_network(self)
@@ -175,7 +175,7 @@ class Network:
 
     def owners(self) -> Iterator[tuple[str, Any]]:
         """Every object that has parameters, with the prefix of its variables: ``fluid``, ``AA``, ``CA.outlet`` …"""
-        yield self.NETWORK_GROUP, self
+        yield self.OWNER, self
         yield "fluid", self.fluid
         for segment in self.segments:
             yield segment.name, segment
@@ -219,7 +219,7 @@ class Network:
 
         def changed(prefix: str, owner: Any) -> Any:
             mine = {key: float(values[f"{prefix}.{key}"]) for key in quantities(owner) if f"{prefix}.{key}" in values}
-            known = terms_of(getattr(owner, "OWNER", ""))
+            known = terms_of(owner.OWNER)
             terms = {key: float(values[f"{prefix}.{key}"]) for key in known if f"{prefix}.{key}" in values}
             if terms:
                 mine["terms"] = {**owner.terms, **terms}  # type: ignore[assignment]
@@ -228,7 +228,7 @@ class Network:
         names = {name.rpartition(".")[0] for name in values} & set(self.channel_names())
         new = sorted(names - {channel.name for channel in self.channels})
         return replace(
-            changed(self.NETWORK_GROUP, self),
+            changed(self.OWNER, self),
             fluid=changed("fluid", self.fluid),
             segments=tuple(changed(s.name, s) for s in self.segments),
             outlets=tuple(changed(f"{o.segment}.outlet", o) for o in self.outlets),

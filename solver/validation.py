@@ -70,7 +70,7 @@ def _check_channels(network: Described) -> None:
 
 def check_terms(network: Described, values: Mapping[str, Any]) -> None:
     """Raise ValueError unless every name is a term that something of the network may hold."""
-    owners = {prefix: getattr(owner, "OWNER", "") for prefix, owner in network.owners()}
+    owners = {prefix: owner.OWNER for prefix, owner in network.owners()}
     owners |= dict.fromkeys(network.channel_names(), "channel")
     for name in values:
         prefix, _, key = name.rpartition(".")

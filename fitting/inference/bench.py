@@ -23,14 +23,14 @@ from ..bench import on_bench
 from ..records import spectral
 from ..records.beats import Beats
 from ..records.noise import degrees_of_freedom
-from .added import allowed, extended
+from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive
 from .loop import Linear, Loop, NoFit, linearise, mean_loop
 from .observation import chain, mean_wander
 from .search import bounded_step
 from .simulator import Runs
-from .terms import Term, followers, nuisances
+from .terms import Term, nuisances
 from .unknown import Unknown, bounds, finite_steps, penalty, precisions, values
 
 Array = np.ndarray
@@ -68,13 +68,7 @@ class Bench:
         return alone.with_terms(neutral | alone.parameters())
 
     @property
-    def n_effective(self) -> int:
-        """Independent numbers of the record: 2K + 1 per signal."""
-        return 2 * (2 * self.K + 1)
-
-    @property
     def dof_of_noise(self) -> float:
-        """Degrees of freedom that the noise of a harmonic is known from."""
         return degrees_of_freedom(self.n_beats, real=True)
 
     @property
@@ -82,7 +76,6 @@ class Bench:
         return f"{self.site}.P", f"{self.site}.R"
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
-        """Unknowns of a hypothesis: nuisances, then those of its terms."""
         return (*nuisances(self.network, self.site), *(u for term in terms for u in term.unknowns))
 
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
@@ -122,7 +115,6 @@ class Bench:
         return self
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        """Whitened columns (n, q) of every term that may be added to a fit, by label."""
         found = {}
         for term in terms:
             x = np.concatenate([at.x, np.zeros(len(term.unknowns))])
@@ -131,24 +123,18 @@ class Bench:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
 
-    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """Terms that can act only beside those of a fit."""
-        return followers(extended(self.network, fit), self.site, terms)
-
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """None: on a bench there is one segment."""
         return None
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
-        """Other beats of the same record, with the noise that the fitted ones showed."""
         other = bench(beats, self.network, self.site)
         noise = self.loop.noise * (self.n_beats / beats.n_beats)
         wander = mean_wander(beats, fitted, self.signals)
         noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
         return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
 
-    def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
-        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         states = [_settled(self, f.member) for f in fits]
         return [(np.nan, 1.0) if s is None else (float(s.z @ s.z), float(len(s.z))) for s in states]
 
@@ -164,7 +150,7 @@ class Bench:
         """(N,) [Pa] the mean pressure."""
         return self.loop.P
 
-    def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
+    def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [Pa] the true pressure at the site that P and R together make most probable under a hypothesis."""
         state = _settled(self, fit.member)
         if state is None:

@@ -58,8 +58,8 @@ class Forward(Protocol):
         """The highest harmonic that is compared."""
 
     @property
-    def n_effective(self) -> int:
-        """Independent numbers in the record."""
+    def network(self) -> Network:
+        """The model."""
 
     @property
     def dof_of_noise(self) -> float:
@@ -95,10 +95,7 @@ class Forward(Protocol):
         """The problem with given weights."""
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        """Whitened derivatives by terms that may be added."""
-
-    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """Terms that can act only beside those of a fit."""
+        """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
@@ -106,7 +103,7 @@ class Forward(Protocol):
     def held_out(self, beats: Beats, fitted: Beats) -> Forward:
         """Other beats of the same record, with the noise that the fitted ones showed."""
 
-    def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
 
     def left_out(self, fit: Fit) -> dict[str, float]:
@@ -120,7 +117,7 @@ class Forward(Protocol):
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) what drives the FMU, as it was measured."""
 
-    def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
+    def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
 
     def driven(self, wave: Array) -> Drive:

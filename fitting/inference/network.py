@@ -29,14 +29,14 @@ from ..records.noise import (
     solver_error,
     target,
 )
-from .added import allowed, extended
+from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive
 from .observation import mean_wander, sense
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, followers, nuisances, refined, rewired
+from .terms import EVERY, Term, nuisances, refined, rewired
 from .unknown import Unknown, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -69,11 +69,6 @@ class NetworkProblem:
     response: Array
 
     @property
-    def n_effective(self) -> int:
-        """Independent numbers of the record: 2K + 1 per signal."""
-        return len(self.names) * (2 * self.K + 1)
-
-    @property
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.beats.n_beats)
 
@@ -81,17 +76,11 @@ class NetworkProblem:
     def signals(self) -> tuple[str, ...]:
         return self.names
 
-    def followers(self, fit: Fit, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """Terms that can act only beside those of a fit."""
-        return followers(extended(self.network, fit), None, terms)
-
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        """A term that acts everywhere with sizes of its own for every segment; None if it is no such term."""
         x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
         return refined(self.network, term, [float(each) for each in x])
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
-        """Other beats of the same record, with the noise that the fitted ones showed."""
         at = np.arange(len(self.names))
         covariance = self.target.covariance.copy()
         covariance[:, at, at] -= self.error**2  # which more beats do not lower
@@ -107,14 +96,12 @@ class NetworkProblem:
             target=Target.of(self.names, mean_beat(beats, self.names, self.K), covariance),
         )
 
-    def predict(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[tuple[float, float]]:
-        """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
-        X = self.observe([f.member for f in fits], runs)
+    def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
+        X = self.observe([f.member for f in fits])
         z = [None if x is None else self.residual(x) for x in X]
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
 
     def left_out(self, fit: Fit) -> dict[str, float]:
-        """Whitened RMS of each site, predicted from the others."""
         return leave_one_site_out(self.target, fit)
 
     def part(self, network: Network) -> Network:
@@ -125,10 +112,10 @@ class NetworkProblem:
         """(N,) [m³/s] the mean inflow."""
         return beats.mean(INFLOW)
 
-    def wave(self, beats: Beats, fit: Fit, runs: Runs | None = None) -> Array:
+    def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
         x = n - H q + e of a hypothesis; as measured where that breaks down."""
-        Q, (X,) = beats.mean(INFLOW), self.observe([fit.member], runs)
+        Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
         S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
@@ -148,7 +135,6 @@ class NetworkProblem:
     # --- hypotheses ---------------------------------------------------------------------------------------------------
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
-        """Unknowns of a hypothesis: nuisances, then those of its terms."""
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
         nuisance = [u for u in nuisances(rewired(self.network, terms)) if not set(u.variables) <= mine]
@@ -215,7 +201,6 @@ class NetworkProblem:
         return result
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
         settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
         screen = replace(self, simulator=replace(self.simulator, settings=settings))
         return screen._columns(at, terms, (runs or Runs()).fresh())
