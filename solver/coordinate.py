@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from .quantity import Quantity
 
 SCALE, SHIFT = "scale", "shift"
-_WIDEST = 5.0  # of a logarithm: how far a scaled number without a lower end may fall
+_WIDEST = 5.0
 
 
 @dataclass(frozen=True)
@@ -35,16 +35,23 @@ class Coordinate:
 
 
 def allowed(
-    kind: str, moves: Sequence[tuple[str, float]], values: Mapping[str, float], quantity: Quantity
+    kind: str,
+    moves: Sequence[tuple[str, float]],
+    values: Mapping[str, float],
+    quantity: Quantity,
+    widest: float = _WIDEST,
 ) -> tuple[float, float]:
-    """The lowest and the highest x that keep every variable in the range of its quantity; values : at x = 0."""
+    """The lowest and the highest x that keep every variable in the range of its quantity; values : at x = 0.
+
+    widest : how far the logarithm of a scaled number without a lower end may fall.
+    """
     low, high = -math.inf, math.inf
     for variable, step in moves:
         start = values[variable]
         if step <= 0.0:
             continue
         if kind == SCALE:
-            low = max(low, (math.log(quantity.low / start) if quantity.low > 0.0 else -_WIDEST) / step)
+            low = max(low, (math.log(quantity.low / start) if quantity.low > 0.0 else -widest) / step)
             high = min(high, math.log(quantity.high / start) / step)
         else:
             low, high = max(low, (quantity.low - start) / step), min(high, (quantity.high - start) / step)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from solver import effects
-from solver.coordinate import SCALE, SHIFT
+from solver.coordinate import SCALE, SHIFT, allowed
 from solver.network import Network
 from solver.quantity import Quantity
 
@@ -42,14 +42,16 @@ def parse_unknown(text: str, network: Network) -> Unknown:
     if shift:  # 30 % of what such a number is, or of one unit of a ratio where that is smaller
         ratios = [abs(nominal[each] / step) for each, step in zip(names, steps, strict=True)]
         typical *= quantity.nominal if quantity.ratio_to is None else max(1.0, *ratios)
-    ends = [
-        _range(each, nominal[each], step, known[each].low, known[each].high, shift)
-        for each, step in zip(names, steps, strict=True)
-    ]
+    kind, moves = SHIFT if shift else SCALE, tuple(zip(names, steps, strict=True))
+    for each in names:
+        if not shift and nominal[each] <= 0.0:
+            raise ValueError(
+                f"unknown {each}: it is {nominal[each]:g} in the network, which no factor can change; start from a "
+                "value above 0."
+            )
     prior_sd = _prior(name, prior) if colon else typical
-    low, high = max(low for low, _ in ends), min(high for _, high in ends)
-    return Unknown(name, SHIFT if shift else SCALE, tuple(zip(names, steps, strict=True)), low, high, unit,
-                   prior_sd=prior_sd, typical_sd=prior_sd or typical)  # fmt: skip
+    low, high = allowed(kind, moves, nominal, quantity, math.inf)
+    return Unknown(name, kind, moves, low, high, unit, prior_sd=prior_sd, typical_sd=prior_sd or typical)
 
 
 def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Unknown, ...]:
@@ -111,14 +113,3 @@ def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float
                 f"give {segment}.{reference} a value above 0 in the network."
             )
     return steps, unit
-
-
-def _range(name: str, nominal: float, step: float, low: float, high: float, shift: bool) -> tuple[float, float]:
-    """The x that keep one parameter in its allowed range."""
-    if shift:
-        return (low - nominal) / step, (high - nominal) / step
-    if nominal <= 0.0:
-        raise ValueError(
-            f"unknown {name}: it is {nominal:g} in the network, which no factor can change; start from a value above 0."
-        )
-    return math.log(low / nominal) if low > 0.0 else -math.inf, math.log(high / nominal)

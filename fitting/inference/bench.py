@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from ..records.beats import Beats
 from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
-from .forward import Drive
+from .forward import Drive, Forward
 from .loop import Linear, Loop, NoFit, linearise, mean_loop
 from .observation import chain, mean_wander
 from .search import bounded_step
@@ -46,13 +45,13 @@ _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part o
 
 
 @dataclass(frozen=True)
-class Bench:
+class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
     loop : the mean beats; K : harmonics above the noise; n_beats : behind the means.
     """
 
-    kind: ClassVar[str] = "bench"
+    kind = "bench"
 
     network: Network
     site: str
@@ -93,27 +92,6 @@ class Bench:
             return found if allowed(self.network, found) else None
         return None
 
-    def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        """The same fits: their Jacobians are up to date."""
-        return list(fits)
-
-    def sharpened(self, fit: Fit, runs: Runs | None = None) -> Bench:
-        """The same problem: the law is evaluated without a solver's error."""
-        return self
-
-    def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
-        """The same fits: there is one weighting."""
-        return list(fits)
-
-    @property
-    def weights(self) -> tuple[()]:
-        """Nothing: there is one weighting."""
-        return ()
-
-    def restored(self, weights: tuple[()]) -> Bench:
-        """The same problem."""
-        return self
-
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         found = {}
         for term in terms:
@@ -122,10 +100,6 @@ class Bench:
             if state is not None:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
-
-    def refined(self, fit: Fit, term: Term) -> Term | None:
-        """None: on a bench there is one segment."""
-        return None
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)
@@ -137,10 +111,6 @@ class Bench:
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         states = [_settled(self, f.member) for f in fits]
         return [(np.nan, 1.0) if s is None else (float(s.z @ s.z), float(len(s.z))) for s in states]
-
-    def left_out(self, fit: Fit) -> dict[str, float]:
-        """None: there is one site."""
-        return {}
 
     def part(self, network: Network) -> Network:
         """A millimetre of the site's artery."""

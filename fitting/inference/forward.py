@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -39,27 +39,20 @@ class Drive:
 
 
 class Forward(Protocol):
-    """A record and the model that it is compared with."""
+    """A record and the model that it is compared with.
 
-    @property
-    def kind(self) -> str:
-        """ "bench" or "network", as reports say it."""
+    kind : "bench" or "network", as reports say it. site : the only artery that is compared, if it is one. K : the
+    highest harmonic that is compared. What has a body here is right where the model is exact and has one weighting.
+    """
 
-    @property
-    def site(self) -> str | None:
-        """The only artery that is compared, if it is one."""
+    kind: ClassVar[str]
+    network: Network
+    site: str | None
+    K: int
 
     @property
     def signals(self) -> tuple[str, ...]:
         """The channels that are compared."""
-
-    @property
-    def K(self) -> int:
-        """The highest harmonic that is compared."""
-
-    @property
-    def network(self) -> Network:
-        """The model."""
 
     @property
     def dof_of_noise(self) -> float:
@@ -80,25 +73,31 @@ class Forward(Protocol):
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
+        return list(fits)
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> Forward:
         """The same record weighted and simulated as a fit needs it."""
+        return self
 
     def restated(self, fits: Sequence[Fit], before: Any) -> list[Fit]:
         """Fits under the weights of another model of this record, where they are, under these."""
+        return list(fits)
 
     @property
     def weights(self) -> Any:
         """What :meth:`restored` makes a problem of this record of, weighted as this one is: plain data."""
+        return ()
 
     def restored(self, weights: Any) -> Forward:
         """The problem with given weights."""
+        return self
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
+        return None
 
     def held_out(self, beats: Beats, fitted: Beats) -> Forward:
         """Other beats of the same record, with the noise that the fitted ones showed."""
@@ -108,11 +107,13 @@ class Forward(Protocol):
 
     def left_out(self, fit: Fit) -> dict[str, float]:
         """Whitened RMS of each site, predicted from the others; of none where there are no others."""
+        return {}
 
     # --- the FMU that stands for the model ----------------------------------------------------------------------------
 
     def part(self, network: Network) -> Network:
         """What of a network the FMU holds: all of it (the same object), or the artery on the bench."""
+        return network
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) what drives the FMU, as it was measured."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from ..records.noise import (
 )
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
-from .forward import Drive
+from .forward import Drive, Forward
 from .observation import mean_wander, sense
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
@@ -50,14 +49,14 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of th
 
 
 @dataclass(frozen=True)
-class NetworkProblem:
+class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
     """
 
-    kind: ClassVar[str] = "network"
-    site: ClassVar[None] = None
+    kind = "network"
+    site = None
 
     network: Network
     beats: Beats
@@ -103,10 +102,6 @@ class NetworkProblem:
 
     def left_out(self, fit: Fit) -> dict[str, float]:
         return leave_one_site_out(self.target, fit)
-
-    def part(self, network: Network) -> Network:
-        """The network."""
-        return network
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) [m³/s] the mean inflow."""
@@ -264,7 +259,6 @@ class NetworkProblem:
         return search
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        """Every fit searched on from where it is, with derivatives simulated anew."""
         return self._searched([Search(f.member) for f in fits], runs or Runs())
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
@@ -300,7 +294,6 @@ class NetworkProblem:
         return self.simulator.settings.dt, self.error, self.target.covariance, self.response
 
     def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
-        """The problem with given weights."""
         dt, error, covariance, response = weights
         simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt))
         own = Target.of(self.names, self.target.X, covariance)
