@@ -23,7 +23,7 @@ Array = np.ndarray
 class Start(NamedTuple):
     """What an implicit stage of length tau [s] starts from, and the laws of wall and fluid that this makes for it.
 
-    y : the state vector there; A, Q its parts. P_C : (B, n_outlets) [Pa] or 0. inertia : like Q, ρ w J/τ.
+    y : the state vector there; A, Q its parts. inertia : like Q, ρ w J/τ.
     """
 
     model: Model
@@ -31,7 +31,6 @@ class Start(NamedTuple):
     y: Array
     A: Array
     Q: Array
-    P_C: Array | float
     inertia: Array
     wall: Wall
     force: Force
