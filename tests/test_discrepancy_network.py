@@ -259,7 +259,10 @@ def test_a_start_too_far_off_is_left(healthy: NetworkProblem) -> None:
     (key,) = runs.beats
     beat = runs.beats[key]
     assert beat.end is not None and expected is not None
-    wide = replace(beat.end, state=replace(beat.end.state, A=100.0 * beat.end.state.A))
+    state = beat.end.state
+    y = state.y.copy()
+    state.layout.part(y, "A")[:] *= 100.0
+    wide = replace(beat.end, state=replace(state, y=y))
     runs.beats[key] = replace(beat, end=wide)
     with pytest.raises(NonPhysicalState):
         healthy.simulator.coefficients(NETWORK, {}, runs)
