@@ -127,7 +127,7 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
     Q_in = INFLOW_AT_STAGES @ inflow
-    venous = c.P_venous if P_venous is None else c.venous(P_venous)
+    venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
     small = _tolerances(model, state, Q_in[-1])
     y = state.y.copy()
     # where the inflow jumps (a held input that is set anew) the flow at the inlet starts from its new value: spread
