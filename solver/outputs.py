@@ -50,10 +50,10 @@ def reporter(model: Model) -> Reporter:
         A = state.y[:, model.layout.places["A"]] @ gauss
         P, Q, R = (result[:, 1 + i : 1 + 3 * n : 3] for i in range(3))  # at the sites
         P[:] = wall.pressure(A, A_t)
-        if model.wall.tau is not None:
+        if model.wall.remembers:
             # the difference, not the stress itself: so that the answer is continuous as tau vanishes
             change = model.layout.part(state.y, "stress") - model.wall.viscous_stress(state.A, state.A_t)
-            change = np.where(model.wall.tau == 0.0, 0.0, change).reshape(B, -1) @ gauss
+            change = np.where(model.wall.forgets, 0.0, change).reshape(B, -1) @ gauss
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
         Q[:] = state.y[:, model.layout.places["Q"]] @ lobatto
         R[:] = np.sqrt(A / np.pi)
