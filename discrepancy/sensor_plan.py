@@ -147,7 +147,7 @@ def _table(
     problem: NetworkProblem, base: Fit, columns: Mapping[str, Array], terms: Sequence[Term], chosen: Sequence[str]
 ) -> Isolability:
     """Isolability by some of the problem's channels."""
-    keep = np.array([problem.names.index(name) for name in dict.fromkeys(chosen)])
+    keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
     part = Subset(problem.target, keep)
     seen = [t for t in terms if not t.is_sensor or t.place in chosen]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))

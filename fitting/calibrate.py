@@ -25,10 +25,9 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from .inference.asked import parse_unknowns
-from .inference.identify import Determined, determined, sentences
-from .inference.search import held_step
+from .inference.descent import Descent, Problem, minimise, problem_of
+from .inference.identify import sentences
 from .inference.simulator import Meter
-from .inference.stage import DERIVATIVE_ERROR, Point, Problem, problem_of
 from .inference.unknown import Unknown, parameter_intervals, parameter_values, quantile
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
@@ -41,8 +40,6 @@ Progress = Callable[[float, str], None]
 
 _COARSE_ERROR = 1e-3  # of a channel's pulse: enough for the coarse stage, whose own error is below it
 _NEAR = 5e-3  # in prior units: from here one step of the fine stage leads home
-_EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
-_LARGEST_STEP = 3.0  # in prior units
 _FEWEST_STEPS = 20  # of the solver in a beat
 
 
@@ -153,7 +150,7 @@ def calibrate(
     told.begin(0.0, 0.4, "coarse")
     with _refusal(f"{beats.source}: with its inflow, network {network.name} as given cannot be simulated"):
         start = first.evaluate(x)
-    near = _minimise(first, start, max_iterations, (0.1, _NEAR))
+    near = minimise(first, start, max_iterations, (0.1, _NEAR))
 
     told.begin(0.4, 1.0, "fine")
     x = near.point.x
@@ -162,7 +159,7 @@ def calibrate(
     ):
         batch = fine.batch(x)
         last = fine.with_target(x, solver_error(batch[0], fine.finer().simulate(x[None])[0], pulse))
-    best = _minimise(last, last.point(x, batch), max_iterations, (0.01, 0.0))
+    best = minimise(last, last.point(x, batch), max_iterations, (0.01, 0.0))
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, time.perf_counter() - started)
@@ -204,7 +201,7 @@ def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
     return harmonics_above_noise(beats, names, min(MAX_HARMONICS, (beats.N - 1) // 2, steps // 2 - 1))
 
 
-# --- the search ---------------------------------------------------------------------------------------------------
+# --- its stages ---------------------------------------------------------------------------------------------------
 
 
 class _Stages:
@@ -224,13 +221,6 @@ class _Stages:
             self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
 
 
-@dataclass(frozen=True)
-class _Search:
-    point: Point
-    history: tuple[float, ...]
-    converged: bool
-
-
 @contextmanager
 def _refusal(what: str) -> Iterator[None]:
     """A simulation that breaks down where there is nothing to go back to, as one sentence."""
@@ -240,69 +230,15 @@ def _refusal(what: str) -> Iterator[None]:
         raise ValueError(f"{what}: {error}") from None
 
 
-def _minimise(problem: Problem, point: Point, max_iterations: int, enough: tuple[float, float]) -> _Search:
-    """Damped Gauss–Newton until no unknown moves by more than a part of its standard deviation, or of its prior's."""
-    history = [point.cost]
-    for _ in range(max_iterations):
-        known = _determined(problem, point, 1.0)
-        step = _step(problem, point, known, 0.0)
-        small = np.maximum(enough[0] * np.sqrt(np.diag(known.covariance)), enough[1] * problem.typical)
-        if np.all(np.abs(step) <= small):
-            return _Search(point, tuple(history), True)
-        better = _line(problem, point, known, step)
-        if better is None:
-            return _Search(point, tuple(history), False)
-        gained, point = point.cost - better.cost, better
-        history.append(point.cost)
-        if gained < enough[0] ** 2:  # as much as the same part of a standard deviation would gain
-            return _Search(point, tuple(history), True)
-    return _Search(point, tuple(history), False)
-
-
-def _line(problem: Problem, point: Point, known: Determined, step: Array) -> Point | None:
-    """The next point: the full step, else halved (the simulation breaks down) or damped (the cost rises) ones."""
-    low, high = problem.bounds
-    damping, shorter = 0.0, 1.0
-    for _ in range(8):
-        try:
-            trial = problem.evaluate(np.clip(point.x + shorter * step, low, high))
-        except (NonPhysicalState, NotPeriodic, ValueError):
-            shorter /= 2.0
-            continue
-        if trial.cost < point.cost + _EQUAL:
-            return trial
-        damping = max(10.0 * damping, 1e-3 * float(known.singular_values[0]) ** 2)
-        step = _step(problem, point, known, damping)
-    return None
-
-
-def _step(problem: Problem, point: Point, known: Determined, damping: float) -> Array:
-    """Gauss–Newton step of x : (p,), damped by ``damping`` in prior units, with bounds that would be crossed held."""
-    typical, prior = problem.typical, problem.prior
-    low, high = problem.bounds
-    J = point.J * typical
-    gradient = J.T @ point.z + prior * point.x / typical
-    # along directions that the Jacobian's error alone makes up, a step would be a leap in the dark
-    blind = np.where(known.singular_values > 0.0, 0.0, known.doubt**2)
-    normal = J.T @ J + np.diag(prior + damping) + known.directions.T @ (blind[:, None] * known.directions)
-    step = held_step(normal, gradient, point.x / typical, low / typical, high / typical, 1e-13)
-    longest = np.abs(step).max()
-    return typical * step * min(1.0, _LARGEST_STEP / longest) if longest > 0.0 else step
-
-
-def _determined(problem: Problem, point: Point, scale: float) -> Determined:
-    return determined(point.J * problem.typical, problem.prior, problem.typical, scale, DERIVATIVE_ERROR)
-
-
 # --- the result ---------------------------------------------------------------------------------------------------
 
 
-def _result(problem: Problem, near: _Search, best: _Search, seconds: float) -> Calibration:
+def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> Calibration:
     assert problem.target is not None
     point, unknowns, network = best.point, problem.unknowns, problem.simulator.network
     chi2 = float(point.z @ point.z)
-    dof = max(1.0, len(point.z) - _determined(problem, point, 1.0).effective)
-    known = _determined(problem, point, max(1.0, chi2 / dof))
+    dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
+    known = problem.determined(point, max(1.0, chi2 / dof))
     close = np.minimum(point.x - problem.bounds[0], problem.bounds[1] - point.x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     channels = problem.target.channel_rms(point.X)

@@ -113,7 +113,7 @@ class Coefficients:
         return tuple(tuple(sorted({x for cuts, on in wanted if on[s] for x in cuts})) for s in range(n))
 
     def venous(self, P_venous: Array) -> Array:
-        """P_venous : (n_outlets,) or (B, n_outlets) [Pa] as the effects of outlets leave it."""
+        """P_venous : (1 or B, n_outlets) [Pa] as the effects of outlets leave it."""
         if all(ends.numbers["P_venous"] is ends.given["P_venous"] for ends in self.outlets):
             return P_venous
         changed = np.empty_like(self.P_venous)

@@ -100,7 +100,7 @@ class NonlinearElasticity(Effect):
     typical = {"ENL": 1.0}
     relative = {"ENL": ("E", "1")}
     starts = ((1.0,), (4.0,))
-    signature = "bends the loop's spine without area"
+    signature = "curves the middle line of the P-R loop, whose area stays"
     confusable = ("external_pressure",)
     separator = "pressure level"
 

@@ -172,17 +172,13 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
             f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
-    viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None]
-    if c.wall.tau is not None:
-        viscosity = viscosity / (1.0 + iw * c.wall.tau[:, None])
+    viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None] * c.wall.memory(iw)
     compliance = 1.0 / (stiffness[:, None] + viscosity)
-    Y = iw * compliance
-    if c.wall.leak is not None:
-        if np.any(omega == 0.0):
-            raise ValueError(
-                f"network {network.name}: the mean flow of a leak depends on the mean pressure; leave out omega = 0."
-            )
-        Y = Y + c.wall.leak[:, None]
+    if c.wall.leakage.any() and np.any(omega == 0.0):
+        raise ValueError(
+            f"network {network.name}: the mean flow of a leak depends on the mean pressure; leave out omega = 0."
+        )
+    Y = iw * compliance + c.wall.leakage[:, None]
     return A, (c.rho / A)[:, None] * (iw + (c.C_f / A)[:, None] + _history(c, omega)), Y, compliance
 
 

@@ -52,7 +52,7 @@ def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
     """dP/dR : (N, N) [Pa/m] of the first of some walls on a loop R, R' : (N,), R' moving along."""
     _, by_R, by_R_t = (np.atleast_2d(x)[0] for x in tangent(wall, R, R_t, T))
     D = derivative_matrix(len(R), T)
-    if wall.tau is None:
+    if not wall.remembers:
         matrix = by_R_t[:, None] * D
     else:  # the stress is σ = P_v R / (K_h R0)
         memory = circulant(_memory(wall, len(R), T)[0], len(R))
@@ -63,7 +63,7 @@ def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
 
 def _present(wall: Wall, A: Array, A_t: Array, T: float) -> Wall:
     """The wall with the viscous stress that its memory leaves of a periodic one."""
-    if wall.tau is None:
+    if not wall.remembers:
         return wall
     faded = _memory(wall, A.shape[-1], T) * np.fft.rfft(wall.viscous_stress(A, A_t))
     return wall.remembering(np.fft.irfft(faded, A.shape[-1]), 0.0)
@@ -71,8 +71,7 @@ def _present(wall: Wall, A: Array, A_t: Array, T: float) -> Wall:
 
 def _memory(wall: Wall, N: int, T: float) -> Array:
     """M : (B, N//2 + 1) for every harmonic."""
-    assert wall.tau is not None
-    return 1.0 / (1.0 + 2j * np.pi / T * np.arange(N // 2 + 1) * wall.tau)
+    return wall.memory(2j * np.pi / T * np.arange(N // 2 + 1)[:, None])[..., 0]
 
 
 def circulant(h: Array, N: int) -> Array:

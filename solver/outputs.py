@@ -41,23 +41,21 @@ def reporter(model: Model) -> Reporter:
     n, B = len(segment), model.coefficients.B
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
     units = network.output_units()
-    sites = slice(1, 1 + 3 * n)
 
     def report(state: State) -> Array:
         result = np.empty((B, len(units)))
         result[:, 0] = state.H[:, 0]
         A_t = state.A_t.reshape(B, -1) @ gauss
-        A = state.A.reshape(B, -1) @ gauss
-        at_sites = result[:, sites].reshape(B, n, 3)
-        at_sites[..., 0] = wall.pressure(A, A_t)
-        if model.wall.tau is not None:
+        A = state.y[:, model.layout.places["A"]] @ gauss
+        P, Q, R = (result[:, 1 + i : 1 + 3 * n : 3] for i in range(3))  # at the sites
+        P[:] = wall.pressure(A, A_t)
+        if model.wall.remembers:
             # the difference, not the stress itself: so that the answer is continuous as tau vanishes
             change = model.layout.part(state.y, "stress") - model.wall.viscous_stress(state.A, state.A_t)
-            change = np.where(model.wall.tau == 0.0, 0.0, change).reshape(B, -1) @ gauss
-            at_sites[..., 0] += wall.K_h * np.sqrt(wall.A0 / A) * change
-        at_sites[..., 1] = state.Q.reshape(B, -1) @ lobatto
-        at_sites[..., 2] = np.sqrt(A / np.pi)
-        result[:, sites] = at_sites.reshape(B, -1)
+            change = np.where(model.wall.forgets, 0.0, change).reshape(B, -1) @ gauss
+            P += wall.K_h * np.sqrt(wall.A0 / A) * change
+        Q[:] = state.y[:, model.layout.places["Q"]] @ lobatto
+        R[:] = np.sqrt(A / np.pi)
         result[:, 1 + 3 * n :: 2] = state.H[:, outlets]
         result[:, 2 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
         return result

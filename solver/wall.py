@@ -224,7 +224,7 @@ class Wall:
     tau [s] : relaxation time of the viscous stress, τ dσ_v/dt + σ_v = σ_v(ε̇); leak [m²/(Pa·s)] : what the wall lets
     through per length and pressure. None where no wall has it.
 
-    A wall with memory stands for one moment, made by :meth:`remembering`: its viscous stress is
+    For a wall with memory :meth:`remembering` gives the law at one instant: its viscous stress is
     weight σ_v(ε̇) + (1 - weight) past, ``past`` : like A [Pa].
     """
 
@@ -288,7 +288,7 @@ class Wall:
         """
         if self.tau is None:
             return self
-        off = self.tau == 0.0
+        off = self.forgets
         return replace(self, past=past, weight=np.where(off, 1.0, theta / np.where(off, 1.0, self.tau + theta)))
 
     def viscous_stress(self, A: Array, A_t: Array) -> Array:
@@ -309,6 +309,25 @@ class Wall:
         """What memory adds to P [Pa]: K_h/s of the stress that is left of the past; exactly 0 without memory."""
         assert self.weight is not None and self.past is not None
         return (1.0 - self.weight) * self.K_h / s * self.past
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the viscous stress of any wall has a memory."""
+        return self.tau is not None
+
+    @property
+    def forgets(self) -> Array | bool:
+        """Where the viscous stress has no memory, like A0."""
+        return self.tau is None or self.tau == 0.0
+
+    def memory(self, iw: Array) -> Array:
+        """σ_v over that of a wall without memory, 1/(1 + iωτ), at iω : (n, 1) [1/s]; (B, n, n_points), or 1."""
+        return np.ones((1, 1, 1)) if self.tau is None else 1.0 / (1.0 + iw * self.tau[..., None, :])
+
+    @property
+    def leakage(self) -> Array:
+        """What the walls let through per length and pressure [m²/(Pa·s)], like A0."""
+        return np.zeros_like(self.A0) if self.leak is None else self.leak
 
     def stiffness(self, A: Array) -> Array:
         """dP_el/dA [Pa/m²]."""

@@ -40,7 +40,7 @@ def noise_free(case: Case, nuisance: Nuisance, dB: float = 80.0) -> tuple[Bench,
     noise = np.zeros((BEAT.samples // 2 + 1, 2, 2))
     for i, x in enumerate((P, R)):
         noise[:, i, i] = (10.0 ** (-dB / 20.0) * x.std()) ** 2 / BEAT.samples / 15.0
-    problem = Bench(case.network(), SITE, Loop(P, R, BEAT.T, noise), 30, 15)
+    problem = Bench(case.network(), SITE, (f"{SITE}.P", f"{SITE}.R"), Loop(P, R, BEAT.T, noise), 30, 15)
     truth: dict[str, float] = {}
     for effect in case.effects:
         if effect.name == "channel_offset":

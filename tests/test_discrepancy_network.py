@@ -230,9 +230,9 @@ def test_a_sensor_needs_no_simulation(healthy: NetworkProblem) -> None:
     runs = Runs()
     X = healthy.observe([Member((t,), unknowns, np.array([0.0, 0.0, 0.0, x])) for x in np.linspace(0.0, 9.0, 10)], runs)
     assert runs.meter.simulations == 1
-    i = healthy.names.index("B.Q")
+    i = healthy.signals.index("B.Q")
     for x, each in zip(np.linspace(0.0, 9.0, 10), X, strict=True):
-        ratio = np.ones(len(healthy.names))
+        ratio = np.ones(len(healthy.signals))
         ratio[i] = np.exp(0.03 * x)
         np.testing.assert_allclose(each, X[0] * ratio, rtol=1e-13)
 
@@ -259,7 +259,10 @@ def test_a_start_too_far_off_is_left(healthy: NetworkProblem) -> None:
     (key,) = runs.beats
     beat = runs.beats[key]
     assert beat.end is not None and expected is not None
-    wide = replace(beat.end, state=replace(beat.end.state, A=100.0 * beat.end.state.A))
+    state = beat.end.state
+    y = state.y.copy()
+    state.layout.part(y, "A")[:] *= 100.0
+    wide = replace(beat.end, state=replace(state, y=y))
     runs.beats[key] = replace(beat, end=wide)
     with pytest.raises(NonPhysicalState):
         healthy.simulator.coefficients(NETWORK, {}, runs)
@@ -330,8 +333,8 @@ def test_held_out_beats_are_weighted_by_their_number(healthy: NetworkProblem) ->
     first = np.diag(healthy.target.covariance[0]).real - healthy.error[0] ** 2
     assert np.all(np.diag(C[0]).real >= (3.0 * first + healthy.error[0] ** 2) * (1.0 - 1e-12))
     unit = W @ C @ W.conj().swapaxes(1, 2)
-    np.testing.assert_allclose(unit, np.broadcast_to(np.eye(len(healthy.names)), unit.shape), atol=1e-9)
-    assert other.target.X[0, 0] == pytest.approx(kept.mean(healthy.names[0]).mean())
+    np.testing.assert_allclose(unit, np.broadcast_to(np.eye(len(healthy.signals)), unit.shape), atol=1e-9)
+    assert other.target.X[0, 0] == pytest.approx(kept.mean(healthy.signals[0]).mean())
 
 
 def test_extended_is_what_was_fitted(stiff: Naming) -> None:

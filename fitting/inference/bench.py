@@ -55,6 +55,7 @@ class Bench(Forward):
 
     network: Network
     site: str
+    signals: tuple[str, ...]
     loop: Loop
     K: int
     n_beats: int
@@ -69,10 +70,6 @@ class Bench(Forward):
     @property
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.n_beats, real=True)
-
-    @property
-    def signals(self) -> tuple[str, str]:
-        return f"{self.site}.P", f"{self.site}.R"
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         return (*nuisances(self.network, self.site), *(u for term in terms for u in term.unknowns))
@@ -141,7 +138,8 @@ class Bench(Forward):
 def bench(beats: Beats, network: Network, site: str) -> Bench:
     """The bench of a record. Raises ValueError if P or R of the site is missing."""
     loop = mean_loop(beats, site)
-    own = beats.covariance((f"{site}.P", f"{site}.R"))
+    signals = (f"{site}.P", f"{site}.R")
+    own = beats.covariance(signals)
     pulse = [np.ptp(loop.P), np.ptp(loop.R)]
     noise = loop.noise.copy()
     highest = []
@@ -152,7 +150,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
         highest.append(int(above[-1]) if len(above) else 1)
     # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
     K = min(_MOST_HARMONICS, max(1, min(highest)))
-    return Bench(network, site, replace(loop, noise=noise), K, beats.n_beats)
+    return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats)
 
 
 # --- the search -------------------------------------------------------------------------------------------------------

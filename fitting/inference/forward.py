@@ -41,18 +41,16 @@ class Drive:
 class Forward(Protocol):
     """A record and the model that it is compared with.
 
-    kind : "bench" or "network", as reports say it. site : the only artery that is compared, if it is one. K : the
-    highest harmonic that is compared. What has a body here is right where the model is exact and has one weighting.
+    kind : "bench" or "network", as reports say it. site : the only artery that is compared, if it is one. signals :
+    the channels, and K : the highest harmonic that are compared. What has a body here is right where the model is exact
+    and has one weighting.
     """
 
     kind: ClassVar[str]
     network: Network
     site: str | None
+    signals: tuple[str, ...]
     K: int
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """The channels that are compared."""
 
     @property
     def dof_of_noise(self) -> float:

@@ -60,7 +60,7 @@ class NetworkProblem(Forward):
 
     network: Network
     beats: Beats
-    names: tuple[str, ...]
+    signals: tuple[str, ...]
     K: int
     simulator: Simulator
     target: Target
@@ -71,28 +71,24 @@ class NetworkProblem(Forward):
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.beats.n_beats)
 
-    @property
-    def signals(self) -> tuple[str, ...]:
-        return self.names
-
     def refined(self, fit: Fit, term: Term) -> Term | None:
         x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
         return refined(self.network, term, [float(each) for each in x])
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
-        at = np.arange(len(self.names))
+        at = np.arange(len(self.signals))
         covariance = self.target.covariance.copy()
         covariance[:, at, at] -= self.error**2  # which more beats do not lower
         covariance *= fitted.n_beats / beats.n_beats
         covariance[:, at, at] += self.error**2
-        wander = mean_wander(beats, fitted, self.names)
+        wander = mean_wander(beats, fitted, self.signals)
         covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
         drive = inflow(beats, self.simulator.settings.dt)
         return replace(
             self,
             beats=beats,
             simulator=replace(self.simulator, drive=drive),
-            target=Target.of(self.names, mean_beat(beats, self.names, self.K), covariance),
+            target=Target.of(self.signals, mean_beat(beats, self.signals, self.K), covariance),
         )
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -151,7 +147,7 @@ class NetworkProblem(Forward):
                 for i, result in zip(part, self._batch(key, [members[i] for i in part], runs), strict=True):
                     X[i] = result
         return [
-            None if x is None else sense(member, self.names, x, self.simulator.T)
+            None if x is None else sense(member, self.signals, x, self.simulator.T)
             for member, x in zip(members, X, strict=True)
         ]
 
@@ -273,7 +269,7 @@ class NetworkProblem(Forward):
             X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs.fresh())[0]
             if X is None or X_finer is None:
                 return self
-            error = solver_error(X, X_finer, pulses(self.beats, self.names))
+            error = solver_error(X, X_finer, pulses(self.beats, self.signals))
             own = np.einsum("kii->ki", self.target.covariance).real - self.error**2
             weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]
             if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
@@ -296,16 +292,16 @@ class NetworkProblem(Forward):
     def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
         dt, error, covariance, response = weights
         simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt))
-        own = Target.of(self.names, self.target.X, covariance)
+        own = Target.of(self.signals, self.target.X, covariance)
         return replace(self, simulator=simulator, target=own, error=error, response=response)
 
     def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
         network = rewired(self.network, fit.terms)
         at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
-        H = linear_response(network, self.names, self.simulator.T, self.K, at)
-        H = sense(fit.member, self.names, H, self.simulator.T, means=False)
-        return replace(self, target=target(self.beats, self.names, H, error), error=error, response=H[: self.K + 1])
+        H = linear_response(network, self.signals, self.simulator.T, self.K, at)
+        H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
+        return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors at the best of their starting points: that costs one simulation for all of them."""
@@ -322,7 +318,7 @@ class NetworkProblem(Forward):
     def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.J is None:
             return None
-        m, K = len(self.names), self.K
+        m, K = len(self.signals), self.K
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)

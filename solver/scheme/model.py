@@ -152,13 +152,13 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
 def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:
     """The state vector; without memory of any kind it is A and Q."""
     gauss, lobatto = (mesh.n_elements, mesh.element.N), (mesh.n_elements, mesh.element.N + 1)
-    remembers = wall.tau is not None or force.memories > 0 or any(ends.kind.stores for ends in c.outlets)
+    remembers = wall.remembers or force.memories > 0 or any(ends.kind.stores for ends in c.outlets)
     return Layout(
         {
             "A": gauss,
             "Q": lobatto,
             "P_C": (len(mesh.topology.outlet_segment) if remembers else 0,),
-            "stress": (0,) if wall.tau is None else gauss,
+            "stress": gauss if wall.remembers else (0,),
             "history": (force.memories, *lobatto),
         }
     )

@@ -70,7 +70,7 @@ def operators(model: Model, dt: float) -> Operators:
             model.memo.clear()
         tau, c = GAMMA * dt, model.coefficients
         inertia, loads, memory = model.mass / tau, _loads(model, tau), memory_of(model)
-        rest = start(model, tau, inertia, memory, model.at_rest(), c.P_venous)
+        rest, _ = start(model, tau, inertia, memory, loads, model.at_rest(), c.P_venous)
         K = terms.jacobian(rest, rest.Q)
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         behind = loads.keep * c.P_0 + loads.give * c.P_venous
@@ -82,9 +82,9 @@ def operators(model: Model, dt: float) -> Operators:
 class NoMemory:
     """A and Q are the whole state."""
 
-    def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
-        """Wall and force of a stage of length tau [s] that starts from y : (B, n), and P_C there."""
-        return model.wall, model.force, 0.0
+    def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
+        """Wall and force of a stage of length tau [s] that starts from y : (B, n), and P_b of its outlets."""
+        return model.wall, model.force, P_venous
 
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         """Write what is remembered at the end of the stage into the state vector ``end``."""
@@ -93,9 +93,10 @@ class NoMemory:
 class Memory:
     """Stored pressures, viscous stress, history of a force: backward Euler steps of length τ, relaxation solved for."""
 
-    def recall(self, model: Model, y: Array, tau: float) -> tuple[Wall, Force, Array | float]:
+    def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
         _, _, P_C, stress, history = model.layout.split(y)
-        return model.wall.remembering(stress, tau), model.force.since(history, tau), P_C
+        behind = loads.keep * P_C + loads.give * P_venous
+        return model.wall.remembering(stress, tau), model.force.since(history, tau), behind
 
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         s, layout = stage.start, stage.start.model.layout
@@ -110,11 +111,13 @@ def memory_of(model: Model) -> Memory | NoMemory:
     return Memory() if model.layout.shapes["P_C"][0] else NoMemory()
 
 
-def start(model: Model, tau: float, inertia: Array, memory: Memory | NoMemory, y: Array, P_venous: Array) -> Start:
-    """What a stage of length tau [s] starts from, with the state vector y : (B, n)."""
+def start(
+    model: Model, tau: float, inertia: Array, memory: Memory | NoMemory, loads: Loads, y: Array, P_venous: Array
+) -> tuple[Start, Array]:
+    """What a stage of length tau [s] starts from, with the state vector y : (B, n), and P_b of its outlets."""
     A, Q = model.layout.part(y, "A"), model.layout.part(y, "Q")
-    wall, force, P_C = memory.recall(model, y, tau)
-    return Start(model, tau, y, A, Q, P_C, inertia, wall, force, model.storage.since(wall, A, tau, P_venous))
+    wall, force, behind = memory.recall(model, y, tau, loads, P_venous)
+    return Start(model, tau, y, A, Q, inertia, wall, force, model.storage.since(wall, A, tau, P_venous)), behind
 
 
 def _loads(model: Model, tau: float) -> Loads:
@@ -171,8 +174,8 @@ class Stage(NamedTuple):
     @staticmethod
     def of(model: Model, o: Operators, y: Array, inflow: Array, P_venous: Array, t: float) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
-        s = start(model, o.tau, o.inertia, o.memory, y, P_venous)
-        return Stage(s, o, o.loads.keep * s.P_C + o.loads.give * P_venous, inflow, P_venous, t)
+        s, behind = start(model, o.tau, o.inertia, o.memory, o.loads, y, P_venous)
+        return Stage(s, o, behind, inflow, P_venous, t)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
@@ -184,14 +187,14 @@ class Stage(NamedTuple):
         small_Q, small_H = small
         model, start = self.start.model, self.start
         jacobian, guess = self.operators.at_rest, (Q, H)
-        done, before = np.zeros(len(Q), bool), Q
+        done, before, together = np.zeros(len(Q), bool), Q, True
         for _ in range(1 + REFRESHES):
             for _ in range(CORRECTIONS):
                 Q_new, H_new = self.correct(jacobian, Q, H)
                 change_Q = np.abs(Q_new - Q).reshape(len(Q), -1).max(axis=1)
                 change_H = np.abs(H_new - H).max(axis=1)
                 near = (change_Q <= small_Q) & (change_H <= small_H)
-                if near.all() and not done.any():
+                if together and near.all():
                     return Q_new, H_new, start.area_rate(Q_new)
                 moves = ~done & np.isfinite(change_Q) & np.isfinite(change_H)
                 if moves.all():
@@ -200,6 +203,7 @@ class Stage(NamedTuple):
                     before = np.where(moves[:, None, None], Q, before)
                     Q, H = np.where(moves[:, None, None], Q_new, Q), np.where(moves[:, None], H_new, H)
                 done = done | (moves & near)
+                together = not done.any()
                 if done.all():
                     return Q, H, start.area_rate(Q)
                 if not (moves & ~done).any():

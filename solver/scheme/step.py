@@ -127,7 +127,7 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
     Q_in = INFLOW_AT_STAGES @ inflow
-    venous = c.P_venous if P_venous is None else c.venous(P_venous)
+    venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
     small = _tolerances(model, state, Q_in[-1])
     y = state.y.copy()
     # where the inflow jumps (a held input that is set anew) the flow at the inlet starts from its new value: spread
@@ -141,8 +141,8 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
         for a_j, k_j in zip(a, k, strict=False):
             start = start + (dt * a_j) * k_j
         stage = Stage.of(model, o, start, Q_i, venous, state.t + dt)
-        rates, heads = guess.split(guessed)
-        Q, H, A_t = stage.solve(stage.start.Q + o.tau * rates, heads, small)
+        Q_guess = stage.start.Q + o.tau * guess.part(guessed, "rates")
+        Q, H, A_t = stage.solve(Q_guess, guessed[:, guess.places["heads"]], small)
         end = stage.end(Q, A_t)
         k_i = end - start
         k_i /= o.tau
@@ -155,7 +155,7 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
 
 def _tolerances(model: Model, state: State, Q_in: Array) -> tuple[Array, Array]:
     """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
-    flow = np.maximum(np.abs(state.Q).reshape(len(state.y), -1).max(axis=1), np.abs(Q_in))
+    flow = np.maximum(np.abs(state.y[:, state.layout.places["Q"]]).max(axis=1), np.abs(Q_in))
     pressure = np.abs(state.H - model.coefficients.P_0).max(axis=1)
     tolerance = model.settings.tolerance
     return (

@@ -23,7 +23,7 @@ Array = np.ndarray
 class Start(NamedTuple):
     """What an implicit stage of length tau [s] starts from, and the laws of wall and fluid that this makes for it.
 
-    y : the state vector there; A, Q its parts. P_C : (B, n_outlets) [Pa] or 0. inertia : like Q, ρ w J/τ.
+    y : the state vector there; A, Q its parts. inertia : like Q, ρ w J/τ.
     """
 
     model: Model
@@ -31,7 +31,6 @@ class Start(NamedTuple):
     y: Array
     A: Array
     Q: Array
-    P_C: Array | float
     inertia: Array
     wall: Wall
     force: Force
@@ -72,8 +71,10 @@ def flow(s: Start, Q: Array) -> Flow:
     m, el = s.model, s.model.mesh.element
     dQ = Q @ el.d_xi
     A_t = s.storage.area_rate(dQ * m.minus_J_inverse)
-    A = s.A + s.tau * A_t
-    U = (Q @ el.at_gauss) / A
+    A = s.tau * A_t
+    A += s.A
+    U = Q @ el.at_gauss
+    U /= A
     return Flow(Q, A @ el.at_lobatto, dQ, A_t, A, U, m.kinetic * U)
 
 
@@ -91,7 +92,10 @@ def residual(s: Start, Q: Array, H: Array) -> Array:
     f = flow(s, Q)
     R = pressure(s, f)
     R += convection(s, f)
-    R += (inertia(s, f) + friction(s, f)) / f.A_end
+    local = inertia(s, f)
+    local += friction(s, f)
+    local /= f.A_end
+    R += local
     s.force.add_to(R, f.Q, f.A_end)
     R += ends(s, f, H)
     return R
@@ -126,7 +130,9 @@ def d_pressure(s: Start, f: Flow, d: Change) -> Array:
 
 def convection(s: Start, f: Flow) -> Array:
     """ρα (U/A) ∂Q/∂x, twice ½ρα U ∂Q/∂ξ/A."""
-    return (f.kinetic * f.dQ / f.A) @ s.model.mesh.element.twice_test
+    C = f.kinetic * f.dQ
+    C /= f.A
+    return C @ s.model.mesh.element.twice_test
 
 
 def d_convection(s: Start, f: Flow, d: Change) -> Array:

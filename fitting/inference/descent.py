@@ -1,4 +1,8 @@
-"""The residual of a network calibration and its derivatives, by batches of the solver."""
+"""Unknowns of a network by damped Gauss–Newton: the whitened residual with its derivatives, by batches of the solver.
+
+With priors of standard deviation s it minimises |z(x)|² + Σ (x_i/s_i)². One batch gives z and its derivatives, by
+finite differences, for little more than the price of z.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import Settings
+from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 
 from ..records.beats import Beats
 from ..records.noise import NEIGHBOURS, Target, inflow, response, target
+from .identify import Determined, determined
+from .search import held_step
 from .simulator import Meter, Runs, Simulator
 from .unknown import Unknown, bounds, finite_steps, parameter_values, penalty
 
@@ -23,6 +29,8 @@ STEP = 3e-4
 DERIVATIVE_ERROR = 5e-4
 _COARSE = 2.5  # steps of the coarse stage, in those of the fine one
 _SHORTEST = 100  # steps in a beat that the coarse stage needs
+_EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
+_LARGEST = 3.0  # of a step, in prior units
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,10 @@ class Problem:
         """Simulate at x and around it. Raises NonPhysicalState, NotPeriodic as the solver."""
         return self.point(x, self.batch(x))
 
+    def determined(self, point: Point, scale: float = 1.0) -> Determined:
+        """What the data determine at a point; scale : of their covariance."""
+        return determined(point.J * self.typical, self.prior, self.typical, scale, DERIVATIVE_ERROR)
+
 
 def problem_of(
     beats: Beats, network: Network, unknowns: tuple[Unknown, ...], names: Sequence[str], K: int, settings: Settings,
@@ -110,3 +122,66 @@ def problem_of(
     """The fine problem of a record."""
     simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-6)
     return Problem(beats, unknowns, simulator, meter)
+
+
+# --- the search -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a search ended. history : the cost after each iteration. converged : whether it settled."""
+
+    point: Point
+    history: tuple[float, ...]
+    converged: bool
+
+
+def minimise(problem: Problem, point: Point, max_iterations: int, enough: tuple[float, float]) -> Descent:
+    """Damped Gauss–Newton from a point, until no unknown moves by more than a part of its standard deviation, or of its
+    prior's: ``enough``."""
+    history = [point.cost]
+    for _ in range(max_iterations):
+        known = problem.determined(point)
+        step = _step(problem, point, known, 0.0)
+        small = np.maximum(enough[0] * np.sqrt(np.diag(known.covariance)), enough[1] * problem.typical)
+        if np.all(np.abs(step) <= small):
+            return Descent(point, tuple(history), True)
+        better = _line(problem, point, known, step)
+        if better is None:
+            return Descent(point, tuple(history), False)
+        gained, point = point.cost - better.cost, better
+        history.append(point.cost)
+        if gained < enough[0] ** 2:  # as much as the same part of a standard deviation would gain
+            return Descent(point, tuple(history), True)
+    return Descent(point, tuple(history), False)
+
+
+def _line(problem: Problem, point: Point, known: Determined, step: Array) -> Point | None:
+    """The next point: the full step, else halved (the simulation breaks down) or damped (the cost rises) ones."""
+    low, high = problem.bounds
+    damping, shorter = 0.0, 1.0
+    for _ in range(8):
+        try:
+            trial = problem.evaluate(np.clip(point.x + shorter * step, low, high))
+        except (NonPhysicalState, NotPeriodic, ValueError):
+            shorter /= 2.0
+            continue
+        if trial.cost < point.cost + _EQUAL:
+            return trial
+        damping = max(10.0 * damping, 1e-3 * float(known.singular_values[0]) ** 2)
+        step = _step(problem, point, known, damping)
+    return None
+
+
+def _step(problem: Problem, point: Point, known: Determined, damping: float) -> Array:
+    """Gauss–Newton step of x : (p,), damped by ``damping`` in prior units, with bounds that would be crossed held."""
+    typical, prior = problem.typical, problem.prior
+    low, high = problem.bounds
+    J = point.J * typical
+    gradient = J.T @ point.z + prior * point.x / typical
+    # along directions that the Jacobian's error alone makes up, a step would be a leap in the dark
+    blind = np.where(known.singular_values > 0.0, 0.0, known.doubt**2)
+    normal = J.T @ J + np.diag(prior + damping) + known.directions.T @ (blind[:, None] * known.directions)
+    step = held_step(normal, gradient, point.x / typical, low / typical, high / typical, 1e-13)
+    longest = np.abs(step).max()
+    return typical * step * min(1.0, _LARGEST / longest) if longest > 0.0 else step
