@@ -24,7 +24,7 @@ from solver.network import Network
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
 from .scales import APART, Scale, Z
-from .tables import channel_z, harmonics_shown, loop_sites
+from .tables import channel_z, harmonics_shown, loop_sites, period
 
 Array = np.ndarray
 
@@ -238,7 +238,7 @@ def _waveforms(outcome: Outcome) -> Drawing:
     """Every channel: measured mean beat with its band, the model before, and after."""
     beats = {c.name: (c.measured, c.before, c.after)[: len(_curves(outcome))] for c in outcome.channels}
     bands = {c.name: c.band for c in outcome.channels}
-    figure, _ = waveforms(_period(outcome), beats, bands, _curves(outcome), "± 2 sd of the mean")
+    figure, _ = waveforms(period(outcome), beats, bands, _curves(outcome), "± 2 sd of the mean")
     return drawing(figure, "Mean beats of every channel. The band is ± 2 standard deviations of the measured mean.")
 
 
@@ -291,9 +291,3 @@ def _gap(outcome: Outcome) -> Drawing:
 def _curves(outcome: Outcome) -> tuple[Curve, ...]:
     """Measured, before, and after where something was added."""
     return _CURVES if any(channel.after is not None for channel in outcome.channels) else _CURVES[:2]
-
-
-def _period(outcome: Outcome) -> float:
-    """The period [s] of the beat whose samples are at ``outcome.time``."""
-    time = outcome.time
-    return float(time[-1] - time[0]) * len(time) / (len(time) - 1)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from fitting.inference.fit import Fit, projected
 from fitting.inference.terms import Term
@@ -88,13 +89,7 @@ def _apart(a: Array, b: Array) -> float:
 def _classes(effects: Sequence[str], separation: Array, invisible: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Groups of visible effects that cannot be told apart, directly or through one another."""
     visible = [i for i, e in enumerate(effects) if e not in invisible]
-    group = {i: {i} for i in visible}
-    for i in visible:
-        for j in visible:
-            near = max(separation[i, j], separation[j, i]) < thresholds.INSEPARABLE
-            if i < j and near and group[i] is not group[j]:
-                group[i] |= group[j]
-                for k in group[j]:
-                    group[k] = group[i]
-    found = {id(g): tuple(effects[i] for i in sorted(g)) for g in group.values()}
-    return tuple(g for g in found.values() if len(g) > 1)
+    near = np.maximum(separation, separation.T)[np.ix_(visible, visible)] < thresholds.INSEPARABLE
+    count, label = connected_components(near, directed=False)
+    groups = [[effects[i] for i, own in zip(visible, label, strict=True) if own == group] for group in range(count)]
+    return tuple(tuple(group) for group in groups if len(group) > 1)

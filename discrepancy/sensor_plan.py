@@ -136,9 +136,7 @@ def _virtual(network: Network, names: Sequence[str], dB: float, n_beats: int) ->
     rng = np.random.default_rng(_SEED)
     values = {}
     for name in (INFLOW, *names):
-        wave = beat[name][:-1]
-        spectrum = np.fft.rfft(wave, norm="forward")[: _SAMPLES // 2 + 1]
-        clean = np.fft.irfft(spectrum, _SAMPLES, norm="forward")
+        clean = np.fft.irfft(np.fft.rfft(beat[name][:-1], norm="forward"), _SAMPLES, norm="forward")
         values[name] = measured(np.tile(clean, n_beats), rng, dB).reshape(n_beats, _SAMPLES)
     return Beats("virtual record", "", T, values, np.zeros(n_beats))
 
@@ -168,19 +166,19 @@ def _separable(table: Isolability, effects: Sequence[str]) -> int:
 
 def nearest(plan: SensorPlan, effect: str) -> tuple[str, float] | None:
     """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
-    rivals = [e for e in plan.table.labels if e not in (effect, *plan.table.invisible)]
-    separations = [_separation(plan, effect, e) for e in rivals]
-    return min(zip(rivals, separations, strict=True), key=lambda pair: pair[1], default=None)
+    return min(_rivals(plan, effect).items(), key=lambda pair: pair[1], default=None)
 
 
 def confused(plan: SensorPlan, effect: str) -> tuple[str, ...]:
     """Visible effects that cannot be told from one."""
-    rivals = [e for e in plan.table.labels if e not in (effect, *plan.table.invisible)]
-    return tuple(e for e in rivals if _separation(plan, effect, e) < thresholds.INSEPARABLE)
+    return tuple(e for e, separation in _rivals(plan, effect).items() if separation < thresholds.INSEPARABLE)
 
 
-def _separation(plan: SensorPlan, a: str, b: str) -> float:
-    return float(plan.table.separation[plan.table.labels.index(a), plan.table.labels.index(b)])
+def _rivals(plan: SensorPlan, effect: str) -> dict[str, float]:
+    """The separation d' of an effect from every other visible one."""
+    row = plan.table.separation[plan.table.labels.index(effect)]
+    others = (effect, *plan.table.invisible)
+    return {e: float(d) for e, d in zip(plan.table.labels, row, strict=True) if e not in others}
 
 
 def plan_json(plan: SensorPlan) -> dict[str, Any]:

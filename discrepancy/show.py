@@ -16,6 +16,7 @@ from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
 from fitting.records.noise import mean_beat
+from fitting.records.spectral import shift
 from solver import Settings, simulate, simulate_periodic
 from solver.network import Network
 from solver.units import INFLOW
@@ -58,16 +59,10 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
     values.update(drive.values)
     rolled = np.roll(wave, -drive.first)
     answer = periodic_answer(described, drive.variable, rolled, T, values, drive.beats)
-    waves = {name: _delayed(beat, drive.first / len(wave)) for name, beat in answer.values.items()}
+    waves = {name: shift(beat, drive.first / len(wave)) for name, beat in answer.values.items()}
     if drive.imposed is not None:
         waves[drive.imposed] = fourier(wave, steps_per_beat(described, T))
     return compared(study, fit, np.stack([np.fft.rfft(waves[n], norm="forward") for n in names], axis=1))
-
-
-def _delayed(beat: Array, part: float) -> Array:
-    """A beat (n,) moved later by a part of the period."""
-    spectrum = np.fft.rfft(beat) * np.exp(-2j * np.pi * np.arange(len(beat) // 2 + 1) * part)
-    return np.fft.irfft(spectrum, len(beat))
 
 
 def compared(study: Study, fit: Fit, X: Array) -> Run:
@@ -75,11 +70,7 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
     problem, names = study.problem, study.problem.signals
     K = min(problem.K, len(X) - 1)
     X = sensed(study, fit, X[: K + 1])
-    beats = {}
-    for i, name in enumerate(names):
-        spectrum = np.zeros(study.fitted.N // 2 + 1, complex)
-        spectrum[: K + 1] = X[:, i]
-        beats[name] = np.fft.irfft(spectrum, study.fitted.N, norm="forward")
+    beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
     S = np.einsum("kii->ki", study.fitted.covariance(names)).real[: K + 1]
     parts = []
     for part in (study.fitted, study.held_out):

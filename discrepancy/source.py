@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
-from fitting.fmu_run import read_fmu
-from fitting.threads import ENVIRONMENT
+from fitting.fmu_run import read_fmu, run_module
 from solver.files import find_network, loads, read_network
 from solver.network import Network
 
@@ -33,9 +30,7 @@ def build_fmu(network_file: Path, folder: Path) -> Path:
 
     Raises ValueError with what the process said.
     """
-    line = [sys.executable, "-m", "build_fmu", os.fspath(network_file), "--out", os.fspath(folder)]
-    done = subprocess.run(line, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        said = [text.strip() for text in done.stderr.splitlines() if text.strip()]
-        raise ValueError(said[-1].removeprefix("Error: ") if said else f"{network_file}: its FMU could not be built.")
+    code, said = run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder))
+    if code != 0:
+        raise ValueError(said or f"{network_file}: its FMU could not be built.")
     return folder / f"{read_network(network_file).name}.fmu"

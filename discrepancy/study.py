@@ -52,11 +52,7 @@ def prepare(record: Record, network: Network, period: float | None = None, runs:
     Raises Unusable if the record cannot be used with this network.
     """
     try:
-        beats = align(record, period)
-    except ValueError as error:
-        raise Unusable(str(error)) from None
-    fitted, kept, warnings = parts(beats)
-    try:
+        fitted, kept, warnings = parts(align(record, period))
         if INFLOW in record.channels:
             problem: Forward = network_problem(fitted, network, channels(record, network), runs)
         else:

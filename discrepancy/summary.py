@@ -66,7 +66,7 @@ def unusable(
 def summary(record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: Shown) -> Outcome:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
-    located = located_in(study, before)
+    located, balances = disagreement(study, before)
     effects = tuple(r.added for r in shown.rounds if r.added is not None)
     members = tuple((t.effect, t.where) for n in naming.members for t in n.fit.terms)
     least = smallest(naming.base.fit, naming.columns, naming.terms) if naming.verdict == "none" else {}
@@ -82,7 +82,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         reason=plain(naming.reason) if naming.reason else None,
         separating_measurement=separating_measurement(naming, study),
         located=located.located,
-        balances=_balances(study, before),
+        balances=balances,
         channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
         time=study.fitted.time,
         z_map=located.z,
@@ -144,21 +144,18 @@ def decided() -> dict[str, Any]:
     return {name: value for name, value in vars(thresholds).items() if name.isupper()}
 
 
-def located_in(study: Study, before: Run) -> Found:
-    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver."""
-    problem = study.problem
-    K = len(before.X) - 1
-    residual = mean_beat(study.fitted, problem.signals, K) - before.X
-    return find(problem.signals, residual, problem.covariance(study.fitted)[: K + 1])
+def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
+    """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver.
 
-
-def _balances(study: Study, before: Run) -> tuple[Balance, ...]:
-    """Mass, momentum and wall law where the measured channels tell them."""
-    beats, network, problem = study.fitted, study.network, study.problem
+    And the balances: mass, momentum and wall law where the measured channels tell them.
+    """
+    beats, network, signals = study.fitted, study.network, study.problem.signals
     K = len(before.X) - 1
-    residual = mean_beat(beats, problem.signals, K) - before.X
-    momentum = momentum_balances(problem.signals, residual, problem.covariance(beats)[: K + 1], network)
-    return (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
+    residual = mean_beat(beats, signals, K) - before.X
+    covariance = study.problem.covariance(beats)[: K + 1]
+    momentum = momentum_balances(signals, residual, covariance, network)
+    balances = (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))
+    return find(signals, residual, covariance), balances
 
 
 def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:

@@ -33,13 +33,14 @@ _OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth
 
 def loop_sites(outcome: Outcome) -> list[str]:
     """Sites where both pressure and radius were measured."""
-    names = {channel.name for channel in outcome.channels}
-    return [name[:-2] for name in names_in_order(outcome) if name.endswith(".P") and f"{name[:-2]}.R" in names]
+    names = [channel.name for channel in outcome.channels]
+    return [name[:-2] for name in names if name.endswith(".P") and f"{name[:-2]}.R" in names]
 
 
-def names_in_order(outcome: Outcome) -> list[str]:
-    """The names of the channels."""
-    return [channel.name for channel in outcome.channels]
+def period(outcome: Outcome) -> float:
+    """The period [s] of the beat whose samples are at ``outcome.time``."""
+    time = outcome.time
+    return float(time[-1] - time[0]) * len(time) / (len(time) - 1)
 
 
 def channel_z(outcome: Outcome) -> dict[str, float]:
@@ -161,17 +162,16 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
 
 def channel_row(channel: ChannelBeats) -> dict[str, str]:
     """The gap of a channel before and after."""
-    (before_fit, before_held), (after_fit, after_held) = gap_text(channel.gap_before), gap_text(channel.gap_after)
     unit, factor = of_signal(channel.name)
     pulse = factor * float(np.ptp(channel.measured))
-    return {
-        "name": channel.name,
-        "pulse": f"{number(pulse)} {unit}",
-        "before_fit": before_fit,
-        "before_held": before_held,
-        "after_fit": after_fit,
-        "after_held": after_held,
-    }
+    gaps = _gaps(channel.gap_before, channel.gap_after)
+    return {"name": channel.name, "pulse": f"{number(pulse)} {unit}", **gaps}
+
+
+def _gaps(before: tuple[float, float] | None, after: tuple[float, float] | None) -> dict[str, str]:
+    """The cells of a row for the gap before and after."""
+    keys = ("before_fit", "before_held", "after_fit", "after_held")
+    return dict(zip(keys, (*gap_text(before), *gap_text(after)), strict=True))
 
 
 def z_rows(outcome: Outcome) -> list[dict[str, Any]]:
@@ -217,17 +217,7 @@ def round_rows(outcome: Outcome) -> list[dict[str, str]]:
     rows = []
     for i, turn in enumerate(outcome.rounds, 1):
         added = f"{plain(turn.added.name)} at {places_text(turn.added.where)}" if turn.added else "nothing"
-        (before_fit, before_held), (after_fit, after_held) = gap_text(turn.before), gap_text(turn.after)
-        rows.append(
-            {
-                "turn": str(i),
-                "added": added,
-                "before_fit": before_fit,
-                "before_held": before_held,
-                "after_fit": after_fit,
-                "after_held": after_held,
-            }
-        )
+        rows.append({"turn": str(i), "added": added, **_gaps(turn.before, turn.after)})
     return rows
 
 
@@ -278,7 +268,6 @@ def beats(outcome: Outcome) -> dict[str, Any]:
     if len(time) < 2 or not outcome.channels:
         return {}
     step = -(-len(time) // _MOST_POINTS)
-    period = float(time[-1] - time[0]) * len(time) / (len(time) - 1)
 
     def short(values: Array, factor: float) -> list[float | None]:
         closed = factor * np.append(values[::step], values[0])
@@ -297,7 +286,7 @@ def beats(outcome: Outcome) -> dict[str, Any]:
                 "after": None if channel.after is None else short(channel.after, factor),
             }
         )
-    times = np.append(time[::step] - time[0], period)
+    times = np.append(time[::step] - time[0], period(outcome))
     worst = channel_z(outcome)
     first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]
     return {"time": [float(f"{t:.6g}") for t in times.tolist()], "channels": channels, "first": first}

@@ -227,7 +227,7 @@ class _Work:
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
         half, best = quantile(naming.problem.dof_of_noise), naming.best
-        effects = [
+        first, *second = (
             NamedEffect(
                 t.effect,
                 t.where,
@@ -236,19 +236,17 @@ class _Work:
                 entry(t.effect).equation,
             )
             for t in best.fit.terms
-        ]
-        if len(effects) == 1:
-            return (Round(effects[0], before.gap.total, after.gap.total),)
-        (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit)
-        if alone is None:
-            return (Round(effects[0], before.gap.total, None), Round(effects[1], before.gap.total, after.gap.total))
-        middle = extended(self.network, alone)
-        run = self._free(
-            self._fmu(middle, "middle"), "middle", alone, study.problem.wave(study.fitted, best.fit), {}, study
         )
+        if not second:
+            return (Round(first, before.gap.total, after.gap.total),)
+        (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit)
+        middle = None
+        if alone is not None:
+            fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
+            middle = self._free(fmu, "middle", alone, wave, {}, study).gap.total
         return (
-            Round(effects[0], before.gap.total, run.gap.total),
-            Round(effects[1], run.gap.total, after.gap.total),
+            Round(first, before.gap.total, middle),
+            Round(second[0], middle or before.gap.total, after.gap.total),
         )
 
 

@@ -37,11 +37,11 @@ class Agreement:
     mean_error: float
     pulse: float
     pulse_error: float
-    whitened: float | None
-    whitened_sensor: float | None
-    mean_z: float | None
-    worst_harmonic: int | None
-    worst_z: float | None
+    whitened: float | None = None
+    whitened_sensor: float | None = None
+    mean_z: float | None = None
+    worst_harmonic: int | None = None
+    worst_z: float | None = None
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,23 @@ def compare_channel(name: str, waveform: Waveform, S: Array, H: Array | None) ->
 
 def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
     """Residual x : (K + 1,) over what the noise of channel and drive gives it."""
-    keys = ("whitened", "whitened_sensor", "mean_z", "worst_harmonic", "worst_z")
     if H is None:
-        return dict.fromkeys(keys)
+        return {}
     own = S[:, 0, 0].real
     # the measured drive is off by q, and with it the simulated channel by H q
     noise = own + np.abs(H) ** 2 * S[:, 1, 1].real - 2.0 * (np.conj(H) * S[:, 0, 1]).real
     if min(own.min(), noise.min()) <= 0.0:
-        return dict.fromkeys(keys)
+        return {}
     z = np.abs(x) / np.sqrt(noise)
     worst = int(z[1:].argmax()) + 1
     sensor = np.abs(x[1:]) ** 2 / own[1:]
-    mean_z = float(x[0].real / np.sqrt(noise[0]))
-    values = (float(np.sqrt(np.mean(z[1:] ** 2))), float(np.sqrt(sensor.mean())), mean_z, worst, float(z[worst]))
-    return dict(zip(keys, values, strict=True))
+    return {
+        "whitened": float(np.sqrt(np.mean(z[1:] ** 2))),
+        "whitened_sensor": float(np.sqrt(sensor.mean())),
+        "mean_z": float(x[0].real / np.sqrt(noise[0])),
+        "worst_harmonic": worst,
+        "worst_z": float(z[worst]),
+    }
 
 
 def compare_loops(waveforms: Mapping[str, Waveform]) -> tuple[LoopArea, ...]:

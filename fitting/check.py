@@ -249,12 +249,11 @@ def _response(
     phases = np.random.default_rng(_SEED).uniform(0.0, 2.0 * np.pi, K + 1)
     phases[0] = 0.0
     size = _NUDGE * float(np.std(drive)) / np.sqrt(2.0 * K + 1.0)
-    nudge = np.zeros(beats.N // 2 + 1, complex)
-    nudge[: K + 1] = size * np.exp(1j * phases)
+    nudge = size * np.exp(1j * phases)
     nudged = drive + np.fft.irfft(nudge, beats.N, norm="forward")
     other = periodic_answer(fmu, driver, nudged, beats.T, starts, answer.beats)
     return {
-        name: coefficients(fourier(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge[: K + 1]
+        name: coefficients(fourier(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge
         for name in names
     }
 

@@ -21,17 +21,14 @@ NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a
 def doubts(fitted: WallFit) -> tuple[str, ...]:
     """The sentences that apply to a fit, each starting with its site."""
     checks = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
-    return tuple(text for check in checks if (text := check(fitted)))
+    return tuple(f"{fitted.site}: {text}" for check in checks if (text := check(fitted)))
 
 
 def _unusual(fitted: WallFit) -> str:
     E, (low, high) = fitted.values["E"], USUAL_E
     if low <= E <= high:
         return ""
-    return (
-        f"{fitted.site}: E = {E:.3g} Pa is not that of an artery ({low:g} to {high:g} Pa); "
-        "check the units of P, R and h."
-    )
+    return f"E = {E:.3g} Pa is not that of an artery ({low:g} to {high:g} Pa); check the units of P, R and h."
 
 
 def _viscosity(fitted: WallFit) -> str:
@@ -42,7 +39,7 @@ def _viscosity(fitted: WallFit) -> str:
     rate = float(np.max(np.abs(R_t)) / fitted.values["R0"])
     limit = abs(fitted.values["phi0"] / (2.0 * fitted.values["phiNL"]))
     return (
-        f"{fitted.site}: the loop {'leaves' if lowest <= 0.0 else 'nearly leaves'} the range of the quadratic phiNL: "
+        f"the loop {'leaves' if lowest <= 0.0 else 'nearly leaves'} the range of the quadratic phiNL: "
         f"strain rates reach {rate:.2g} /s and its viscosity turns negative at {limit:.2g} /s; fit the monotone model."
     )
 
@@ -51,7 +48,7 @@ def _collinear(fitted: WallFit) -> str:
     if fitted.condition <= COLLINEAR:
         return ""
     return (
-        f"{fitted.site}: the columns are nearly collinear (condition number {fitted.condition:.0f}, warned above "
+        f"the columns are nearly collinear (condition number {fitted.condition:.0f}, warned above "
         f"{COLLINEAR:g}): the parameters are determined together better than one by one; give R0 or leave one out."
     )
 
@@ -67,7 +64,7 @@ def _noise_of_R(fitted: WallFit) -> str:
     if abs(shift) <= max(float(norm.ppf(0.975)) * fitted.sd(worst), NOISE_BIAS * abs(fitted.values[worst])):
         return ""
     return (
-        f"{fitted.site}: the noise of R biases ordinary least squares by more than the interval ({worst} by "
+        f"the noise of R biases ordinary least squares by more than the interval ({worst} by "
         f"{shift / fitted.values[worst]:+.1%}); the values given are corrected for it."
     )
 
@@ -76,7 +73,7 @@ def _misfit(fitted: WallFit) -> str:
     if _noise_free(fitted.loop):  # rounding is no measure of a misfit
         missed = float(np.sqrt(max(0.0, 1.0 - fitted.r2)))
         return (
-            f"{fitted.site}: the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
+            f"the {fitted.model.name} model misses the noise-free loop by {missed:.2g} of the pulse; "
             "the intervals do not cover that."
             if missed > MISSED
             else ""
@@ -84,7 +81,7 @@ def _misfit(fitted: WallFit) -> str:
     if chi2.sf(fitted.chi2, fitted.dof) >= MISFIT:
         return ""
     return (
-        f"{fitted.site}: the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
+        f"the {fitted.model.name} model does not describe the loop within its noise (chi²/dof = "
         f"{fitted.chi2 / fitted.dof:.1f}); intervals are widened to match, but may miss a systematic error"
         + ("." if "R0" in fitted.model.free else "; check R0, which was given.")
     )
@@ -97,18 +94,15 @@ def _noise_free(loop: Loop) -> bool:
 
 def _undetermined(fitted: WallFit) -> str:
     wide = [n for n in fitted.model.free if fitted.ci95(n)[0] < 0.0 < fitted.ci95(n)[1]]
-    return f"{fitted.site}: the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
+    return f"the interval of {' and '.join(wide)} contains 0: the loop does not show it." if wide else ""
 
 
 def _loose(fitted: WallFit) -> str:
     share = fitted.sd("phi0") / fitted.values["phi0"]
     if "phiNL" not in fitted.model.free or share <= (LOOSE if np.isnan(fitted.lag[1]) else LOOSE_WITH_LAG):
         return ""
+    instead = "the linear model" if np.isnan(fitted.lag[1]) else "no lag"
     return (
-        f"{fitted.site}: phi0 is known to {share:.0%} only, and the intervals of phi0 and phiNL are then too narrow; "
-        + (
-            "record more beats, or fit the linear model."
-            if np.isnan(fitted.lag[1])
-            else "record more beats, or fit no lag."
-        )
+        f"phi0 is known to {share:.0%} only, and the intervals of phi0 and phiNL are then too narrow; "
+        f"record more beats, or fit {instead}."
     )

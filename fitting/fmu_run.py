@@ -137,12 +137,12 @@ def _run(
         inputs.write_text("\n".join([f"time,{driver}", *rows, ""]), encoding="utf-8")
         start_values.write_text(json.dumps(dict(starts)), encoding="utf-8")
         options = {"--inputs": inputs, "--start-values": start_values, "--out": result}
-        line = [sys.executable, "-m", "fmu_src.run", os.path.abspath(fmu.path), "--quiet"]
+        line = ["fmu_src.run", os.path.abspath(fmu.path), "--quiet"]
         line += [part for option, path in options.items() for part in (option, os.fspath(path))]
         line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
-        done = subprocess.run(line, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise RunFailed(_sentence(done.stderr) or f"{fmu.path}: its process ended with {done.returncode}.")
+        code, said = run_module(*line)
+        if code != 0:
+            raise RunFailed(said or f"{fmu.path}: its process ended with {code}.")
         with result.open(encoding="utf-8") as file:
             names = [title.split(" [")[0] for title in file.readline().split(",")]
             table = np.loadtxt(file, delimiter=",", ndmin=2)
@@ -154,10 +154,12 @@ def _run(
     return before, {name: column[start:-1] for name, column in columns.items()}
 
 
-def _sentence(text: str) -> str:
-    """What the process said last, without the name of its kind."""
-    lines = [line.strip() for line in text.strip().splitlines() if line.strip()]
-    return lines[-1].removeprefix("Error: ") if lines else ""
+def run_module(*line: str) -> tuple[int, str]:
+    """Run ``python -m line`` in a process of its own: its exit code, and its last error sentence ("" if none)."""
+    command, environment = [sys.executable, "-m", *line], {**os.environ, **ENVIRONMENT}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    said = [text.strip() for text in done.stderr.splitlines() if text.strip()]
+    return done.returncode, said[-1].removeprefix("Error: ") if said else ""
 
 
 def _change(last: Mapping[str, Array], before: Mapping[str, Array]) -> float:

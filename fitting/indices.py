@@ -64,7 +64,8 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
         raise ValueError(
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
-    half = quantile(fit.dof) * np.sqrt(np.einsum("ip,pq,iq->i", *_delta(fit, made)))
+    slope = _slope(fit, made)
+    half = quantile(fit.dof) * np.sqrt(np.einsum("ip,pq,iq->i", slope, fit.covariance, slope))
     return estimates(value, half) | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
 
 
@@ -123,8 +124,8 @@ def _of_law(fit: WallFit, P_mean: float, rho: float) -> Callable[[Values], Array
     return made
 
 
-def _delta(fit: WallFit, made: Callable[[Values], Array]) -> tuple[Array, Array, Array]:
-    """Derivatives by the free parameters (indices, p), their covariance (p, p), and the derivatives again."""
+def _slope(fit: WallFit, made: Callable[[Values], Array]) -> Array:
+    """Derivatives by the free parameters : (indices, p)."""
     # what is counted relative to another parameter may be 0 itself
     ratios = {name: q.ratio_to for name, q in quantities(Segment).items() if q.ratio_to}
     columns = []
@@ -132,8 +133,7 @@ def _delta(fit: WallFit, made: Callable[[Values], Array]) -> tuple[Array, Array,
         step = _STEP * fit.values[ratios.get(name, name)]
         up, down = (made({**fit.values, name: fit.values[name] + sign * step}) for sign in (1.0, -1.0))
         columns.append((up - down) / (2.0 * step))
-    slope = np.stack(columns, axis=1)
-    return slope, fit.covariance, slope
+    return np.stack(columns, axis=1)
 
 
 def loop_area(P: Array, A: Array, harmonics: int | None = None) -> Array:

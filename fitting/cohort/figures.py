@@ -46,31 +46,24 @@ def _radius(cohort: Cohort, claim: Claim | None) -> Figure:
         axes[0].plot(_places(cohort, claim), means, "x", label="measured, mean", **style)
         ends = [(100 * (e.low - 1.0), 100 * (e.high - 1.0)) for e in claim.estimates]
         low, high = (100 * (end - 1.0) for end in claim.allowed)
-        axes[1].axhspan(low, high, color=SKY, alpha=0.25, linewidth=0, label=f"±{100 * (claim.margin or 0):.0f} %")
-        axes[1].axhline(0.0, color=SKY, linewidth=1.0)
+        _margin(axes[1], low, 0.0, high, f"±{100 * (claim.margin or 0):.0f} %")
         axes[1].vlines(_places(cohort, claim), *zip(*ends, strict=True), color=VERMILION, linewidth=3.0)
-        axes[1].plot(
-            _places(cohort, claim),
-            [100 * (estimate.value - 1.0) for estimate in claim.estimates],
-            "o",
-            color=VERMILION,
-            label="mean and 90 % interval",
-        )
+        errors = [100 * (estimate.value - 1.0) for estimate in claim.estimates]
+        axes[1].plot(_places(cohort, claim), errors, "o", color=VERMILION, label="mean and 90 % interval")
         axes[1].set_ylabel("fitted less measured $R_0$, %")
     for ax in axes:
-        _legend(ax, 2)
+        _legend(ax)
     return figure
 
 
 def _stiffness(cohort: Cohort) -> Figure:
     figure, axes = _figure(cohort, "Stiffness and viscosity", 2)
-    _bars(axes[0], cohort, "E", 1e-6, ORANGE, "mean ± sd")
-    _bars(axes[1], cohort, "phi0", 1e-3, GREEN, "mean ± sd")
-    axes[0].set_ylabel("Young's modulus $E$, MPa")
-    axes[1].set_ylabel(r"viscosity $\phi_0$, kPa·s")
-    for ax in axes:
-        _dots(ax, cohort, "E" if ax is axes[0] else "phi0", 1e-6 if ax is axes[0] else 1e-3)
-        _legend(ax, 2)
+    bars = (("E", 1e-6, ORANGE, "Young's modulus $E$, MPa"), ("phi0", 1e-3, GREEN, r"viscosity $\phi_0$, kPa·s"))
+    for ax, (quantity, factor, colour, label) in zip(axes, bars, strict=True):
+        _bars(ax, cohort, quantity, factor, colour, "mean ± sd")
+        ax.set_ylabel(label)
+        _dots(ax, cohort, quantity, factor)
+        _legend(ax)
     return figure
 
 
@@ -78,25 +71,18 @@ def _relaxation(cohort: Cohort, claim: Claim) -> Figure:
     """Site means with standard deviations; the margin about the mean over sites, and the tested intervals."""
     figure, (ax,) = _figure(cohort, f"Relaxation time: the same at all sites? {claim.verdict}", 1)
     _dots(ax, cohort, "phi0/E", 1e3)
-    _points(ax, cohort, "phi0/E", 1e3, BLACK, "mean ± sd")
+    style: dict[str, Any] = {"color": BLACK, "markersize": 6, "capsize": 4, "linewidth": 1.2}
+    ax.errorbar(*_summaries(cohort, "phi0/E", 1e3), fmt="o", label="mean ± sd", **style)
     if claim.allowed is not None and "mean" in claim.numbers:
         mean = 1e3 * claim.numbers["mean"]
         low, high = (mean * end for end in claim.allowed)
-        ax.axhspan(
-            low,
-            high,
-            color=SKY,
-            alpha=0.25,
-            linewidth=0,
-            label=f"±{100 * (claim.margin or 0.0):.0f} % of the mean over sites",
-        )
-        ax.axhline(mean, color=SKY, linewidth=1.0)
+        _margin(ax, low, mean, high, f"±{100 * (claim.margin or 0.0):.0f} % of the mean over sites")
         places = _places(cohort, claim) + 0.22
         ends = [(mean * estimate.low, mean * estimate.high) for estimate in claim.estimates]
         ax.vlines(places, *zip(*ends, strict=True), color=VERMILION, linewidth=3.0, label="90 % interval of the site")
     ax.set_ylim(0.0, None)
     ax.set_ylabel(r"relaxation time $\phi_0/E$, ms")
-    _legend(ax, 2)
+    _legend(ax)
     return figure
 
 
@@ -113,7 +99,7 @@ def _bend(cohort: Cohort, claim: Claim) -> Figure:
         if which.any():
             ax.plot(places[which], values[which], "o", color=BLUE, markerfacecolor=face, markersize=7, label=text)
     ax.set_ylabel(r"$\phi_{NL}/\phi_0$, s")
-    _legend(ax, 2)
+    _legend(ax)
     return figure
 
 
@@ -151,9 +137,10 @@ def _bars(ax: Axes, cohort: Cohort, quantity: str, factor: float, colour: str, l
     ax.bar(places, means, width=0.65, color=colour, yerr=sds, capsize=4, error_kw={"linewidth": 1.2}, label=label)
 
 
-def _points(ax: Axes, cohort: Cohort, quantity: str, factor: float, colour: str, label: str) -> None:
-    places, means, sds = _summaries(cohort, quantity, factor)
-    ax.errorbar(places, means, sds, fmt="o", color=colour, markersize=6, capsize=4, linewidth=1.2, label=label)
+def _margin(ax: Axes, low: float, middle: float, high: float, label: str) -> None:
+    """Where the estimates of a claim must lie."""
+    ax.axhspan(low, high, color=SKY, alpha=0.25, linewidth=0, label=label)
+    ax.axhline(middle, color=SKY, linewidth=1.0)
 
 
 def _dots(ax: Axes, cohort: Cohort, quantity: str, factor: float) -> None:
@@ -165,5 +152,5 @@ def _dots(ax: Axes, cohort: Cohort, quantity: str, factor: float) -> None:
     ax.plot(x, y, ".", color="0.35", markersize=4, label="animals", zorder=3)
 
 
-def _legend(ax: Axes, columns: int) -> None:
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, fontsize=8)
+def _legend(ax: Axes) -> None:
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8)

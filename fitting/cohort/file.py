@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,8 @@ from pathlib import Path
 from solver.files import parse_quantity, read_text
 from solver.network import Segment
 from solver.quantity import quantities
+
+from ..records.record import name_and_unit
 
 _COLUMNS = ("animal", "site", "record", "h", "R0")
 
@@ -63,11 +64,11 @@ def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str]]:
     """Place and unit of each column; a missing unit is SI."""
     places, units = {}, {}
     for i, title in enumerate(titles):
-        match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?", title.strip())
-        if match and match[1] in _COLUMNS:
-            if match[1] in places:
-                raise ValueError(f"line 1: the column {match[1]} occurs twice; keep one.")
-            places[match[1]], units[match[1]] = i, (match[2] or "").strip()
+        name, unit = name_and_unit(title)
+        if name in _COLUMNS:
+            if name in places:
+                raise ValueError(f"line 1: the column {name} occurs twice; keep one.")
+            places[name], units[name] = i, unit
     missing = [name for name in _COLUMNS if name not in places]
     if missing:
         raise ValueError(

@@ -182,12 +182,7 @@ def _following(beats: Beats, names: Sequence[str], response: Array) -> list[Arra
     change = np.nan_to_num(beats.values[INFLOW] - beats.mean(INFLOW), nan=0.0)
     q = np.fft.rfft(change, axis=1)
     n = min(len(response), beats.N // 2 + 1)
-    result = []
-    for H in response.T:
-        moved = np.zeros_like(q)
-        moved[:, :n] = H[:n] * q[:, :n]
-        result.append(np.fft.irfft(moved, beats.N, axis=1))
-    return result
+    return [np.fft.irfft(H[:n] * q[:, :n], beats.N, axis=1) for H in response.T]
 
 
 def _noise_share(beats: Beats, names: Sequence[str], response: Array) -> Array:

@@ -200,7 +200,7 @@ def _decode(data: bytes, source: str) -> str:
 
 def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list[float]]:
     """Channel names (D as R), kinds, and the factor to SI of every column, time first."""
-    parts = [_title(title) for title in titles]
+    parts = [name_and_unit(title) for title in titles]
     if not parts or parts[0][0].lower() != "time":
         refuse(
             source, 1, titles[0] if titles else "", "the first column must be the time; name it 'time [s]', in brackets"
@@ -230,7 +230,7 @@ def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list
     return names, kinds, factors
 
 
-def _title(title: str) -> tuple[str, str]:
+def name_and_unit(title: str) -> tuple[str, str]:
     """Name and unit of "name [unit]"; the unit may be missing."""
     match = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\])?", title.strip(), re.DOTALL)
     return (match[1], (match[2] or "").strip()) if match else (title, "")
@@ -258,10 +258,12 @@ def _convert(unit: str, wanted: str) -> float | None:
 
 def _other_is(title: str, titles: list[str], kind: Kind) -> bool:
     """Whether the site's other column of pressure and radius has the unit that this one should have."""
-    name = _title(title)[0]
+    name = name_and_unit(title)[0]
     site, _, own = name.rpartition(".")
     others = {"P": ("R", "D"), "R": ("P",), "D": ("P",)}.get(own, ())
-    return any(n in [f"{site}.{o}" for o in others] and u and _convert(u, kind.unit) for n, u in map(_title, titles))
+    return any(
+        n in [f"{site}.{o}" for o in others] and u and _convert(u, kind.unit) for n, u in map(name_and_unit, titles)
+    )
 
 
 # --- the numbers --------------------------------------------------------------------------------------------------

@@ -52,16 +52,12 @@ def resample(x: Array, N: int) -> Array:
     if n % 2 == 0:  # the Nyquist term stands for both k = n/2 and k = -n/2
         c[..., -1] *= 0.5
     keep = min(n // 2, (N - 1) // 2) + 1
-    cut = np.zeros((*x.shape[:-1], N // 2 + 1), complex)
-    cut[..., :keep] = c[..., :keep]
-    return np.fft.irfft(cut, N) * N
+    return np.fft.irfft(c[..., :keep], N) * N
 
 
 def without_high(x: Array, most: int) -> Array:
     """Periodic samples x : (…, N) without the harmonics above ``most``."""
-    c = np.fft.rfft(x)
-    c[..., most + 1 :] = 0.0
-    return np.fft.irfft(c, x.shape[-1])
+    return np.fft.irfft(np.fft.rfft(x)[..., : most + 1], x.shape[-1])
 
 
 def shift(x: Array, fraction: float) -> Array:

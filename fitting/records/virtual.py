@@ -148,18 +148,13 @@ def _strain_rate(stress: Array, phi0: Array, phiNL: Array, monotone: Array) -> A
     return np.asarray(np.where(r == 0.0, linear, np.where(monotone, bent, quadratic)))
 
 
-def pulsatile_sd(x: Array) -> float:
-    """Standard deviation without the mean: what decibels are relative to."""
-    return float(np.std(x))
-
-
 def measured(clean: Array, rng: np.random.Generator, dB: float, drift: float = 0.0, bits: int | None = None) -> Array:
     """A channel as a sensor would give it: clean + drift + white noise, quantised.
 
     Noise of 10^(-dB/20) and drift of ``drift`` times the pulsatile standard deviation; the drift is a slow sine of
     random phase, half to one and a half periods over the record; ``bits`` converts over twice the range.
     """
-    size = pulsatile_sd(clean)
+    size = float(np.std(clean))  # what decibels are relative to
     phase, cycles = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 1.5)
     x = clean + drift * size * np.sqrt(2.0) * np.sin(phase + cycles * np.linspace(0.0, 2.0 * np.pi, len(clean)))
     x = x + rng.normal(0.0, size * 10.0 ** (-dB / 20.0), len(clean))
