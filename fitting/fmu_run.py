@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 import fmpy
 import numpy as np
 
+from solver.simulate import change_of
 from solver.units import INFLOW
 
 from .records.spectral import resample
@@ -27,7 +28,6 @@ Array = np.ndarray
 
 BEATS = (5, 10, 20, 40, 60)  # runs from rest, until the last two beats agree
 PERIODIC = 1e-4  # largest relative change of an output between them
-_STEADY = 1e-4  # of the largest output of the kind: a smaller pulse counts as none when beats are compared
 
 
 class RunFailed(RuntimeError):
@@ -108,7 +108,7 @@ def periodic_answer(
     for m in (beats,) if beats else BEATS:
         n = steps_per_beat(fmu, T)
         before, last = _run(fmu, driver, beat, T / n, n, m, {**start_values, "solver.dt": T / n})
-        change = _change(last, before)
+        change = change_of(np.column_stack(list(last.values())), np.column_stack(list(before.values())), tuple(last))
         if change <= PERIODIC:
             break
     return Answer(last, m, change)
@@ -160,17 +160,3 @@ def run_module(*line: str) -> tuple[int, str]:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     said = [text.strip() for text in done.stderr.splitlines() if text.strip()]
     return done.returncode, said[-1].removeprefix("Error: ") if said else ""
-
-
-def _change(last: Mapping[str, Array], before: Mapping[str, Array]) -> float:
-    """Largest relative L2 difference of an output from the beat before."""
-    largest = 0.0
-    for kind in "PQR":
-        names = [name for name in last if name.endswith(f".{kind}")]
-        whole = max((float(np.linalg.norm(last[name])) for name in names), default=0.0)
-        for name in names:
-            size = np.linalg.norm(last[name] if kind == "Q" else last[name] - last[name].mean())
-            scale = max(float(size), _STEADY * whole)
-            if scale > 0.0:
-                largest = max(largest, float(np.linalg.norm(last[name] - before[name])) / scale)
-    return largest

@@ -160,7 +160,7 @@ class Effect:
 
     def acts_on(self, owner: Any) -> bool:
         """Whether it makes sense at this segment, outlet or junction."""
-        return self.needs is None or getattr(owner, self.needs) > 0.0
+        return self.needs is None or _held(owner, self.needs) > 0.0
 
     # --- how a search counts it -----------------------------------------------------------------------------------
 
@@ -175,7 +175,7 @@ class Effect:
     def step(self, network: Described, owner: Any, key: str) -> float:
         """Change of a shifted number of one owner, in SI, for x = 1: of typical size."""
         size = self.typical.get(key, self.terms[key].nominal)
-        return size * getattr(owner, self.relative[key][0]) if key in self.relative else size
+        return size * _held(owner, self.relative[key][0]) if key in self.relative else size
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
         """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
@@ -187,7 +187,8 @@ class Effect:
         present, everywhere = network.parameters(), place == ALL_PLACES
         values = {v: present.get(v, self.neutral[key]) for v in variables}
         factor = self.scaled(key, tuple(values.values()))
-        owners = [owner for name, owner in network.owners() for v in variables if v == f"{name}.{key}"]
+        known = dict(network.owners())
+        owners = [known[variable.removesuffix(f".{key}")] for variable in variables]
         kind = SHIFT if factor is None else SCALE
         steps = [self.step(network, owner, key) if factor is None else factor for owner in owners]
         moves = tuple(zip(variables, steps, strict=True))
@@ -196,9 +197,9 @@ class Effect:
         if everywhere and key in self.relative:
             ratio, unit = self.relative[key]
             if factor is None:
-                size, first = self.typical.get(key, 1.0), first / getattr(owners[0], ratio)
+                size, first = self.typical.get(key, 1.0), first / _held(owners[0], ratio)
             else:
-                first = float(np.mean([getattr(owner, key) / getattr(owner, ratio) for owner in owners]))
+                first = float(np.mean([_held(owner, key) / _held(owner, ratio) for owner in owners]))
         name = f"{ALL_PLACES}.{key}" if everywhere else variables[0]
         return Coordinate(name, kind, moves, low, high, unit, size, first, ratio)
 
@@ -227,6 +228,12 @@ class Effect:
     def junction(self, numbers: Values, values: Values) -> Values:
         """The numbers of the junctions, by key, (B, n), with this effect; ``values`` : (B, n)."""
         return numbers
+
+
+def _held(owner: Any, key: str) -> float:
+    """A number of an owner, field or term; 0 where it does not hold it."""
+    terms: Mapping[str, float] = owner.terms
+    return float(terms.get(key, getattr(owner, key, 0.0)))
 
 
 def check_known(where: str, keys: Iterable[str], known: Iterable[str]) -> None:

@@ -2,7 +2,7 @@
 
 An effect says what it is (name, equation, units, ranges), where it may act, how it enters the equations, by the hooks
 of :class:`solver.effect.Effect`, and how a search counts it. Everything else follows from ``ALL``: the keys of the
-network file, the FMU's variables, batch parameters, regression columns, candidates and docs/effects.md
+network file, the FMU's variables, batch parameters, candidates and docs/effects.md
 (:mod:`solver.catalogue`). The numbers of some are fields that every network has (phi0, R_t, k …); those of the others
 are *terms*, which only what was given them holds.
 """

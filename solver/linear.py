@@ -162,7 +162,7 @@ def _things_first(x: Array, batched: bool) -> Array:
 
 def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array, Array, Array]:
     """A_rest (B, n_segments) [m²]; Z' [Pa·s/m⁴], Y' [m²/(Pa·s)] and compliance A'/P' [m²/Pa], (B, n, n_segments)."""
-    _refuse_taper(network, c)
+    _refuse_varying(network, c)
     iw = 1j * omega[:, None]
     with np.errstate(invalid="ignore"):
         A = c.wall.area(c.P_0)
@@ -194,13 +194,13 @@ def _history(c: Coefficients, omega: Array) -> Array:
     return found
 
 
-def _refuse_taper(network: Network, c: Coefficients) -> None:
+def _refuse_varying(network: Network, c: Coefficients) -> None:
     segments = np.arange(c.L.shape[1])
     start, end = (c.wall_at(segments, np.full(len(segments), x)) for x in (0.0, 1.0))
-    for i in np.flatnonzero(np.any((start.A0 != end.A0) | (start.K != end.K), axis=0)):
+    for i in np.flatnonzero(start.differs(end)):
         raise ValueError(
             f"segment {network.segments[i].name}: its wall varies along it, which the frequency domain does not cover; "
-            "set its taper to 0 or run the network in time."
+            "switch off what makes it vary, or run the network in time."
         )
 
 

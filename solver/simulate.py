@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -177,7 +177,7 @@ def simulate_periodic(
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
         table, state = run.table(state, n, progress, label)
         if before is not None:
-            change = _change(table, before, run.report.names)
+            change = change_of(table, before, run.report.names)
             if change <= tolerance:
                 return run.waveforms(table, beat, change, state)
         before = table
@@ -257,8 +257,11 @@ class _Run:
         return Waveforms(time, values, units, beats, change, End(state, self.model.mesh, self.dt))
 
 
-def _change(table: Array, before: Array, names: tuple[str, ...]) -> float:
-    """Largest relative L2 difference of an output from the beat before."""
+def change_of(table: Array, before: Array, names: Sequence[str]) -> float:
+    """Largest relative L2 difference of an output (n, …, n_names) from the beat before.
+
+    Pressures and radii relative to their mean-removed norm, flows to their norm.
+    """
     pulsatile = np.array([not name.endswith(".Q") for name in names])
     reference = table - np.where(pulsatile, table.mean(axis=0), 0.0)
     size = np.linalg.norm(reference, axis=0)
@@ -268,6 +271,6 @@ def _change(table: Array, before: Array, names: tuple[str, ...]) -> float:
     for kind in "PQR":
         same = np.array([name.endswith(f".{kind}") for name in names])
         if same.any():
-            whole[:, same] = whole[:, same].max(axis=1, keepdims=True)
+            whole[..., same] = whole[..., same].max(axis=-1, keepdims=True)
     scale = np.maximum(size, _STEADY * whole)
     return float(np.max(np.divide(difference, scale, out=np.zeros_like(scale), where=scale > 0.0)))

@@ -310,6 +310,11 @@ class Wall:
         assert self.weight is not None and self.past is not None
         return (1.0 - self.weight) * self.K_h / s * self.past
 
+    def differs(self, other: Wall) -> Array:
+        """(n,) where any number of a wall is another one, of two sets of n walls."""
+        pairs = ((getattr(self, name), getattr(other, name)) for name in _WALL_ARRAYS)
+        return np.any([np.any(a != b, axis=0) for a, b in pairs if a is not None], axis=0)
+
     @property
     def remembers(self) -> bool:
         """Whether the viscous stress of any wall has a memory."""

@@ -157,7 +157,6 @@ class Toy(Effect):
 def test_a_new_effect_is_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
     """One class of two numbers, appended to the catalogue, is named where it is hidden: B, K (1 + x/L)."""
     monkeypatch.setattr(effects, "ALL", (*effects.ALL, Toy()))
-    monkeypatch.setitem(effects.BY_NAME, "toy", Toy())
     hidden = NETWORK.with_terms({"B.linear": 1.0, "B.square": 0.0})
     settings = Settings(dt=T / 200, tolerance=1e-7)
     beat = simulate_periodic(hidden, inflow, T, settings=settings, tolerance=1e-6)

@@ -393,3 +393,51 @@ def test_a_new_effect(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
     exact = 0.5 * s.E * s.h / (0.75 * s.R0) * (R / s.R0 - 1.0)
     np.testing.assert_allclose(column(sheep, "CA.toy", R, BEAT), exact, atol=1e-7 * np.ptp(exact))
     assert "| `toy` |" in catalogue.table()
+
+
+class StiffBed(Effect):
+    """An outlet whose reflection is raised by its bed."""
+
+    name, equation, owner, places = "stiff_bed", "R_t becomes R_t + bed", "outlet", ("outlet",)
+    terms = {"bed": Quantity("1", "stiffness of the bed", 0.0, 0.9)}
+    neutral: ClassVar[Mapping[str, float]] = {"bed": 0.0}
+    signature, confusable, separator = "none", ("terminal_reflection",), "none"
+
+    def outlet(self, numbers: Values, values: Values) -> Values:
+        return {**numbers, "R_t": numbers["R_t"] + values["bed"]}
+
+
+class Swirl(Effect):
+    """A junction that keeps more of the kinetic pressure."""
+
+    name, equation, owner, places = "swirl", "k becomes k + swirl", "junction", ("junction",)
+    terms = {"swirl": Quantity("1", "swirl of the junction", 0.0, 1.0)}
+    neutral: ClassVar[Mapping[str, float]] = {"swirl": 0.0}
+    signature, confusable, separator = "none", ("junction_loss",), "none"
+
+    def junction(self, numbers: Values, values: Values) -> Values:
+        return {**numbers, "k": numbers["k"] + values["swirl"]}
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "value", "same_as"),
+    [
+        (StiffBed(), "CA", {"bed": 0.2}, {"CA.outlet.R_t": 0.2}),
+        (Swirl(), "AA", {"swirl": 0.5}, {"AA.junction.k": 0.5}),
+    ],
+    ids=["outlet", "junction"],
+)
+def test_terms_of_outlets_and_junctions(
+    sheep: Network, monkeypatch: pytest.MonkeyPatch, effect: Effect, place: str, value: dict, same_as: dict
+) -> None:
+    """Held as a term, in the file, and the same bit by bit as the number that it stands for; off, as without it."""
+    monkeypatch.setattr(effects, "ALL", (*ALL, effect))
+    start = sheep.parameters()[next(iter(same_as))]
+    network = effect.add(sheep, place, value)
+    assert loads(dumps(network), "x") == network and from_dict(json.loads(json.dumps(to_dict(network)))) == network
+    found = simulate(network, duration=0.1, settings=QUICK)
+    stands_for = sheep.with_parameters({name: start + more for name, more in same_as.items()})
+    assert same(found, simulate(stands_for, duration=0.1, settings=QUICK))
+    plain, (key,) = simulate(sheep, duration=0.1, settings=QUICK), value
+    off = effect.add(sheep, place, {key: 0.0})
+    assert same(simulate(off, duration=0.1, settings=QUICK), plain) and not same(found, plain)

@@ -1,4 +1,4 @@
-"""Indices of a fitted wall, on loops from an ODE integrator that shares no code with the fit (fitting/virtual.py).
+"""Indices of a fitted wall, on loops from an ODE integrator without code of the fit: fitting/records/virtual.py.
 
 11 kPa mean and 4 kPa pulse, 200 Hz, T = 0.5 s, 15 beats; AA is the paper's mean wall.
 """

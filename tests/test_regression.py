@@ -1,4 +1,4 @@
-"""The fit of one site, on loops from an ODE integrator that shares no code with it (fitting/virtual.py).
+"""The fit of one site, on loops from an ODE integrator that shares no code with it (fitting/records/virtual.py).
 
 AA … FA are the mean walls of the paper; the loops have 11 kPa mean and 4 kPa pulse, 200 Hz, T = 0.5 s, 15 beats.
 """

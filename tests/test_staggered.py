@@ -110,7 +110,7 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
         (terms.jacobian(s, Q), lambda f: terms.residual(s, f.Q, state.H)),
         (terms.d_pressure(s, f, d), lambda f: terms.pressure(s, f)),
         (terms.d_convection(s, f, d), lambda f: terms.convection(s, f)),
-        (terms.d_inertia(s, f), lambda f: terms.inertia(s, f)),
+        (terms.d_inertia(s, f, d), lambda f: terms.inertia(s, f)),
         (terms.d_friction(s, f, d), lambda f: terms.friction(s, f)),
         (terms.d_force(s, f, d), force),
         (terms.d_ends(s, f, d), lambda f: terms.ends(s, f, state.H)),

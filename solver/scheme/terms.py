@@ -46,10 +46,12 @@ class Start(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """An iterate: Q [m³/s], A_end [m²] at the Lobatto points; dQ = ∂Q/∂ξ, A_t, A, U and ½ρα U at the Gauss points."""
+    """An iterate: Q [m³/s], A_end [m²] and U_end = Q/A_end at the Lobatto points; dQ = ∂Q/∂ξ, A_t, A, U and ½ρα U at
+    the Gauss points."""
 
     Q: Array
     A_end: Array
+    U_end: Array
     dQ: Array
     A_t: Array
     A: Array
@@ -75,7 +77,8 @@ def flow(s: Start, Q: Array) -> Flow:
     A += s.A
     U = Q @ el.at_gauss
     U /= A
-    return Flow(Q, A @ el.at_lobatto, dQ, A_t, A, U, m.kinetic * U)
+    A_end = A @ el.at_lobatto
+    return Flow(Q, A_end, Q / A_end, dQ, A_t, A, U, m.kinetic * U)
 
 
 def change(s: Start, f: Flow) -> Change:
@@ -92,11 +95,9 @@ def residual(s: Start, Q: Array, H: Array) -> Array:
     f = flow(s, Q)
     R = pressure(s, f)
     R += convection(s, f)
-    local = inertia(s, f)
-    local += friction(s, f)
-    local /= f.A_end
-    R += local
-    s.force.add_to(R, f.Q, f.A_end)
+    R += inertia(s, f)
+    R += friction(s, f)
+    s.force.add_to(R, f.Q, f.A_end)  # the drag of effects; nothing where there is none
     R += ends(s, f, H)
     return R
 
@@ -107,8 +108,8 @@ def jacobian(s: Start, Q: Array) -> Array:
     d = change(s, f)
     K = d_pressure(s, f, d)
     K += d_convection(s, f, d)
-    K += (d_inertia(s, f) + d_friction(s, f, d)) / f.A_end[..., None]
-    K -= ((inertia(s, f) + friction(s, f)) / f.A_end**2)[..., None] * d.A_end
+    K += d_inertia(s, f, d)
+    K += d_friction(s, f, d)
     K += d_force(s, f, d)
     K += d_ends(s, f, d)
     return K
@@ -142,22 +143,22 @@ def d_convection(s: Start, f: Flow, d: Change) -> Array:
 
 
 def inertia(s: Start, f: Flow) -> Array:
-    """ρ ∂Q/∂t."""
-    return s.inertia * (f.Q - s.Q)
+    """ρ/A ∂Q/∂t."""
+    return s.inertia * (f.Q - s.Q) / f.A_end
 
 
-def d_inertia(s: Start, f: Flow) -> Array:
-    return _diagonal(s.inertia)
+def d_inertia(s: Start, f: Flow, d: Change) -> Array:
+    return _diagonal(s.inertia / f.A_end) - (inertia(s, f) / f.A_end)[..., None] * d.A_end
 
 
 def friction(s: Start, f: Flow) -> Array:
-    """ρ C_f Q/A."""
-    return s.model.friction * f.Q / f.A_end
+    """ρ/A C_f Q/A."""
+    return s.model.friction * f.U_end / f.A_end
 
 
 def d_friction(s: Start, f: Flow, d: Change) -> Array:
-    by_Q = s.model.friction / f.A_end
-    return _diagonal(by_Q) - (by_Q * f.Q / f.A_end)[..., None] * d.A_end
+    by_Q = s.model.friction / f.A_end**2
+    return _diagonal(by_Q) - (2.0 * by_Q * f.U_end)[..., None] * d.A_end
 
 
 def d_force(s: Start, f: Flow, d: Change) -> Array:
@@ -168,7 +169,7 @@ def d_force(s: Start, f: Flow, d: Change) -> Array:
 def ends(s: Start, f: Flow, H: Array) -> Array:
     """[v H'] at the ends of the element, H' = H + ½ρ(α - k) U²: static pressure, and the kinetic one H leaves out."""
     el = s.model.mesh.element
-    U = f.Q[..., el.both_ends] / f.A_end[..., el.both_ends]
+    U = f.U_end[..., el.both_ends]
     flux = H.take(s.model.mesh.ends, axis=1)
     flux += s.model.end_kinetic * (U * U)
     return flux @ el.end_flux
@@ -177,7 +178,7 @@ def ends(s: Start, f: Flow, H: Array) -> Array:
 def d_ends(s: Start, f: Flow, d: Change) -> Array:
     el = s.model.mesh.element
     A = f.A_end[..., el.both_ends]
-    U = f.Q[..., el.both_ends] / A
+    U = f.U_end[..., el.both_ends]
     dU = (np.eye(el.N + 1)[el.both_ends] - U[..., None] * d.A_end[:, :, el.both_ends]) / A[..., None]
     return np.einsum("ni,benj->beij", el.end_flux, (2.0 * s.model.end_kinetic * U)[..., None] * dU)
 
