@@ -100,7 +100,7 @@ def _needed(module: Path) -> list[Path]:
         if file in found or not file.is_file() or file.parent == ROOT:
             continue
         found.append(file)
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ImportFrom):
                 folder = [file, *file.parents][node.level] if node.level else ROOT
                 inside = folder.joinpath(*(node.module or "").split("."))
