@@ -330,6 +330,11 @@ class Wall:
         return np.ones((1, 1, 1)) if self.tau is None else 1.0 / (1.0 + iw * self.tau[..., None, :])
 
     @property
+    def leaks(self) -> bool:
+        """Whether any wall lets something through."""
+        return self.leak is not None
+
+    @property
     def leakage(self) -> Array:
         """What the walls let through per length and pressure [m²/(Pa·s)], like A0."""
         return np.zeros_like(self.A0) if self.leak is None else self.leak

@@ -157,6 +157,12 @@ def test_terminal_compliance(sheep: Network) -> None:
         BY_NAME["terminal_compliance"].add(venous, "CA", {"R1": 3e8, "C": 4e-10})
 
 
+def test_a_key_belongs_to_one_effect() -> None:
+    """A neutral value is found by the key alone."""
+    keys = [key for effect in ALL for key in effect.terms]
+    assert len(keys) == len(set(keys))
+
+
 def test_docs_are_current() -> None:
     """docs/effects.md holds the table that the catalogue makes of itself."""
     assert catalogue.table() in DOCS.read_text(encoding="utf-8")

@@ -139,7 +139,7 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
         end_kinetic=node_kinetic[:, mesh.ends],
         force=force,
-        storage=Tight() if wall.leak is None else Leaking(wall.leak, mesh.sink, wall, wall.A0),
+        storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
         A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
