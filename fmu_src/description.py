@@ -5,17 +5,9 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
-from solver import effects
-from solver.network import Network
 from solver.units import base_units, display_factor, display_units
 
 from .variables import Variable
-
-
-def description(network: Network) -> str:
-    """One line on what the FMU is, for its ``description`` attribute."""
-    text = f"1D blood flow in the arterial network {network.name}. {network.reference}"
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())  # XML has no control characters
 
 
 def complete(root: Element, table: tuple[Variable, ...], version: str) -> Element:
@@ -30,12 +22,13 @@ def complete(root: Element, table: tuple[Variable, ...], version: str) -> Elemen
     assert structure is not None
     for child in list(structure):
         structure.remove(child)
+    index_of = {variable.name: i for i, variable in enumerate(table, start=1)}
     outputs, unknowns = SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns")
     for index, variable in enumerate(table, start=1):
         if variable.causality == "output":
             # an output changes only by a step: no direct feedthrough from any input
             SubElement(outputs, "Unknown", index=str(index), dependencies="", dependenciesKind="")
-            sources = _initial_sources(variable.name, table)
+            sources = sorted(index_of[name] for name in variable.sources)
             kinds = " ".join(["dependent"] * len(sources))
             SubElement(
                 unknowns, "Unknown", index=str(index), dependencies=" ".join(map(str, sources)), dependenciesKind=kinds
@@ -68,18 +61,3 @@ def _add_range(real: Element, variable: Variable) -> None:
     if math.isfinite(quantity.high):
         real.set("max", repr(float(quantity.high)))
     real.set("nominal", repr(float(quantity.nominal)))
-
-
-def _initial_sources(output: str, table: tuple[Variable, ...]) -> list[int]:
-    """Indices of the parameters on which an output depends at the start: rest under P_0."""
-    place, kind = output.rsplit(".", 1)
-    if kind == "Q":
-        return []
-    # P is P_0 up to round-off through the wall law and back; R follows from it by the wall of the site's segment,
-    # which the table does not name: all walls are listed
-    names = {"network.P_0"}
-    if kind == "R":
-        names |= {"network.P_ref", "network.eta", "network.elastic_law"}
-        walls = ("R0", "h", "E", *(key for effect in effects.ALL if effect.at_rest for key in effect.terms))
-        names |= {v.name for v in table if v.causality == "parameter" and v.name.rsplit(".", 1)[-1] in walls}
-    return [i for i, v in enumerate(table, start=1) if v.name in names]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from solver import effects
 from solver.network import Network
 from solver.quantity import Quantity
 from solver.scheme.model import Settings
@@ -27,7 +28,8 @@ _OUTPUTS = {
 class Variable:
     """One FMU variable. causality: input, output, parameter. variability: continuous, fixed, tunable.
 
-    ``quantity`` for numbers, ``choices`` for texts. ``start`` is None for outputs.
+    ``quantity`` for numbers, ``choices`` for texts. ``start`` is None for outputs. sources : the parameters on which an
+    output depends at the start. late : an output that costs something and is computed only when it is read.
     """
 
     name: str
@@ -37,6 +39,8 @@ class Variable:
     start: float | str | None
     quantity: Quantity | None = None
     choices: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
+    late: bool = False
 
     def check(self, value: float | str) -> None:
         """Raise ValueError, one sentence, unless the value is allowed."""
@@ -83,5 +87,21 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
     for name in network.output_units():
         place, kind = name.rsplit(".", 1)
         quantity = _OUTPUTS[kind]
-        outputs.append(Variable(name, "output", "continuous", f"{quantity.description} at {place}", None, quantity))
+        sources = _initial_sources(kind, parameters)
+        text = f"{quantity.description} at {place}"
+        outputs.append(Variable(name, "output", "continuous", text, None, quantity, sources=sources))
     return (*inputs, *parameters, *outputs)
+
+
+def _initial_sources(kind: str, parameters: list[Variable]) -> tuple[str, ...]:
+    """The parameters on which P, Q or R depends at the start: rest under P_0."""
+    if kind == "Q":
+        return ()
+    # P is P_0 up to round-off through the wall law and back; R follows from it by the wall of the site's segment,
+    # which the table does not name: all walls are listed
+    names = {"network.P_0"}
+    if kind == "R":
+        names |= {"network.P_ref", "network.eta", "network.elastic_law"}
+        walls = ("R0", "h", "E", *(key for effect in effects.ALL if effect.at_rest for key in effect.terms))
+        names |= {v.name for v in parameters if v.name.rsplit(".", 1)[-1] in walls}
+    return tuple(v.name for v in parameters if v.name in names)

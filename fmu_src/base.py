@@ -1,0 +1,324 @@
+"""The pythonfmu slave of any component: value references, phases, the saved state, and errors.
+
+A **component** is what an FMU computes, without FMI; see :class:`Component`. A slave of one is a class that says how to
+make it::
+
+    class HeartSlave(ComponentSlave):
+        data_file = "heart.json"  # in the FMU's resources
+
+        @classmethod
+        def subject(cls, data):  # data: what the file holds
+            ...
+            return Subject(name, description, data["version"], experiment, table, lambda: Heart(settings))
+
+No exception may leave a callback as it is. The wrapper answers one with fmi2Fatal and drops references that it does
+not own, so that the host would crash at the next garbage collection. ``do_step`` therefore logs and returns False
+(fmi2Discard). The other callbacks can only fail by an exception: they raise one sentence after giving the wrapper
+the references it is about to drop.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import math
+import sys
+import traceback
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, NoReturn, Protocol, TypeVar, cast
+from xml.etree.ElementTree import Element
+
+from pythonfmu import DefaultExperiment, Fmi2Slave
+from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
+from pythonfmu.variables import Real, ScalarVariable, String
+
+from solver.scheme.guards import NonPhysicalState
+
+from .description import complete
+from .variables import Variable
+
+INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
+
+T = TypeVar("T")
+
+
+class Component(Protocol):
+    """What an FMU computes. Values come and go by variable name, texts as texts, numbers in SI.
+
+    A component changes no object in place: a step or a new parameter puts new objects into its attributes. So the copy
+    of ``vars(component)`` is its state, saved and restored in microseconds.
+    """
+
+    def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
+        """Begin at t0 [s] with the values of all inputs and parameters; ValueError if they do not fit together.
+
+        May come more than once, in initialization mode.
+        """
+
+    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """Advance from t to t + h [s] with the values of the inputs; ValueError or NonPhysicalState, and unchanged."""
+
+    def retune(self, changed: Mapping[str, Any]) -> None:
+        """Take over tunable parameters that were set since the last step, with the inputs' values; or ValueError."""
+
+    def outputs(self) -> Sequence[float]:
+        """The outputs at the present time, in the order of the variable table, but for those that are ``late``."""
+
+
+class WithPorts(Component, Protocol):
+    """A component with outputs that are ``late``."""
+
+    def ports(self) -> Mapping[str, float]:
+        """The late outputs by name; asked for when one of them is read, once after each step."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What the FMU of a component is: its name and description for people, and its variables.
+
+    version : of the program that built it. table : inputs, then parameters, then outputs. make : a new component.
+    """
+
+    name: str
+    description: str
+    version: str
+    experiment: DefaultExperiment
+    table: tuple[Variable, ...]
+    make: Callable[[], Component]
+
+
+class ComponentSlave(Fmi2Slave):
+    """The slave of a component. ``code_name`` and ``content_hash`` are set by the build: see ``build_fmu.py``."""
+
+    author = "arterial-fmu contributors"
+    license = "MIT"
+    code_name = ""  # module name that carries the hash of all content
+    content_hash = ""
+    data_file = ""  # JSON in the FMU's resources
+    # read once: a class belongs to one content, and a reset works after the host has deleted the FMU's folder
+    about: ClassVar[Subject | None] = None
+
+    @classmethod
+    @abstractmethod
+    def subject(cls, data: Any) -> Subject:
+        """What this FMU is, from what its data file holds."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        cls = type(self)
+        if cls.about is None:
+            cls.about = _read(cls.subject, Path(kwargs["resources"]) / cls.data_file)
+        about = cls.about
+        self.version, self.guid = about.version, self.content_hash
+        self.modelName, self.description = about.name, about.description
+        self.default_experiment = about.experiment
+        self.table = about.table
+        self.names = tuple(variable.name for variable in self.table)
+        # outputs have no value before initialization mode
+        self.values: list[Any] = [0.0 if v.start is None else v.start for v in self.table]
+        self.numbers = frozenset(i for i, v in enumerate(self.table) if v.quantity is not None)
+        self.texts = frozenset(range(len(self.table))) - self.numbers
+        self.inputs = frozenset(i for i, v in enumerate(self.table) if v.causality == "input")
+        self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
+        self.first_late = next((i for i, v in enumerate(self.table) if v.late), len(self.table))
+        self.component = about.make()
+        self.phase, self.t0 = INSTANTIATED, 0.0
+        self.outdated = True  # the outputs, before initialization ends
+        self.late_due = False  # the late outputs are still to be asked for
+        self.changed: dict[str, float] = {}  # tunable parameters since the last step
+        for variable in self.table:
+            self.register_variable(_registered(variable), nested=False)
+
+    # --- phases ---------------------------------------------------------------------------------------------------
+
+    def setup_experiment(self, start_time: float, *_: Any) -> None:
+        def set_up() -> None:
+            self._require("setup_experiment", INSTANTIATED)
+            if not math.isfinite(start_time):
+                raise ValueError(f"start time of {start_time:g} s: must be finite.")
+            self.t0 = start_time
+
+        self._guarded("setting up the experiment", set_up)
+
+    def enter_initialization_mode(self) -> None:
+        def enter() -> None:
+            self._require("enter_initialization_mode", INSTANTIATED)
+            if self.resources in sys.path:  # the wrapper puts it there at every instantiation and leaves it
+                sys.path.remove(self.resources)
+            self.phase = INITIALIZING
+
+        self._guarded("entering initialization mode", enter)
+
+    def exit_initialization_mode(self) -> None:
+        def leave() -> None:
+            self._require("exit_initialization_mode", INITIALIZING)
+            self._initialize()
+            self.phase = STEPPING
+
+        self._guarded("initialization", leave)
+
+    def terminate(self) -> None:
+        self.phase = TERMINATED
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        """One communication step; False, with the reason in the log, when it failed."""
+        try:
+            self._require("do_step", STEPPING)
+            inputs = {self.names[i]: self.values[i] for i in self.inputs}
+            if self.changed:
+                self.component.retune({**inputs, **self.changed})
+                self.changed = {}
+            self.component.step(current_time, step_size, inputs)
+            self._show()
+            return True
+        except BaseException as error:
+            self.log(self._message(error, f"stepping from t = {current_time:g} s"), Fmi2Status.error)
+        return False
+
+    def _require(self, call: str, phase: str) -> None:
+        if self.phase != phase:
+            raise ValueError(f"{call} in phase {self.phase!r}: it belongs to phase {phase!r}; reset the component.")
+
+    # --- values ---------------------------------------------------------------------------------------------------
+
+    def get_real(self, vrs: list[int]) -> list[float]:
+        return self._guarded("reading variables", lambda: self._get(vrs, self.numbers))
+
+    def get_string(self, vrs: list[int]) -> list[str]:
+        return self._guarded("reading variables", lambda: self._get(vrs, self.texts))
+
+    def get_integer(self, vrs: list[int]) -> list[Any]:
+        return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
+
+    def set_real(self, vrs: list[int], values: list[float]) -> None:
+        self._guarded("setting variables", lambda: self._set(vrs, values, self.numbers))
+
+    def set_string(self, vrs: list[int], values: list[str]) -> None:
+        self._guarded("setting variables", lambda: self._set(vrs, values, self.texts))
+
+    def set_integer(self, vrs: list[int], values: list[Any]) -> None:
+        self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
+
+    get_boolean, set_boolean = get_integer, set_integer  # no variable is of these types
+
+    def _get(self, vrs: list[int], kind: frozenset[int]) -> list[Any]:
+        self._check_kind(vrs, kind)
+        last = max(vrs, default=0)
+        if self.phase == INITIALIZING and self.outdated and last >= self.first_output:
+            self._initialize()
+        if self.late_due and last >= self.first_late:
+            ports = cast(WithPorts, self.component).ports()
+            self.values[self.first_late :] = [ports[name] for name in self.names[self.first_late :]]
+            self.late_due = False
+        values = self.values
+        return [values[vr] for vr in vrs]
+
+    def _set(self, vrs: list[int], values: list[Any], kind: frozenset[int]) -> None:
+        self._check_kind(vrs, kind)
+        for vr, value in zip(vrs, values, strict=True):
+            variable = self.table[vr]
+            if variable.causality == "output":
+                raise ValueError(f"{variable.name} is an output and cannot be set.")
+            if variable.variability == "fixed" and self.phase in (STEPPING, TERMINATED):
+                raise ValueError(
+                    f"{variable.name} is fixed: set it before initialization ends, or reset the component."
+                )
+            variable.check(value)
+        for vr, value in zip(vrs, values, strict=True):
+            if value != self.values[vr]:
+                self.outdated = True
+                # inputs are read at every step; a new value of anything else needs new coefficients
+                if self.phase == STEPPING and vr not in self.inputs:
+                    self.changed[self.names[vr]] = value
+            self.values[vr] = value
+
+    def _check_kind(self, vrs: list[int], kind: frozenset[int]) -> None:
+        if not kind.issuperset(vrs):
+            vr = next(vr for vr in vrs if vr not in kind)
+            if not 0 <= vr < len(self.table):
+                raise ValueError(f"value reference {vr}: there is no such variable.")
+            right = "Real" if vr in self.numbers else "String"
+            raise ValueError(f"{self.table[vr].name} is a {right} variable; read and set it as such.")
+
+    def _initialize(self) -> None:
+        self._check_code()
+        self.component.initialize(self.t0, dict(zip(self.names, self.values, strict=True)))
+        self._show()
+        self.outdated = False
+
+    def _show(self) -> None:
+        self.values[self.first_output : self.first_late] = self.component.outputs()
+        self.late_due = True
+
+    def _check_code(self) -> None:
+        """Refuse to run the code of another FMU: a process keeps the first module of a name."""
+        expected = Path(self.resources) / "slavemodule.txt"
+        if expected.is_file() and expected.read_text().strip() != self.code_name:
+            raise ValueError(
+                f"this process runs module {self.code_name} instead of {expected.read_text().strip()}; rebuild the FMU."
+            )
+
+    def _get_fmu_state(self, *_: Any) -> None:
+        def refuse() -> NoReturn:
+            raise ValueError("the state cannot be saved or restored (canGetAndSetFMUstate is false).")
+
+        self._guarded("saving or restoring the state", refuse)
+
+    _set_fmu_state = _get_fmu_state
+
+    # --- errors ---------------------------------------------------------------------------------------------------
+
+    def _guarded(self, what: str, action: Callable[[], T]) -> T:
+        try:
+            return action()
+        except BaseException as error:
+            message = self._message(error, what)
+        # the wrapper drops these three references before it reports fmi2Fatal, and once more when it frees the instance
+        for held in (type(self), self, self.log_queue):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+        raise ValueError(message)
+
+    def _message(self, error: BaseException, what: str) -> str:
+        """What goes to the host's log, where it is a printf format by the standard.
+
+        A user's mistake is one sentence. Of a fault of ours, which must not kill the host either, it is everything.
+        """
+        if isinstance(error, (ValueError, NonPhysicalState)):
+            text = str(error)
+        elif isinstance(error, KeyboardInterrupt):
+            text = f"interrupted while {what}."
+        else:
+            text = f"internal error while {what}\n{traceback.format_exc()}"
+        return f"{self.instance_name}: {text}".replace("%", "%%")
+
+    # --- description ----------------------------------------------------------------------------------------------
+
+    def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
+        """modelDescription with units, ranges, InitialUnknowns and dependencies."""
+        return complete(super().to_xml(model_options or {}), self.table, self.version)
+
+
+def _read(subject: Callable[[Any], Subject], file: Path) -> Subject:
+    try:
+        return subject(json.loads(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{file.name}: not the one of this FMU ({error}); build the FMU anew.") from None
+
+
+_INITIAL = {"parameter": Fmi2Initial.exact, "output": Fmi2Initial.calculated}  # FMI forbids it on inputs
+
+
+def _registered(variable: Variable) -> ScalarVariable:
+    """The pythonfmu variable of a row; values go through the slave's own get and set."""
+    kind = Real if variable.quantity is not None else String
+    return kind(
+        variable.name,
+        causality=Fmi2Causality[variable.causality],
+        variability=Fmi2Variability[variable.variability],
+        initial=_INITIAL.get(variable.causality),
+        description=variable.description,
+        getter=lambda: variable.start,
+    )
