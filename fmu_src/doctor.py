@@ -7,11 +7,13 @@ whole FMU of this project. Nothing that a file contains makes the doctor fail.
 from __future__ import annotations
 
 import json
+import lzma
 import os
 import platform
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -36,6 +38,9 @@ EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
 _PATIENCE = 120.0  # s for the trial
+# what zipfile raises for archives that are damaged, encrypted or packed in ways of their own
+_UNREADABLE = (zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError,
+               MemoryError, struct.error)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,7 @@ class Archive:
     """What the doctor reads of an FMU: its files, and of its description the model, GUID and flags."""
 
     names: tuple[str, ...]
+    size: int
     model: str
     guid: str
     execution_tool: bool
@@ -61,10 +67,11 @@ class Archive:
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
     """Everything about an FMU and the Python it is to run in. Never raises, whatever the file is."""
     path = Path(fmu)
-    findings: list[Finding] = []
-    archive = _archive(path, findings)
-    if archive is None:
-        return findings
+    try:
+        archive = _archive(path)
+    except _NoFMU as reason:
+        return [Finding("file", FATAL, *reason.args)]
+    findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
     findings += _made_here(path, archive)
     findings += _binaries(archive)
     if archive.execution_tool:
@@ -88,46 +95,48 @@ def state(findings: list[Finding]) -> str:
 # --- the file -------------------------------------------------------------------------------------------------------
 
 
-def _archive(path: Path, findings: list[Finding]) -> Archive | None:
-    """The FMU's contents, or None with the reason among the findings."""
+class _NoFMU(Exception):
+    """What was found instead of an FMU, and what to do."""
 
-    def refuse(found: str, remedy: str = "build it anew with build_fmu.py, or copy it once more") -> None:
-        findings.append(Finding("file", FATAL, found, remedy))
+    def __init__(self, found: str, remedy: str = "build it anew with build_fmu.py, or copy it once more") -> None:
+        super().__init__(found, remedy)
 
+
+def _archive(path: Path) -> Archive:
+    """The FMU's contents. Raises _NoFMU."""
     try:
         with zipfile.ZipFile(path) as file:
-            size = sum(info.file_size for info in file.infolist())
-            if size > _LARGEST:
-                return refuse(f"holds {size / 1e6:.0f} MB; an FMU of this project stays below {_LARGEST / 1e6:.0f} MB")
+            unpacked = sum(info.file_size for info in file.infolist())
+            if unpacked > _LARGEST:
+                raise _NoFMU(f"holds {unpacked / 1e6:.0f} MB; an FMU of this project has below {_LARGEST / 1e6:.0f} MB")
             damaged = file.testzip()
             if damaged is not None:
-                return refuse(f"{damaged} is damaged (checksum)")
+                raise _NoFMU(f"{damaged} is damaged (checksum)")
             names = tuple(file.namelist())
             outside = [n for n in names if PurePosixPath(n).is_absolute() or ".." in PurePosixPath(n).parts]
             if outside:
-                return refuse(f"{outside[0]!r} would be written outside the folder", "do not use this file")
+                raise _NoFMU(f"{outside[0]!r} would be written outside the folder", "do not use this file")
             root = ElementTree.fromstring(file.read("modelDescription.xml"))
     except FileNotFoundError:
-        return refuse("there is no such file", "check the path, or build it with build_fmu.py")
+        raise _NoFMU("there is no such file", "check the path, or build it with build_fmu.py") from None
     except OSError as error:
-        return refuse(f"cannot be read ({error.strerror or error})", "check the path and its permissions")
+        raise _NoFMU(f"cannot be read ({error.strerror or error})", "check the path and its permissions") from None
     except zipfile.BadZipFile:
-        return refuse("is no FMU, or was cut off (not a zip archive)")
+        raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
     except KeyError:
-        return refuse("is no FMU (no modelDescription.xml)")
+        raise _NoFMU("is no FMU (no modelDescription.xml)") from None
     except ElementTree.ParseError as error:
-        return refuse(f"modelDescription.xml is damaged ({error})")
-    except (zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError) as error:
-        return refuse(f"cannot be unpacked ({type(error).__name__}: {error})")
+        raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None
+    except _UNREADABLE as error:
+        raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
     if root.tag != "fmiModelDescription" or root.get("fmiVersion") != "2.0" or simulation is None:
-        return refuse("is no FMU for co-simulation by FMI 2.0", "build one with build_fmu.py")
+        raise _NoFMU("is no FMU for co-simulation by FMI 2.0", "build one with build_fmu.py")
     model = simulation.get("modelIdentifier", "")
     if not model or any(letter in model for letter in "/\\\0"):
-        return refuse("modelDescription.xml has no usable modelIdentifier")
-    findings.append(Finding("file", OK, f"{len(names)} files, {path.stat().st_size / 1024:.0f} kB, checksums right"))
+        raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
-    return Archive(names, model, root.get("guid", ""), execution_tool)
+    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool)
 
 
 def _made_here(path: Path, archive: Archive) -> Iterator[Finding]:
@@ -245,7 +254,9 @@ def _paths(path: Path) -> Iterator[Finding]:
 
 def undecoded(path: str | os.PathLike[str]) -> str:
     """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
-    return "".join(letter for letter in os.fspath(path) if letter not in " \\:/" and quote(letter, errors="replace") != letter)
+    return "".join(
+        letter for letter in os.fspath(path) if letter not in " \\:/" and quote(letter, errors="replace") != letter
+    )
 
 
 def _trial(path: Path, where: Interpreter) -> Finding:

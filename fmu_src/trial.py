@@ -40,7 +40,7 @@ def main(folder: Path) -> None:
     simulation, experiment = root.find("CoSimulation"), root.find("DefaultExperiment")
     if simulation is None:
         raise SystemExit("modelDescription.xml: has no CoSimulation.")
-    step = float((experiment if experiment is not None else {}).get("stepSize", "1e-3"))
+    step = float(experiment.get("stepSize", "1e-3")) if experiment is not None else 1e-3
     outputs = [
         int(variable.get("valueReference", "0"))
         for variable in root.iterfind("ModelVariables/ScalarVariable")
