@@ -9,7 +9,8 @@ from pythonfmu import DefaultExperiment
 from solver.network import Network, from_dict
 from solver.scheme.model import Settings
 
-from .base import ComponentSlave, Subject
+from .base import ComponentSlave
+from .component import Subject
 from .cosimulation import CoSimulation
 from .variables import variable_table
 

@@ -1,0 +1,71 @@
+"""What an FMU computes, without FMI: a component, and what its FMU says of itself."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from pythonfmu import DefaultExperiment
+
+from .state import Kind
+from .variables import Variable
+
+
+class Component(ABC):
+    """What an FMU computes. Values come and go by variable name: numbers in SI, of an Enumeration the name of its item.
+
+    A component changes no object in place: a step or a new parameter puts new objects into its attributes. So a copy
+    of ``vars(component)`` is its state, saved and restored in microseconds. For a state in bytes the attributes but
+    those in ``remade`` are plain values (numbers, texts, truth values, None; lists, tuples and dicts of such), NumPy
+    arrays of numbers, or objects of ``kinds()``.
+    """
+
+    remade: ClassVar[frozenset[str]] = frozenset()  # attributes that the constructor or ``resumed`` makes
+
+    @abstractmethod
+    def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
+        """Begin at t0 [s] with the values of all inputs and parameters; ValueError if they do not fit together.
+
+        May come more than once, in initialization mode.
+        """
+
+    @abstractmethod
+    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """Advance from t to t + h [s] with the values of the inputs; or ValueError, NonPhysicalState, and unchanged."""
+
+    @abstractmethod
+    def outputs(self) -> Sequence[float]:
+        """The outputs at the present time, in the order of the variable table, but for those that are ``late``."""
+
+    def ports(self) -> Sequence[float]:
+        """The ``late`` outputs, in order; asked for when one of them is read, once after each step."""
+        return ()
+
+    @abstractmethod
+    def retune(self, changed: Mapping[str, Any]) -> None:
+        """Take over tunable parameters that were set since the last step, with the inputs' values; or ValueError."""
+
+    def kinds(self) -> Mapping[type, Kind]:
+        """The kinds of objects among the attributes, by type."""
+        return {}
+
+    def resumed(self) -> None:
+        """Make what a state does not hold; the other attributes are there."""
+        return
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What the FMU of a component is: its name and description for people, and its variables.
+
+    version : of the program that built it. table : inputs, then parameters, then outputs. make : a new component.
+    """
+
+    name: str
+    description: str
+    version: str
+    experiment: DefaultExperiment
+    table: tuple[Variable, ...]
+    make: Callable[[], Component]
