@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from solver.network import Network
-from solver.outputs import reporter, volume
+from solver.outputs import reporter, venous_flow, volume
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import initial_state
 
 from .ports import Impedances, impedances, port_values
 from .stretch import Position, Stretch
+
+Array = np.ndarray
 
 _ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
 _LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
@@ -109,6 +111,10 @@ class CoSimulation:
             self.impedances[key] = impedances(replace(self.last, model=self.model), rest, self.interpolation)
         stretch = replace(self.last, model=self.model)
         return port_values(stretch, self.shown, self.slope, self.interpolation, self.impedances[key])
+
+    def venous_flows(self) -> Array:
+        """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""
+        return venous_flow(self.model, self.shown.state, self.last.P_venous)[0]
 
     def _volume(self) -> float:
         return float(volume(self.model, self.shown.state)[0])
