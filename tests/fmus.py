@@ -37,7 +37,9 @@ class Instance:
         self.messages: list[str] = []
         description = fmpy.read_model_description(os.fspath(fmu))
         self.references = {v.name: v.valueReference for v in description.modelVariables}
-        self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        self.outputs = [name for name in outputs if name[-2:] in (".P", ".Q", ".R") and name != "venous.Q"]
+        self.others = [name for name in outputs if name not in self.outputs]  # volumes and ports
         self.folder = Path(fmpy.extract(os.fspath(fmu), os.fspath(folder)))
 
         def log(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
