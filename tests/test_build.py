@@ -89,7 +89,8 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     assert guid(fmu).startswith(f"{{{name.removeprefix('arterial_')}")
     code = {n.removeprefix(f"resources/_{name}/") for n in names if n.startswith(f"resources/_{name}/")}
     assert {n for n in code if n.startswith("fmu_src/")} == {
-        f"fmu_src/{module}.py" for module in ("__init__", "base", "cosimulation", "description", "slave", "variables")
+        f"fmu_src/{module}.py"
+        for module in "__init__ base cosimulation description ports slave stretch variables".split()
     }
     # the physics, and nothing of files, terminals, runs or drawings
     others = ("__main__", "branching", "console", "files", "layout", "linear", "loop", "simulate")
