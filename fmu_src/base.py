@@ -137,18 +137,20 @@ class ComponentSlave(Fmi2Slave):
         self.phase = TERMINATED
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """One communication step; False, with the reason in the log, when it failed."""
+        """One communication step; False, with the reason in the log and nothing changed, when it failed."""
+        before = self.component.__dict__.copy()
         try:
             self._require("do_step", STEPPING)
             self._check_end(current_time + step_size, step_size)
             inputs = {self.names[i]: self.values[i] for i in self.inputs}
             if self.changed:
                 self.component.retune({**inputs, **self.changed})
-                self.changed = {}
             self.component.step(current_time, step_size, inputs)
             self._show()
+            self.changed = {}
             return True
         except BaseException as error:
+            self.component.__dict__ = before
             self.log(sentence(self.instance_name, error, f"stepping from t = {current_time:g} s"), Fmi2Status.error)
         return False
 
@@ -201,7 +203,8 @@ class ComponentSlave(Fmi2Slave):
         if self.phase == INITIALIZING and self.outdated and last >= self.first_output:
             self._initialize()
         if self.late_due and last >= self.first_late:
-            self.values[self.first_late :] = self.component.ports()
+            ports = self.component.ports()
+            self.values[self.first_late :] = [ports[name] for name in self.names[self.first_late :]]
             self.late_due = False
         values = self.values
         return [values[vr] for vr in vrs]
@@ -281,6 +284,7 @@ class ComponentSlave(Fmi2Slave):
             _check_state(state, cls.content_hash)
             if state.blob is None:  # the wrapper asks twice: for the size and for the bytes
                 component = cls._new()
+                component.__dict__ |= state.component
                 held = {name: value for name, value in state.component.items() if name not in component.remade}
                 state.blob = to_bytes(cls.content_hash, {"slave": state.slave, "component": held}, component.kinds())
             return state.blob

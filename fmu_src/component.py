@@ -33,27 +33,28 @@ class Component(ABC):
 
     @abstractmethod
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Advance from t to t + h [s] with the values of the inputs; or ValueError, NonPhysicalState, and unchanged."""
+        """Advance from t to t + h [s] with the values of the inputs; ValueError or NonPhysicalState where it cannot.
+
+        The slave then brings the attributes back to what they were.
+        """
 
     @abstractmethod
     def outputs(self) -> Sequence[float]:
         """The outputs at the present time, in the order of the variable table, but for those that are ``late``."""
 
-    def ports(self) -> Sequence[float]:
-        """The ``late`` outputs, in order; asked for when one of them is read, once after each step."""
-        return ()
+    def ports(self) -> Mapping[str, float]:
+        """The ``late`` outputs by name; asked for when one of them is read, once after each step."""
+        return {}
 
-    @abstractmethod
-    def retune(self, changed: Mapping[str, Any]) -> None:
+    def retune(self, changed: Mapping[str, Any]) -> None:  # noqa: B027 - not every component has such parameters
         """Take over tunable parameters that were set since the last step, with the inputs' values; or ValueError."""
 
     def kinds(self) -> Mapping[type, Kind]:
         """The kinds of objects among the attributes, by type."""
         return {}
 
-    def resumed(self) -> None:
-        """Make what a state does not hold; the other attributes are there."""
-        return
+    def resumed(self) -> None:  # noqa: B027
+        """Make what a state does not hold; the other attributes are there, if there were any when it was saved."""
 
 
 @dataclass(frozen=True)
