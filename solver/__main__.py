@@ -19,7 +19,8 @@ from .units import MMHG
 
 def main(
     network: Annotated[
-        str, typer.Argument(help="A network file (TOML), or the name of a bundled network: sheep, sheep_nonlinear.")
+        str,
+        typer.Argument(help="A network file (TOML), or the name of a bundled network: human, sheep, sheep_nonlinear."),
     ],
     out: Annotated[Path | None, typer.Option(help="Write the waveforms to this CSV file.")] = None,
     set_: Annotated[
