@@ -2,9 +2,9 @@
 
     P = (V - V_unstressed) / C,     V = V_start + V_arteries - V_heart
 
-It exchanges counted volumes with its neighbours, not flows: what has left the arteries and what the heart has taken, both
-since the start. So the total volume is that of the start, to round-off, whatever the communication step and the order in
-which a master runs the components.
+It exchanges counted volumes with its neighbours, not flows: what has left the arteries and what the heart has taken,
+both since the start. So the total volume is that of the start, to round-off, whatever the communication step and the
+order in which a master runs the components.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Body:
 
 @dataclass(frozen=True)
 class BodyState:
-    """V_start [m³] at the start; net [m³] : gained since, as known at the time ``known`` [s]; net_before, one step ago."""
+    """V_start [m³]; net [m³] : gained since the start, as known at the time ``known`` [s]; and that of a step ago."""
 
     t: float
     V_start: float

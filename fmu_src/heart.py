@@ -335,7 +335,7 @@ class HeartComponent:
         self.heart = self.heart.with_values(changed)
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Advance from t to t + h. Where P_0 and both impedances are 0 nothing has been received: the last inputs count."""
+        """Advance from t to t + h. Where P_0, Z and Z_0 are 0 nothing has been received: the inputs before count."""
         known = {name: values[name] for name in INPUTS}
         if not (known["aorta.P_0"] or known["aorta.Z"] or known["aorta.Z_0"]):
             known = self.known

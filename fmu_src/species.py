@@ -30,6 +30,8 @@ HUMAN = Heart(
 
 HUMAN_BODY = Body(
     name="human_body",
-    reference=f"Compliance: that of the systemic and of the pulmonary veins together, {_KORAKIANITIS}. Our choice: volumes.",
+    reference=f"Compliance: systemic and pulmonary veins together, {_KORAKIANITIS}. Our choice: volumes.",
     body=Reservoir(C=41.0 * _ML / MMHG, V_unstressed=2500.0 * _ML, P_start=8.0 * MMHG),
 )
+
+SPECIES = {"human": (HUMAN, HUMAN_BODY)}
