@@ -10,7 +10,7 @@ from solver.quantity import Quantity
 from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
-INTERPOLATIONS = ("hold", "linear")
+INTERPOLATIONS = ("hold", "linear", "smooth")
 INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
 # ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
