@@ -134,7 +134,7 @@ def _data(kind: str, values: dict[str, Any]) -> dict[str, str]:
 def _code(slave: Path) -> dict[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
     files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
-    for module in _needed(slave):
+    for module in sorted([*_needed(slave), ROOT / "fmu_src" / "wrapper.py"]):
         text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
@@ -165,6 +165,11 @@ def _needed(module: Path) -> list[Path]:
 _SCRIPT = '''"""Slave of the model {model.name}."""
 
 import ctypes
+import sys
+
+from _{name}.fmu_src.wrapper import mend
+
+mend(sys.path[0])  # this FMU's resources: the wrapper has just put them there
 
 from _{name}.fmu_src.{model.slave} import {model.kind}
 

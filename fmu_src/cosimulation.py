@@ -14,7 +14,7 @@ from solver.outputs import reporter, venous_flow, volume
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import initial_state
 
-from .ports import Impedances, impedances, port_values
+from .ports import Impedances, impedances, port_names, port_values
 from .stretch import Position, Stretch
 
 Array = np.ndarray
@@ -42,6 +42,7 @@ class CoSimulation:
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
+        self.port_names = port_names(network)
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
@@ -99,18 +100,19 @@ class CoSimulation:
         return after, after, (Q - Q_start) / stretch.h
 
     def outputs(self) -> list[float]:
-        """The outputs at the last communication point but those of :meth:`ports`, in the order of the variable table."""
+        """The outputs at the last communication point, in the order of the variable table, but for the ports."""
         volumes = [self._volume(), self.V_venous, self.Q_venous]
         return self.report(self.shown.state)[0].tolist() + volumes
 
-    def ports(self) -> list[float]:
-        """The values of the ports over the next communication step, taken to be as long as the last one."""
+    def ports(self) -> dict[str, float]:
+        """The ports by name, over the next communication step, which is taken to be as long as the last one."""
         key = self.last.steps, self.last.dt
         if key not in self.impedances:
             rest = Position(initial_state(self.model), 0.0, 0.0)
             self.impedances[key] = impedances(replace(self.last, model=self.model), rest, self.interpolation)
         stretch = replace(self.last, model=self.model)
-        return port_values(stretch, self.shown, self.slope, self.interpolation, self.impedances[key])
+        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.impedances[key])
+        return dict(zip(self.port_names, values, strict=True))
 
     def venous_flows(self) -> Array:
         """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""

@@ -1,14 +1,14 @@
 """Ports: how pressure and flow at an end of the network answer each other over the next communication step.
 
-An artery answers a flow at once, through its impedance. A partner that sends a flow and reads the pressure back one step
-later closes a loop whose gain does not fall with the step; one that solves its own law together with
+An artery answers a flow at once, through its impedance. A partner that sends a flow and reads the pressure back one
+step later closes a loop whose gain does not fall with the step. One that solves its own law together with
 
     P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h)                at the inlet,
     P_venous(t + h) = P_0 - Z Q_venous(t + h)             at an outlet, Q_venous the flow to P_venous,
 
 is coupled implicitly. P_0 is exact at an extrapolated flow, by a trial of the step that is thrown away; Z is the answer
-of the network at rest, made once for each length of step. An error ΔZ makes an error ΔZ times the difference of the flow
-from the extrapolated one, which is of second order in h.
+of the network at rest, made once for each length of step. An error ΔZ makes an error of ΔZ times the difference between
+the flow and the extrapolated one, which is of second order in h.
 """
 
 from __future__ import annotations
@@ -42,6 +42,11 @@ def port_names(network: Network) -> list[str]:
     """The variables of the ports, in the order of :func:`port_values`."""
     outlets = [f"{outlet.segment}.outlet.{key}" for outlet in network.outlets for key in ("P_0", "Z")]
     return ["inlet.P_0", "inlet.Z", "inlet.Z_0", *outlets]
+
+
+def is_port(name: str) -> bool:
+    """Whether an output is a variable of a port, which costs a trial step when it is read."""
+    return name.rsplit(".", 1)[-1] in ("P_0", "Z", "Z_0")
 
 
 def impedances(stretch: Stretch, rest: Position, interpolation: str) -> Impedances:

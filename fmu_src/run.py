@@ -30,6 +30,8 @@ from rich.console import Console
 from solver.console import bar, sentences
 from solver.files import parse_quantity, read_text, write_whole
 
+from .ports import is_port
+
 Array = np.ndarray
 Input = Callable[[Array], Array]
 
@@ -48,7 +50,7 @@ def run_fmu(
     inputs: Mapping[str, Input] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Array]:
-    """Step an FMU from 0 to ``stop_time`` [s]; return "time", "inlet.Q", other inputs, every output, each (n,) in SI.
+    """Step an FMU from 0 to ``stop_time`` [s]; return "time", inputs, outputs but for the ports, each (n,) in SI.
 
     inflow : Q(t) [m³/s] for an array of times. inlet.interpolation is ``linear`` and inlet.Q is set to Q(t + h) before
     the step from t, so the inflow is piecewise linear through the samples, without the half-step delay of a held input.
@@ -74,7 +76,7 @@ def run_fmu(
     held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())])
     starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
     driven = [variables[name].valueReference for name in shown]
-    outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output"}
+    outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
     with _instantiated(fmu, description) as slave:
         _initialize(slave, variables, starts, driven, [values[0] for values in shown.values()])
         table = _steps(slave, time, driven, held, list(outputs.values()), progress)
@@ -120,18 +122,26 @@ def _read(fmu: str | os.PathLike[str]) -> ModelDescription:
 
 def _start_values(
     starts: Mapping[str, Any], variables: Mapping[str, Any], fmu: str | os.PathLike[str]
-) -> dict[str, float | str]:
-    """The start values with the type of their variable. Raises ValueError for an unknown name or a wrong type."""
-    result: dict[str, float | str] = {}
+) -> dict[str, float | int]:
+    """The start values as the FMU takes them: numbers, of an Enumeration that of its item.
+
+    Raises ValueError for an unknown name or a wrong type.
+    """
+    result: dict[str, float | int] = {}
     for name, value in starts.items():
         if name not in variables:
             raise ValueError(
                 f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml for the names."
             )
-        text = variables[name].type == "String"
-        if isinstance(value, str) != text:
-            raise ValueError(f"{name} = {value!r}: must be {'a text' if text else 'a number'}.")
-        result[name] = value if text else float(value)
+        if variables[name].type == "Enumeration":
+            items = {item.name: int(item.value) for item in variables[name].declaredType.items}
+            if value not in items and value not in items.values():
+                raise ValueError(f"{name} = {value!r}: must be one of {', '.join(items)}.")
+            result[name] = items[value] if isinstance(value, str) else int(value)
+        elif isinstance(value, str):
+            raise ValueError(f"{name} = {value!r}: must be a number.")
+        else:
+            result[name] = float(value)
     return result
 
 
@@ -164,17 +174,14 @@ def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) ->
 def _initialize(
     slave: FMU2Slave,
     variables: dict[str, Any],
-    starts: Mapping[str, float | str],
+    starts: Mapping[str, float | int],
     driven: list[int],
     first: list[float],
 ) -> None:
     slave.setupExperiment(startTime=0.0)
     for name, value in starts.items():
-        reference = [variables[name].valueReference]
-        if isinstance(value, str):
-            slave.setString(reference, [value])
-        else:
-            slave.setReal(reference, [value])
+        put = slave.setInteger if variables[name].type == "Enumeration" else slave.setReal
+        put([variables[name].valueReference], [value])
     slave.setReal(driven, first)
     slave.enterInitializationMode()
     slave.exitInitializationMode()

@@ -42,6 +42,6 @@ class Stretch:
         Raises NonPhysicalState.
         """
         state, part = at.state, (np.arange(self.steps)[:, None] + INFLOW_TIMES) / self.steps
-        for inflow in Q_start + (Q_end - Q_start) * part:
+        for inflow in (1.0 - part) * Q_start + part * Q_end:  # exact at both ends
             state = step(self.model, state, self.dt, inflow, self.P_venous)
         return Position(state, Q_end, at.V_in + 0.5 * self.steps * self.dt * (Q_start + Q_end))

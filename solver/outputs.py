@@ -64,7 +64,7 @@ def reporter(model: Model) -> Reporter:
 
 
 def volume(model: Model, state: State) -> Array:
-    """Blood in the arteries and in what outlets store : (B,) [m³]; what flows in and out changes it, and nothing else."""
+    """Blood in the arteries and in what outlets store : (B,) [m³]; only what flows in and out changes it."""
     A, w = model.layout.part(state.y, "A"), model.mesh.element.w_gauss
     total = -(A / model.minus_J_inverse @ w).sum(axis=1)
     P_C = model.layout.part(state.y, "P_C")

@@ -18,7 +18,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 import hypothesis
 import pytest
 from commands import in_process
-from fmus import COARSE, Instance, mixed
+from fmus import COARSE, TIGHT, Instance, mixed
 
 from build_fmu import build
 from solver import Network, load
@@ -62,6 +62,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {
         "sheep": build(sheep, folder),
         "sheep_nonlinear": build(load("sheep_nonlinear"), folder),
+        "tight": build(load("sheep_nonlinear"), folder / "tight", TIGHT),
         "mixed": build(mixed(), folder),
         "coarse sheep": build(sheep, folder / "coarse", COARSE),
         "stiff sheep": build(sheep.with_parameters({"CA.E": 8e6}), folder / "stiff"),

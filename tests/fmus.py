@@ -17,6 +17,7 @@ from solver import Network, Pressure, Resistance, Settings, Windkessel, load
 
 MS = 1e-3
 COARSE = Settings(dt=2e-3, element_length=0.1)
+TIGHT = Settings(tolerance=1e-10)
 
 
 def mixed() -> Network:
@@ -37,7 +38,14 @@ class Instance:
         self.messages: list[str] = []
         description = fmpy.read_model_description(os.fspath(fmu))
         self.references = {v.name: v.valueReference for v in description.modelVariables}
-        self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        self.items = {
+            v.name: {item.name: int(item.value) for item in v.declaredType.items}
+            for v in description.modelVariables
+            if v.type == "Enumeration"
+        }
+        outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        self.outputs = [name for name in outputs if name[-2:] in (".P", ".Q", ".R") and name != "venous.Q"]
+        self.others = [name for name in outputs if name not in self.outputs]  # volumes and ports
         self.folder = Path(fmpy.extract(os.fspath(fmu), os.fspath(folder)))
 
         def log(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:
@@ -49,8 +57,10 @@ class Instance:
 
     def set(self, values: Mapping[str, float | str]) -> None:
         for name, value in values.items():
-            call = self.slave.setString if isinstance(value, str) else self.slave.setReal
-            call([self.references[name]], [value])
+            if isinstance(value, str):
+                self.slave.setInteger([self.references[name]], [self.items[name][value]])
+            else:
+                self.slave.setReal([self.references[name]], [value])
 
     def get(self, names: Sequence[str] | None = None) -> list[float]:
         return self.slave.getReal([self.references[name] for name in names or self.outputs])
@@ -68,6 +78,7 @@ class Instance:
         return self.get()
 
 
+# the Enumerations, as they start in the sheep network
 TEXTS = {"network.elastic_law": "beta", "network.viscous_law": "quadratic", "inlet.interpolation": "hold"}
 
 
