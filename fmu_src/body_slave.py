@@ -11,7 +11,7 @@ from pythonfmu import DefaultExperiment
 from .base import ComponentSlave, Subject
 from .body import EXCHANGES, Body, BodyComponent, Reservoir
 from .lumped import PRESSURE, VOLUME, input_variable, output_variable, parameters
-from .variables import Variable
+from .variable import Variable
 
 
 class BodySlave(ComponentSlave):

@@ -13,7 +13,7 @@ from solver.outlets import OUTLETS
 from solver.units import display_factor
 
 from .drawing import model_png, network_svg
-from .variables import Variable
+from .variable import Variable
 
 
 def documents(network: Network, table: tuple[Variable, ...], version: str) -> dict[str, bytes]:

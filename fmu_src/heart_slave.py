@@ -13,7 +13,7 @@ from solver.quantity import quantities
 from .base import ComponentSlave, Subject
 from .heart import INPUTS, OUTPUTS, Chamber, Filling, Heart, HeartComponent, Pace, Valve
 from .lumped import FLOW, FRACTION, IMPEDANCE, PRESSURE, VOLUME, input_variable, output_variable, parameters
-from .variables import Variable
+from .variable import Variable
 
 _KINDS = {
     "heart": Pace, "left_ventricle": Chamber, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from solver.quantity import Quantity, quantities
 
-from .variables import Variable
+from .variable import Variable
 
 T = TypeVar("T")
 Groups = Mapping[str, Any]  # dataclass of quantities by the first word of its variables' names

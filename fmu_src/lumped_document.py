@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from .document import licences, page, variables_html
-from .variables import Variable
+from .variable import Variable
 
 
 def documents(
