@@ -29,15 +29,15 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 from xml.etree.ElementTree import Element
 
-from pythonfmu import Fmi2Slave
+from pythonfmu import DefaultExperiment, Fmi2Slave
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 from pythonfmu.variables import Integer, Real, ScalarVariable
 
-from .component import Component, Subject
+from .component import Component
 from .description import complete
 from .refusal import compensate, sentence
 from .state import from_bytes, to_bytes
-from .variables import Variable
+from .variable import Variable
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
@@ -55,6 +55,21 @@ class Snapshot:
     slave: dict[str, Any]
     component: dict[str, Any]
     blob: bytes | None = None
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What the FMU of a component is: its name and description for people, and its variables.
+
+    version : of the program that built it. table : inputs, then parameters, then outputs. make : a new component.
+    """
+
+    name: str
+    description: str
+    version: str
+    experiment: DefaultExperiment
+    table: tuple[Variable, ...]
+    make: Callable[[], Component]
 
 
 class ComponentSlave(Fmi2Slave):

@@ -1,16 +1,12 @@
-"""What an FMU computes, without FMI: a component, and what its FMU says of itself."""
+"""What an FMU computes, without FMI: a component."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from pythonfmu import DefaultExperiment
-
 from .state import Kind
-from .variables import Variable
 
 
 class Component(ABC):
@@ -55,18 +51,3 @@ class Component(ABC):
 
     def resumed(self) -> None:  # noqa: B027
         """Make what a state does not hold; the other attributes are there, if there were any when it was saved."""
-
-
-@dataclass(frozen=True)
-class Subject:
-    """What the FMU of a component is: its name and description for people, and its variables.
-
-    version : of the program that built it. table : inputs, then parameters, then outputs. make : a new component.
-    """
-
-    name: str
-    description: str
-    version: str
-    experiment: DefaultExperiment
-    table: tuple[Variable, ...]
-    make: Callable[[], Component]

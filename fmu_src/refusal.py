@@ -7,7 +7,7 @@ import traceback
 
 from pythonfmu import Fmi2Slave
 
-from solver.scheme.guards import NonPhysicalState
+from solver.scheme.failure import NonPhysicalState
 
 
 def compensate(instance: Fmi2Slave) -> None:

@@ -9,8 +9,7 @@ from pythonfmu import DefaultExperiment
 from solver.network import Network, from_dict
 from solver.scheme.model import Settings
 
-from .base import ComponentSlave
-from .component import Subject
+from .base import ComponentSlave, Subject
 from .cosimulation import CoSimulation
 from .variables import variable_table
 
