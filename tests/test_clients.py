@@ -1,7 +1,8 @@
 """Hosts of other makers drive the same FMU with the same inflow: FMPy, ecos, libcosim, and one of our own in C.
 
 None of them interpolates: inlet.Q = Q(t) is set before the step from t. So they must give the same answers, and where
-they make the same calls, the same bits. Each runs in a process of its own; see tests/clients.
+they make the same calls, the same bits. Each runs in a process of its own; see tests/clients. ecos and libcosim know no
+Enumerations: which interpolation is the FMU's own start value, given when it is built.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ import numpy as np
 import pytest
 from c_host import CHost, unpack
 
-from solver import load
+from build_fmu import build
+from fmu_src.variables import INTERPOLATIONS
+from solver import Network, load
 
 CLIENTS = Path(__file__).parent / "clients"
 STEP = 1e-3
@@ -42,16 +45,10 @@ class Job:
     step: float = STEP
 
 
-def job(fmu: Path, folder: Path, values: Mapping[str, float | str]) -> Job:
-    """A half-sine inflow into an FMU with given start values; enumerations are set by number."""
+def job(fmu: Path, folder: Path) -> Job:
+    """A half-sine inflow into an FMU of the sheep network, with two start values: a parameter and an input."""
     variables = {v.name: v for v in fmpy.read_model_description(os.fspath(fmu)).modelVariables}
-    starts: dict[str, tuple[str, Any]] = {}
-    for name, value in values.items():
-        declared = variables[name].declaredType
-        if variables[name].type == "Enumeration":
-            starts[name] = ("Integer", next(int(i.value) for i in declared.items if i.name == value))
-        else:
-            starts[name] = (variables[name].type, value)
+    starts = {"CA.phi0": ("Real", 2e3), "CA.outlet.P_venous": ("Real", 200.0)}
     outputs = [name for name, v in variables.items() if v.causality == "output"]
     inflow = load("sheep").inlet.Q(np.arange(N) * STEP).tolist()
     return Job(os.fspath(fmu), os.fspath(folder / "unzipped"), starts, inflow, outputs)
@@ -106,21 +103,18 @@ def skip_unless_ecos_runs() -> None:
         pytest.skip(f"ecospy cannot be loaded ({done.stderr.strip().splitlines()[-1]}); apt-get install libtbb12")
 
 
-INTERPOLATIONS = ("hold", "linear")
+@pytest.fixture(scope="module")
+def built(sheep: Network, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The sheep FMU by its start value of inlet.interpolation."""
+    folder = tmp_path_factory.mktemp("built")
+    return {kind: build(sheep, folder / kind, starts={"inlet.interpolation": kind}) for kind in INTERPOLATIONS}
 
 
 @pytest.fixture(scope="module")
-def reference(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+def reference(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
     """What FMPy finds, call by call."""
-    found = {}
-    for interpolation in INTERPOLATIONS:
-        folder = tmp_path_factory.mktemp("fmpy")
-        found[interpolation] = run_client("fmpy", job(fmus["sheep"], folder, starts(interpolation)), folder)
-    return found
-
-
-def starts(interpolation: str) -> dict[str, float | str]:
-    return {"inlet.interpolation": interpolation, "CA.phi0": 2e3, "CA.outlet.P_venous": 200.0}
+    folder = tmp_path_factory.mktemp("fmpy")
+    return {kind: run_client("fmpy", job(fmu, folder / kind), folder) for kind, fmu in built.items()}
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
@@ -128,14 +122,14 @@ def starts(interpolation: str) -> dict[str, float | str]:
 def test_same_answers(
     client: str,
     interpolation: str,
-    fmus: dict[str, Path],
+    built: dict[str, Path],
     reference: dict[str, np.ndarray],
     tmp_path: Path,
     request: pytest.FixtureRequest,
 ) -> None:
     """50 steps of 1 ms, every output: the bits of FMPy. FMPy's own driver interpolates the inflow once more: 1e-12."""
     skip_unless_installed(client)
-    task = job(fmus["sheep"], tmp_path, starts(interpolation))
+    task = job(built[interpolation], tmp_path)
     if client == "c":
         found = run_c(request.getfixturevalue("c_host"), task, tmp_path)
     else:
@@ -147,12 +141,12 @@ def test_same_answers(
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance * 1e-6)
 
 
-def test_fmutool_finds_nothing(fmus: dict[str, Path]) -> None:
+def test_fmutool_finds_nothing(built: dict[str, Path]) -> None:
     """The checks of fmu-manipulation-toolbox: the description's schema, and the rules of the standard beside it."""
     tool = shutil.which("fmutool", path=sysconfig.get_path("scripts"))
     if tool is None:
         pytest.skip("fmu-manipulation-toolbox is not installed")
-    done = subprocess.run([tool, "-input", fmus["sheep"], "-check"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([tool, "-input", built["hold"], "-check"], capture_output=True, text=True, timeout=60)
     said = done.stdout + done.stderr
     assert done.returncode == 0
     assert "This FMU seems to be compliant with FMI-2.0." in said
