@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,7 +12,9 @@ from solver.quantity import Quantity
 from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
-INTERPOLATIONS = ("hold", "linear")
+from .ports import port_names
+
+INTERPOLATIONS = ("hold", "linear", "smooth")
 INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
 # ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
@@ -19,9 +22,19 @@ SETTINGS = {
     "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),
 }
 _OUTPUTS = {
-    "P": Quantity("Pa", "pressure", float("-inf"), float("inf"), nominal=1e4, display="mmHg"),
-    "Q": Quantity("m^3/s", "flow", float("-inf"), float("inf"), nominal=1e-5, display="mL/s"),
-    "R": Quantity("m", "radius", 0.0, float("inf"), nominal=1e-2, display="mm"),
+    "P": Quantity("Pa", "pressure", -math.inf, math.inf, nominal=1e4, display="mmHg"),
+    "Q": Quantity("m^3/s", "flow", -math.inf, math.inf, nominal=1e-5, display="mL/s"),
+    "R": Quantity("m", "radius", 0.0, math.inf, nominal=1e-2, display="mm"),
+}
+_VOLUMES = {
+    "network.V": Quantity("m^3", "blood in the arteries and Windkessels", -1.0, 1.0, nominal=1e-4, display="mL"),
+    "venous.V": Quantity("m^3", "volume that has left to the veins", -math.inf, math.inf, nominal=1e-4, display="mL"),
+    "venous.Q": replace(_OUTPUTS["Q"], description="mean flow to the veins over the last communication step"),
+}
+_PORTS = {
+    "P_0": replace(_OUTPUTS["P"], description="after the next communication step, at no flow"),
+    "Z": Quantity("Pa.s/m^3", "change per flow then", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
+    "Z_0": Quantity("Pa.s/m^3", "change per flow at its start", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
 }
 
 
@@ -87,7 +100,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         ),
         (
             "inlet.interpolation",
-            "inlet.Q during a step: held, or linear from the value of the step before",
+            "inlet.Q in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
             "hold",
             INTERPOLATIONS,
         ),
@@ -103,6 +116,12 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         sources = _initial_sources(kind, parameters)
         text = f"{quantity.description} at {place}"
         outputs.append(Variable(name, "output", "continuous", text, None, quantity, sources=sources))
+    everything = tuple(variable.name for variable in (*inputs, *parameters))
+    for name, quantity in _VOLUMES.items():
+        sources = everything if name == "network.V" else ()
+        outputs.append(Variable(name, "output", "continuous", quantity.description, None, quantity, sources=sources))
+    for name in port_names(network):
+        outputs.append(_port(name, everything))
     return (*inputs, *parameters, *outputs)
 
 
@@ -116,6 +135,15 @@ def with_starts(table: tuple[Variable, ...], starts: Mapping[str, float | str]) 
     for name, value in starts.items():
         changed[name].check(value)
     return tuple(changed.values())
+
+
+def _port(name: str, sources: tuple[str, ...]) -> Variable:
+    """A variable of :mod:`~fmu_src.ports`."""
+    place, kind = name.rsplit(".", 1)
+    quantity = _PORTS[kind]
+    signal = "pressure at the inlet" if place == "inlet" else f"P_venous of {place}"
+    text = f"port: {signal}, {quantity.description}"
+    return Variable(name, "output", "continuous", text, None, quantity, sources=sources, late=True)
 
 
 def _initial_sources(kind: str, parameters: list[Variable]) -> tuple[str, ...]:

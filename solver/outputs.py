@@ -61,3 +61,24 @@ def reporter(model: Model) -> Reporter:
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
+
+
+def volume(model: Model, state: State) -> Array:
+    """Blood in the arteries and in what outlets store : (B,) [m³]; only what flows in and out changes it."""
+    A, w = model.layout.part(state.y, "A"), model.mesh.element.w_gauss
+    total = -(A / model.minus_J_inverse @ w).sum(axis=1)
+    P_C = model.layout.part(state.y, "P_C")
+    for ends in model.coefficients.outlets:
+        if ends.kind.stores:
+            total = total + ends.kind.stored(ends.numbers, P_C[:, ends.index]).sum(axis=1)
+    return total
+
+
+def venous_flow(model: Model, state: State, P_venous: Array) -> Array:
+    """The flow of each outlet to its P_venous : (n_outlets,) or (B, n_outlets) [Pa], as (B, n_outlets) [m³/s]."""
+    P_C, found = model.layout.part(state.y, "P_C"), state.Q[:, model.mesh.outlet_element, -1].copy()
+    for ends in model.coefficients.outlets:
+        if ends.kind.stores:
+            numbers = ends.changed({"P_venous": np.atleast_2d(P_venous)[:, ends.index]})
+            found[:, ends.index] = ends.kind.venous_flow(numbers, P_C[:, ends.index], found[:, ends.index])
+    return found

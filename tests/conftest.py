@@ -19,7 +19,7 @@ import hypothesis
 import pytest
 from c_host import CHost, compiled
 from commands import in_process
-from fmus import COARSE, Instance, mixed
+from fmus import COARSE, TIGHT, Instance, mixed
 
 from build_fmu import build
 from solver import Network, load
@@ -63,6 +63,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {
         "sheep": build(sheep, folder),
         "sheep_nonlinear": build(load("sheep_nonlinear"), folder),
+        "tight": build(load("sheep_nonlinear"), folder / "tight", TIGHT),
         "mixed": build(mixed(), folder),
         "coarse sheep": build(sheep, folder / "coarse", COARSE),
         "stiff sheep": build(sheep.with_parameters({"CA.E": 8e6}), folder / "stiff"),
