@@ -28,7 +28,10 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, document
+from fmu_src import __version__, body_slave, document, heart_slave, lumped_document
+from fmu_src.body import Body
+from fmu_src.heart import Heart
+from fmu_src.species import SPECIES
 from fmu_src.variables import variable_table
 from solver.console import sentences
 from solver.files import dumps, find_network, read_network, write_whole
@@ -98,6 +101,34 @@ def _arteries(network: Network, settings: Settings) -> Model:
     resources = {"network.json": json.dumps(data, indent=1, ensure_ascii=False), "network.toml": dumps(network)}
     documents = document.documents(network, variable_table(network, settings), __version__)
     return Model(network.name, "slave", "ArterialSlave", resources, documents)
+
+
+def heart_model(species: str = "human") -> Model:
+    """The FMU of a heart. Raises ValueError for an unknown species."""
+    heart = _of(species)[0]
+    table = heart_slave.table(heart)
+    title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
+    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
+    return Model(heart.name, "heart_slave", "HeartSlave", _data("heart", heart_slave.to_data(heart)), pages)
+
+
+def body_model(species: str = "human") -> Model:
+    """The FMU of what closes the volume. Raises ValueError for an unknown species."""
+    body = _of(species)[1]
+    table = body_slave.table(body)
+    title = "The veins, the right heart and the lungs as one elastic reservoir."
+    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
+    return Model(body.name, "body_slave", "BodySlave", _data("body", body_slave.to_data(body)), pages)
+
+
+def _of(species: str) -> tuple[Heart, Body]:
+    if species not in SPECIES:
+        raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
+    return SPECIES[species]
+
+
+def _data(kind: str, values: dict[str, Any]) -> dict[str, str]:
+    return {f"{kind}.json": json.dumps({"version": __version__, kind: values}, indent=1, ensure_ascii=False)}
 
 
 def _code(slave: Path) -> dict[str, str]:
@@ -211,6 +242,7 @@ class _Commands(typer.core.TyperGroup):
 
 
 app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
+SpeciesName = Annotated[str, typer.Option("--species", help="human or sheep.")]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
 
@@ -224,6 +256,20 @@ def main(
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
         _report(build(read_network(find_network(network)), out, execution_tool=execution_tool))
+
+
+@app.command()
+def heart(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
+    """Build the FMU of a left heart."""
+    with sentences(ValueError):
+        _report(build_model(heart_model(species), out, execution_tool))
+
+
+@app.command()
+def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
+    """Build the FMU of the veins, which close the volume between arteries and heart."""
+    with sentences(ValueError):
+        _report(build_model(body_model(species), out, execution_tool))
 
 
 def _report(target: Path) -> None:

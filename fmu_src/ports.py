@@ -19,7 +19,7 @@ import numpy as np
 
 from solver.network import Network
 from solver.outputs import venous_flow
-from solver.scheme.guards import NonPhysicalState
+from solver.scheme.failure import NonPhysicalState
 
 from .stretch import Position, Stretch
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from solver import effects
 from solver.network import Network
@@ -12,6 +12,7 @@ from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 from .ports import port_names
+from .variable import Variable
 
 INTERPOLATIONS = ("hold", "linear", "smooth")
 INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
@@ -35,44 +36,6 @@ _PORTS = {
     "Z": Quantity("Pa.s/m^3", "change per flow then", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
     "Z_0": Quantity("Pa.s/m^3", "change per flow at its start", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
 }
-
-
-@dataclass(frozen=True)
-class Variable:
-    """One FMU variable. causality: input, output, parameter. variability: continuous, fixed, tunable.
-
-    ``quantity`` for a number; ``choices`` for an Enumeration, whose values are texts here and 1, 2, … for FMI.
-    ``start`` is None for outputs. sources : the parameters on which an output depends at the start. late : an output
-    that costs something and is computed only when it is read.
-    """
-
-    name: str
-    causality: str
-    variability: str
-    description: str
-    start: float | str | None
-    quantity: Quantity | None = None
-    choices: tuple[str, ...] = ()
-    sources: tuple[str, ...] = ()
-    late: bool = False
-
-    def check(self, value: float | str) -> None:
-        """Raise ValueError, one sentence, unless the value is allowed."""
-        if self.quantity is not None:
-            self.quantity.check(self.name, value)  # type: ignore[arg-type]
-        elif value not in self.choices:
-            raise ValueError(f"{self.name} = {value!r}: must be one of {', '.join(self.choices)}.")
-
-    def choice(self, number: int) -> str:
-        """The choice with a number of the Enumeration; ValueError, one sentence, if there is none."""
-        if not 1 <= number <= len(self.choices):
-            known = " or ".join(f"{i} ({choice})" for i, choice in enumerate(self.choices, start=1))
-            raise ValueError(f"{self.name} = {number}: must be {known}.")
-        return self.choices[number - 1]
-
-    def number(self, choice: str) -> int:
-        """The number of a choice."""
-        return self.choices.index(choice) + 1
 
 
 def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]:
