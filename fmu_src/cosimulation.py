@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver.network import Network
-from solver.outputs import reporter, venous_flow, volume
+from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import State, initial_state
@@ -42,7 +42,7 @@ class CoSimulation(Component):
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
-    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "impedances"))
+    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "impedances"))
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
@@ -94,7 +94,7 @@ class CoSimulation(Component):
             self._use(self.model)
 
     def _use(self, model: Model) -> None:
-        self.model, self.report = model, reporter(model)
+        self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
         self.impedances: dict[tuple[int, float], Impedances] = {}
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
@@ -142,7 +142,7 @@ class CoSimulation(Component):
         return venous_flow(self.model, self.shown.state, self.last.P_venous)[0]
 
     def _volume(self) -> float:
-        return float(volume(self.model, self.shown.state)[0])
+        return float(self.weights @ self.shown.state.y[0])
 
     def _stretch(self, h: float, values: Mapping[str, Any]) -> Stretch:
         ratio = h / self.dt
