@@ -28,7 +28,7 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, body_slave, document, heart_slave, lumped_document
+from fmu_src import __version__, body_slave, document, heart_slave, lumped_document, system
 from fmu_src.body import Body
 from fmu_src.heart import Heart
 from fmu_src.species import SPECIES
@@ -90,10 +90,12 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, archive)
     except OSError as error:
-        raise ValueError(
-            f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk."
-        ) from None
+        raise _unwritable(target, error) from None
     return target
+
+
+def _unwritable(target: Path, error: OSError) -> ValueError:
+    return ValueError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
 
 
 def _arteries(network: Network, settings: Settings) -> Model:
@@ -119,6 +121,38 @@ def body_model(species: str = "human") -> Model:
     title = "The veins, the right heart and the lungs as one elastic reservoir."
     pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
     return Model(body.name, "body_slave", "BodySlave", _data("body", body_slave.to_data(body)), pages)
+
+
+def build_system(
+    network: Network, species: str = "human", out: str | os.PathLike[str] = "dist", execution_tool: bool = True
+) -> Path:
+    """Build ``<out>/<network.name>.ssp``: heart, arteries and body, for masters that run them side by side.
+
+    Raises ValueError for an unknown species, and if the directory cannot be written.
+    """
+    heart, body = _of(species)
+    settings = Settings()
+    models = {
+        "heart": heart_model(species), "arteries": _arteries(network, settings), "body": body_model(species),
+    }  # fmt: skip
+    tables = {
+        "heart": heart_slave.table(heart), "arteries": variable_table(network, settings), "body": body_slave.table(body)
+    }  # fmt: skip
+    values = system.start_values(network, heart, body)
+    parts = [system.Part(name, models[name].name, tables[name], values[name]) for name in models]
+    target = Path(out) / f"{network.name}.ssp"
+    wires = system.circulation(*parts)
+    files = system.files(network.name, parts, wires, 10 * network.inlet.T, __version__)
+    try:
+        with tempfile.TemporaryDirectory(prefix="arterial_system_") as folder:
+            for model in models.values():
+                fmu = build_model(model, folder, execution_tool)
+                files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, _archive(files))
+    except OSError as error:
+        raise _unwritable(target, error) from None
+    return target
 
 
 def _of(species: str) -> tuple[Heart, Body]:
@@ -206,15 +240,19 @@ def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, 
             needsExecutionTool=execution_tool,
             canHandleVariableCommunicationStepSize=True,
         )
-        buffer = io.BytesIO()
         with zipfile.ZipFile(built) as source:
-            files = {item: source.read(item) for item in source.namelist()} | documents
-        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
-            for item, content in sorted(files.items()):
-                info = zipfile.ZipInfo(item, _EPOCH)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
-                packed.writestr(info, content, compresslevel=9)
+            return _archive({item: source.read(item) for item in source.namelist()} | documents)
+
+
+def _archive(files: dict[str, bytes]) -> bytes:
+    """A ZIP archive as bytes, with fixed order and dates."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
+        for item, content in sorted(files.items()):
+            info = zipfile.ZipInfo(item, _EPOCH)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
+            packed.writestr(info, content, compresslevel=9)
     return buffer.getvalue()
 
 
@@ -242,6 +280,7 @@ class _Commands(typer.core.TyperGroup):
 
 
 app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
+NetworkName = Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")]
 SpeciesName = Annotated[str, typer.Option("--species", help="human or sheep.")]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
@@ -249,7 +288,7 @@ ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in t
 
 @app.command("network")
 def main(
-    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")] = "sheep",
+    network: NetworkName = "sheep",
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
 ) -> None:
@@ -270,6 +309,18 @@ def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool
     """Build the FMU of the veins, which close the volume between arteries and heart."""
     with sentences(ValueError):
         _report(build_model(body_model(species), out, execution_tool))
+
+
+@app.command("system")
+def system_command(
+    network: NetworkName = "human",
+    species: SpeciesName = "human",
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
+) -> None:
+    """Build heart, arteries and body as one system in SSP."""
+    with sentences(ValueError):
+        _report(build_system(read_network(find_network(network)), species, out, execution_tool))
 
 
 def _report(target: Path) -> None:
