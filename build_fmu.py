@@ -19,7 +19,6 @@ import tempfile
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,33 +27,15 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, body_slave, document, heart_slave, lumped_document, system
-from fmu_src.body import Body
-from fmu_src.heart import Heart
-from fmu_src.species import SPECIES
-from fmu_src.variables import variable_table
+from fmu_src import __version__, models, system
+from fmu_src.models import Model
 from solver.console import sentences
-from solver.files import dumps, find_network, read_network, write_whole
-from solver.network import Network, to_dict
+from solver.files import find_network, read_network, write_whole
+from solver.network import Network
 from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-
-
-@dataclass(frozen=True)
-class Model:
-    """What one FMU is made of.
-
-    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
-    resources, documents : further files by path, text in ``resources/`` and bytes in the whole archive.
-    """
-
-    name: str
-    slave: str
-    kind: str
-    resources: dict[str, str]
-    documents: dict[str, bytes]
 
 
 def build(
@@ -68,7 +49,7 @@ def build(
     execution_tool : the FMI flag ``needsExecutionTool``; true as the host needs Python, but some importers refuse it.
     Raises ValueError if the directory cannot be written.
     """
-    return build_model(_arteries(network, settings or Settings()), out, execution_tool)
+    return build_model(models.arteries_model(network, settings or Settings()), out, execution_tool)
 
 
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
@@ -98,31 +79,6 @@ def _unwritable(target: Path, error: OSError) -> ValueError:
     return ValueError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
 
 
-def _arteries(network: Network, settings: Settings) -> Model:
-    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
-    resources = {"network.json": json.dumps(data, indent=1, ensure_ascii=False), "network.toml": dumps(network)}
-    documents = document.documents(network, variable_table(network, settings), __version__)
-    return Model(network.name, "slave", "ArterialSlave", resources, documents)
-
-
-def heart_model(species: str = "human") -> Model:
-    """The FMU of a heart. Raises ValueError for an unknown species."""
-    heart = _of(species)[0]
-    table = heart_slave.table(heart)
-    title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
-    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
-    return Model(heart.name, "heart_slave", "HeartSlave", _data("heart", heart_slave.to_data(heart)), pages)
-
-
-def body_model(species: str = "human") -> Model:
-    """The FMU of what closes the volume. Raises ValueError for an unknown species."""
-    body = _of(species)[1]
-    table = body_slave.table(body)
-    title = "The veins, the right heart and the lungs as one elastic reservoir."
-    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
-    return Model(body.name, "body_slave", "BodySlave", _data("body", body_slave.to_data(body)), pages)
-
-
 def build_system(
     network: Network, species: str = "human", out: str | os.PathLike[str] = "dist", execution_tool: bool = True
 ) -> Path:
@@ -130,22 +86,19 @@ def build_system(
 
     Raises ValueError for an unknown species, and if the directory cannot be written.
     """
-    heart, body = _of(species)
-    settings = Settings()
-    models = {
-        "heart": heart_model(species), "arteries": _arteries(network, settings), "body": body_model(species),
-    }  # fmt: skip
-    tables = {
-        "heart": heart_slave.table(heart), "arteries": variable_table(network, settings), "body": body_slave.table(body)
-    }  # fmt: skip
-    values = system.start_values(network, heart, body)
-    parts = [system.Part(name, models[name].name, tables[name], values[name]) for name in models]
+    starts = system.start_values(network, *models.of(species))
+    made = {
+        "heart": models.heart_model(species, starts["heart"]),
+        "arteries": models.arteries_model(network, Settings(), starts["arteries"]),
+        "body": models.body_model(species, starts["body"]),
+    }
+    parts = [system.Part(name, model.name, model.table, starts[name]) for name, model in made.items()]
     target = Path(out) / f"{network.name}.ssp"
     wires = system.circulation(*parts)
     files = system.files(network.name, parts, wires, 10 * network.inlet.T, __version__)
     try:
         with tempfile.TemporaryDirectory(prefix="arterial_system_") as folder:
-            for model in models.values():
+            for model in made.values():
                 fmu = build_model(model, folder, execution_tool)
                 files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -153,16 +106,6 @@ def build_system(
     except OSError as error:
         raise _unwritable(target, error) from None
     return target
-
-
-def _of(species: str) -> tuple[Heart, Body]:
-    if species not in SPECIES:
-        raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
-    return SPECIES[species]
-
-
-def _data(kind: str, values: dict[str, Any]) -> dict[str, str]:
-    return {f"{kind}.json": json.dumps({"version": __version__, kind: values}, indent=1, ensure_ascii=False)}
 
 
 def _code(slave: Path) -> dict[str, str]:
@@ -301,14 +244,14 @@ def main(
 def heart(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
     """Build the FMU of a left heart."""
     with sentences(ValueError):
-        _report(build_model(heart_model(species), out, execution_tool))
+        _report(build_model(models.heart_model(species), out, execution_tool))
 
 
 @app.command()
 def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
     """Build the FMU of the veins, which close the volume between arteries and heart."""
     with sentences(ValueError):
-        _report(build_model(body_model(species), out, execution_tool))
+        _report(build_model(models.body_model(species), out, execution_tool))
 
 
 @app.command("system")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver.network import Network
-from solver.outputs import reporter, venous_flow, volume
+from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import initial_state
 
@@ -71,7 +71,7 @@ class CoSimulation:
         self.V_0 += self._volume() - before  # another compliance at the same pressure is no flow
 
     def _use(self, model: Model) -> None:
-        self.model, self.report = model, reporter(model)
+        self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
         self.impedances: dict[tuple[int, float], Impedances] = {}
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
@@ -119,7 +119,7 @@ class CoSimulation:
         return venous_flow(self.model, self.shown.state, self.last.P_venous)[0]
 
     def _volume(self) -> float:
-        return float(volume(self.model, self.shown.state)[0])
+        return float(self.weights @ self.shown.state.y[0])
 
     def _stretch(self, h: float, values: Mapping[str, Any]) -> Stretch:
         ratio = h / self.dt

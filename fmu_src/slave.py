@@ -11,6 +11,7 @@ from solver.scheme.model import Settings
 
 from .base import ComponentSlave, Subject
 from .cosimulation import CoSimulation
+from .variable import starting
 from .variables import variable_table
 
 
@@ -28,7 +29,7 @@ class ArterialSlave(ComponentSlave):
             description=_in_one_line(network),
             version=data["version"],
             experiment=DefaultExperiment(0.0, 5 * network.inlet.T, settings.dt, settings.tolerance),
-            table=variable_table(network, settings),
+            table=starting(variable_table(network, settings), data.get("starts", {})),
             make=lambda: CoSimulation(network, settings),
         )
 

@@ -41,7 +41,7 @@ class Stretch:
 
         Raises NonPhysicalState.
         """
-        state, part = at.state, (np.arange(self.steps)[:, None] + INFLOW_TIMES) / self.steps
-        for inflow in (1.0 - part) * Q_start + part * Q_end:  # exact at both ends
-            state = step(self.model, state, self.dt, inflow, self.P_venous)
+        state, rise = at.state, (Q_end - Q_start) / self.steps
+        for i in range(self.steps):
+            state = step(self.model, state, self.dt, Q_start + rise * (i + INFLOW_TIMES), self.P_venous)
         return Position(state, Q_end, at.V_in + 0.5 * self.steps * self.dt * (Q_start + Q_end))

@@ -17,6 +17,7 @@ from .variable import Variable
 _SSP = "http://ssp-standard.org/SSP1/"
 _SPACES = {"ssd": f"{_SSP}SystemStructureDescription", "ssv": f"{_SSP}SystemStructureParameterValues",
            "ssc": f"{_SSP}SystemStructureCommon"}  # fmt: skip
+_SET = "start"  # ecos applies the parameter set whose name it is told
 Wire = tuple[str, str, str, str]  # component and variable from, component and variable to
 
 
@@ -110,19 +111,17 @@ def _structure(name: str, parts: Sequence[Part], wires: Sequence[Wire], stop_tim
 
 
 def _parameters(part: Part, version: str) -> bytes:
-    root = _root("ssv", "ParameterSet", part.name, version)
+    root = _root("ssv", "ParameterSet", _SET, version)
     parameters = _sub(root, "ssv:Parameters")
     units = set()
     for name, value in part.values.items():
         variable = part.variable(name)
-        variable.check(value)
+        if variable.choices:  # libcosim knows no Enumerations; they are start values of the FMU itself
+            continue
         parameter = _sub(parameters, "ssv:Parameter", name=name)
-        if isinstance(value, str):
-            _sub(parameter, "ssv:Integer", value=str(variable.number(value)))
-        else:
-            assert variable.quantity is not None
-            units.add(variable.quantity.unit)
-            _sub(parameter, "ssv:Real", value=repr(float(value)), unit=variable.quantity.unit)
+        assert variable.quantity is not None
+        units.add(variable.quantity.unit)
+        _sub(parameter, "ssv:Real", value=repr(float(value)), unit=variable.quantity.unit)
     _units(root, "ssv:Units", units)
     return _text(root)
 

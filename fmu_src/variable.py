@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from solver.quantity import Quantity
 
@@ -43,3 +44,11 @@ class Variable:
     def number(self, choice: str) -> int:
         """The number of a choice."""
         return self.choices.index(choice) + 1
+
+
+def starting(table: tuple[Variable, ...], starts: Mapping[str, float | str]) -> tuple[Variable, ...]:
+    """The table with other start values, by name; raises ValueError for one that is not allowed."""
+    for variable in table:
+        if variable.name in starts:
+            variable.check(starts[variable.name])
+    return tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in table)

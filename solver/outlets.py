@@ -75,9 +75,9 @@ class Outlet:
         raise NotImplementedError
 
     @classmethod
-    def stored(cls, numbers: Numbers, P_C: Array) -> Array:
-        """The volume [m³] behind the end of the segment at a stored pressure P_C : (B, n) [Pa]."""
-        return np.zeros_like(P_C)
+    def capacity(cls, numbers: Numbers) -> Array:
+        """Volume behind the end of the segment per stored pressure P_C : (B, n) [m³/Pa]."""
+        return np.zeros_like(numbers["P_venous"])
 
     @classmethod
     def venous_flow(cls, numbers: Numbers, P_C: Array, Q: Array) -> Array:
@@ -172,8 +172,8 @@ class Windkessel(Outlet):
         return _linear_load(numbers["R1"] + charge, wall, keep=keep, give=charge / numbers["R2"], charge=charge)
 
     @classmethod
-    def stored(cls, numbers: Numbers, P_C: Array) -> Array:
-        return numbers["C"] * P_C
+    def capacity(cls, numbers: Numbers) -> Array:
+        return numbers["C"]
 
     @classmethod
     def venous_flow(cls, numbers: Numbers, P_C: Array, Q: Array) -> Array:

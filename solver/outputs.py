@@ -63,15 +63,19 @@ def reporter(model: Model) -> Reporter:
     return Reporter(tuple(units), tuple(units.values()), report)
 
 
-def volume(model: Model, state: State) -> Array:
-    """Blood in the arteries and in what outlets store : (B,) [m³]; only what flows in and out changes it."""
-    A, w = model.layout.part(state.y, "A"), model.mesh.element.w_gauss
-    total = -(A / model.minus_J_inverse @ w).sum(axis=1)
-    P_C = model.layout.part(state.y, "P_C")
+def volume_weights(model: Model) -> Array:
+    """What a state vector y : (B, n) is multiplied by, and summed, for the blood in arteries and Windkessels [m³].
+
+    Only what flows in and out changes it.
+    """
+    weights = np.zeros((model.coefficients.B, model.layout.size))
+    lengths = -model.mesh.element.w_gauss / model.minus_J_inverse
+    weights[:, model.layout.places["A"]] = lengths.reshape(len(weights), -1)
+    P_C = model.layout.part(weights, "P_C")
     for ends in model.coefficients.outlets:
         if ends.kind.stores:
-            total = total + ends.kind.stored(ends.numbers, P_C[:, ends.index]).sum(axis=1)
-    return total
+            P_C[:, ends.index] = ends.kind.capacity(ends.numbers)
+    return weights
 
 
 def venous_flow(model: Model, state: State, P_venous: Array) -> Array:

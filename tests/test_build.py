@@ -80,7 +80,7 @@ def test_any_change_gives_other_names(
 
 
 def test_contents(fmu: Path, sheep: Network) -> None:
-    """What an FMU holds, the code under hashed names; it is small: below 330 kB, 90 % of it the wrapper's binaries."""
+    """What an FMU holds, the code under hashed names; it is small: below 400 kB, 90 % of it the wrapper's binaries."""
     with zipfile.ZipFile(fmu) as archive:
         names = archive.namelist()
         assert archive.testzip() is None
@@ -104,7 +104,7 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     }
     expected |= {"binaries/linux64/sheep.so", "binaries/win64/sheep.dll", "resources/slavemodule.txt"}
     assert {n for n in names if not n.startswith("resources/pythonfmu/")} == expected
-    assert fmu.stat().st_size < 330_000
+    assert fmu.stat().st_size < 400_000
 
 
 def test_network_can_be_read_back(fmu: Path, sheep: Network) -> None:
