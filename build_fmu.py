@@ -17,7 +17,7 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from importlib.metadata import version
 from pathlib import Path
@@ -27,10 +27,10 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, models, system
+from fmu_src import __version__, doctor, models, system
 from fmu_src.models import Model
 from solver.console import sentences
-from solver.files import find_network, read_network, write_whole
+from solver.files import find_network, parse_quantity, read_network, write_whole
 from solver.network import Network
 from solver.scheme.model import Settings
 
@@ -43,13 +43,16 @@ def build(
     out: str | os.PathLike[str] = "dist",
     settings: Settings | None = None,
     execution_tool: bool = True,
+    starts: Mapping[str, float | str] | None = None,
 ) -> Path:
     """Build ``<out>/<network.name>.fmu`` and return its path.
 
     execution_tool : the FMI flag ``needsExecutionTool``; true as the host needs Python, but some importers refuse it.
-    Raises ValueError if the directory cannot be written.
+    starts : other start values of inputs and parameters by name, such as {"inlet.interpolation": "linear"}; for hosts
+    that cannot set Enumerations (ecos, libcosim).
+    Raises ValueError for a start value that is not allowed, or if the directory cannot be written.
     """
-    return build_model(models.arteries_model(network, settings or Settings()), out, execution_tool)
+    return build_model(models.arteries_model(network, settings or Settings(), starts), out, execution_tool)
 
 
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
@@ -234,10 +237,28 @@ def main(
     network: NetworkName = "sheep",
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
+    change: Annotated[
+        list[str] | None, typer.Option("--set", help='Another start value: "inlet.interpolation=linear".')
+    ] = None,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
-        _report(build(read_network(find_network(network)), out, execution_tool=execution_tool))
+        arteries = read_network(find_network(network))
+        starts = _start_values(arteries, change or [])
+        _report(build(arteries, out, execution_tool=execution_tool, starts=starts))
+
+
+def _start_values(network: Network, changes: Sequence[str]) -> dict[str, float | str]:
+    """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
+    table = models.arteries_model(network, Settings()).table
+    units = {v.name: v.quantity.unit for v in table if v.quantity is not None}
+    starts: dict[str, float | str] = {}
+    for text in changes:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueError(f'{text!r}: not a start value; write --set "inlet.interpolation=linear".')
+        starts[name] = parse_quantity(value, units[name], name) if name in units else value
+    return starts
 
 
 @app.command()
@@ -264,6 +285,9 @@ def system_command(
     """Build heart, arteries and body as one system in SSP."""
     with sentences(ValueError):
         _report(build_system(read_network(find_network(network)), species, out, execution_tool))
+
+
+app.command("doctor")(doctor.main)
 
 
 def _report(target: Path) -> None:

@@ -15,7 +15,7 @@ from . import __version__, body_slave, document, heart_slave, lumped_document
 from .body import Body
 from .heart import Heart
 from .species import SPECIES
-from .variable import Variable, starting
+from .variable import Variable, with_starts
 from .variables import variable_table
 
 Starts = Mapping[str, float | str]
@@ -40,7 +40,7 @@ class Model:
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
     """Arteries; starts : other start values than those of the network, by variable."""
-    table = starting(variable_table(network, settings), starts or {})
+    table = with_starts(variable_table(network, settings), starts or {})
     data = {"settings": asdict(settings), "network": to_dict(network)}
     resources = {**_data("network.json", data, starts), "network.toml": dumps(network)}
     documents = document.documents(network, table, __version__)
@@ -50,7 +50,7 @@ def arteries_model(network: Network, settings: Settings, starts: Starts | None =
 def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
     """A left heart. Raises ValueError for an unknown species."""
     heart = of(species)[0]
-    table = starting(heart_slave.table(heart), starts or {})
+    table = with_starts(heart_slave.table(heart), starts or {})
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
     pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
     resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, starts)
@@ -60,7 +60,7 @@ def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
 def body_model(species: str = "human", starts: Starts | None = None) -> Model:
     """What closes the volume. Raises ValueError for an unknown species."""
     body = of(species)[1]
-    table = starting(body_slave.table(body), starts or {})
+    table = with_starts(body_slave.table(body), starts or {})
     title = "The veins, the right heart and the lungs as one elastic reservoir."
     pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
     resources = _data("body.json", {"body": body_slave.to_data(body)}, starts)
@@ -75,5 +75,5 @@ def of(species: str) -> tuple[Heart, Body]:
 
 
 def _data(file: str, content: dict[str, Any], starts: Starts | None) -> dict[str, str]:
-    whole = {"version": __version__, **content, **({"starts": dict(starts)} if starts else {})}
+    whole = {"version": __version__, **content, "starts": dict(starts or {})}
     return {file: json.dumps(whole, indent=1, ensure_ascii=False)}

@@ -46,9 +46,13 @@ class Variable:
         return self.choices.index(choice) + 1
 
 
-def starting(table: tuple[Variable, ...], starts: Mapping[str, float | str]) -> tuple[Variable, ...]:
-    """The table with other start values, by name; raises ValueError for one that is not allowed."""
-    for variable in table:
-        if variable.name in starts:
-            variable.check(starts[variable.name])
-    return tuple(replace(v, start=starts[v.name]) if v.name in starts else v for v in table)
+def with_starts(table: tuple[Variable, ...], starts: Mapping[str, float | str]) -> tuple[Variable, ...]:
+    """The table with other start values of inputs and parameters. Raises ValueError for one that is not allowed."""
+    known = {variable.name for variable in table if variable.causality != "output"}
+    for name in starts:
+        if name not in known:
+            raise ValueError(f"{name}: not an input or parameter; the FMU's modelDescription.xml has the names.")
+    changed = {variable.name: replace(variable, start=starts.get(variable.name, variable.start)) for variable in table}
+    for name, value in starts.items():
+        changed[name].check(value)
+    return tuple(changed.values())
