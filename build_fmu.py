@@ -17,7 +17,7 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -28,13 +28,13 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, body_slave, document, heart_slave, lumped_document
+from fmu_src import __version__, body_slave, doctor, document, heart_slave, lumped_document
 from fmu_src.body import Body
 from fmu_src.heart import Heart
 from fmu_src.species import SPECIES
-from fmu_src.variables import variable_table
+from fmu_src.variables import variable_table, with_starts
 from solver.console import sentences
-from solver.files import dumps, find_network, read_network, write_whole
+from solver.files import dumps, find_network, parse_quantity, read_network, write_whole
 from solver.network import Network, to_dict
 from solver.scheme.model import Settings
 
@@ -62,13 +62,16 @@ def build(
     out: str | os.PathLike[str] = "dist",
     settings: Settings | None = None,
     execution_tool: bool = True,
+    starts: Mapping[str, float | str] | None = None,
 ) -> Path:
     """Build ``<out>/<network.name>.fmu`` and return its path.
 
     execution_tool : the FMI flag ``needsExecutionTool``; true as the host needs Python, but some importers refuse it.
-    Raises ValueError if the directory cannot be written.
+    starts : other start values of inputs and parameters by name, such as {"inlet.interpolation": "linear"}; for hosts
+    that cannot set Enumerations (ecos, libcosim).
+    Raises ValueError for a start value that is not allowed, or if the directory cannot be written.
     """
-    return build_model(_arteries(network, settings or Settings()), out, execution_tool)
+    return build_model(_arteries(network, settings or Settings(), starts or {}), out, execution_tool)
 
 
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
@@ -96,10 +99,10 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
     return target
 
 
-def _arteries(network: Network, settings: Settings) -> Model:
-    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
+def _arteries(network: Network, settings: Settings, starts: Mapping[str, float | str]) -> Model:
+    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network), "starts": dict(starts)}
     resources = {"network.json": json.dumps(data, indent=1, ensure_ascii=False), "network.toml": dumps(network)}
-    documents = document.documents(network, variable_table(network, settings), __version__)
+    documents = document.documents(network, with_starts(variable_table(network, settings), starts), __version__)
     return Model(network.name, "slave", "ArterialSlave", resources, documents)
 
 
@@ -252,10 +255,27 @@ def main(
     network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")] = "sheep",
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
+    change: Annotated[
+        list[str] | None, typer.Option("--set", help='Another start value: "inlet.interpolation=linear".')
+    ] = None,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
-        _report(build(read_network(find_network(network)), out, execution_tool=execution_tool))
+        arteries = read_network(find_network(network))
+        starts = _start_values(arteries, change or [])
+        _report(build(arteries, out, execution_tool=execution_tool, starts=starts))
+
+
+def _start_values(network: Network, changes: Sequence[str]) -> dict[str, float | str]:
+    """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
+    units = {v.name: v.quantity.unit for v in variable_table(network, Settings()) if v.quantity is not None}
+    starts: dict[str, float | str] = {}
+    for text in changes:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueError(f'{text!r}: not a start value; write --set "inlet.interpolation=linear".')
+        starts[name] = parse_quantity(value, units[name], name) if name in units else value
+    return starts
 
 
 @app.command()
@@ -270,6 +290,9 @@ def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool
     """Build the FMU of the veins, which close the volume between arteries and heart."""
     with sentences(ValueError):
         _report(build_model(body_model(species), out, execution_tool))
+
+
+app.command("doctor")(doctor.main)
 
 
 def _report(target: Path) -> None:

@@ -17,6 +17,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import hypothesis
 import pytest
+from c_host import CHost, compiled
 from commands import in_process
 from fmus import COARSE, TIGHT, Instance, mixed
 
@@ -81,3 +82,9 @@ def instantiate(fmus: dict[str, Path], tmp_path: Path) -> Iterator[Callable[...,
     yield make
     for instance in made:
         instance.slave.freeInstance()
+
+
+@pytest.fixture(scope="session")
+def c_host(tmp_path_factory: pytest.TempPathFactory) -> CHost:
+    """The co-simulation host in C."""
+    return compiled(tmp_path_factory.mktemp("c_host"))
