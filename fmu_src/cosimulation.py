@@ -11,6 +11,7 @@ import numpy as np
 
 from solver.network import Network
 from solver.outputs import reporter, venous_flow, volume_weights
+from solver.scheme.failure import NonPhysicalState
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import initial_state
 
@@ -103,7 +104,10 @@ class CoSimulation:
                 slope = (Q - self.known.Q) / self.last.h
                 known = self.shown if Q == self.shown.Q else self.last.run(self.known, self.known.Q, Q)
             known = known.under(stretch.model)
-            return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+            try:
+                return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+            except NonPhysicalState:  # of a flow that was only extrapolated: without that
+                return known, stretch.run(known, Q, Q), 0.0
         Q_start = Q if self.interpolation == "hold" else self.known.Q
         after = stretch.run(self.known.under(stretch.model), Q_start, Q)
         return after, after, (Q - Q_start) / stretch.h
