@@ -25,6 +25,7 @@ Array = np.ndarray
 
 _ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
 _LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
+_RENEWED = 9.9e-3  # s after which the impedances of the ports are made anew
 _MOST_STEPS = 1_000_000  # internal steps in one communication step
 
 
@@ -43,7 +44,7 @@ class CoSimulation(Component):
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
-    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "impedances"))
+    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "found"))
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
@@ -64,6 +65,7 @@ class CoSimulation(Component):
         self.known = self.shown = Position(initial_state(self.model, t0), values["inlet.Q"], 0.0)
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
+        self.basis, self.basis_time = (self.known, self.shown, self.last), t0
         self.V_0 = self._volume()
         self.V_venous = self.Q_venous = 0.0
 
@@ -96,7 +98,7 @@ class CoSimulation(Component):
 
     def _use(self, model: Model) -> None:
         self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
-        self.impedances: dict[tuple[int, float], Impedances] = {}
+        self.found: Impedances | None = None  # about the basis, where they were asked for
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Advance from t to t + h [s] with the inputs in ``values``.
@@ -110,6 +112,8 @@ class CoSimulation(Component):
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
         V_venous = self.V_0 + shown.V_in - self._volume()
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
+        if self.time - self.basis_time >= _RENEWED or not stretch.as_long_as(self.basis[2]):
+            self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
 
     def _received(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
@@ -142,12 +146,10 @@ class CoSimulation(Component):
 
     def ports(self) -> dict[str, float]:
         """The ports by name, over the next communication step, which is taken to be as long as the last one."""
-        key = self.last.steps, self.last.dt
-        if key not in self.impedances:
-            rest = Position(initial_state(self.model), 0.0, 0.0)
-            self.impedances[key] = impedances(replace(self.last, model=self.model), rest, self.interpolation)
+        if self.found is None:
+            self.found = impedances(self.basis, self.interpolation)
         stretch = replace(self.last, model=self.model)
-        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.impedances[key])
+        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.found)
         return dict(zip(self.port_names, values, strict=True))
 
     def venous_flows(self) -> Array:

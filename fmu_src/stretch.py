@@ -36,6 +36,10 @@ class Stretch:
     dt: float
     P_venous: Array
 
+    def as_long_as(self, other: Stretch) -> bool:
+        """Whether another one has the same internal steps of the same model."""
+        return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
+
     def run(self, at: Position, Q_start: float, Q_end: float) -> Position:
         """The position at its end, with an inflow along the straight line from Q_start to Q_end [m³/s].
 
