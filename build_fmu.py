@@ -1,4 +1,4 @@
-"""Build the FMU of a network: ``python build_fmu.py [NETWORK.toml] [--out dist]``.
+"""Build FMUs: ``python build_fmu.py [NETWORK] [--out dist]``, and ``heart``, ``body``, ``system`` and ``doctor``.
 
 The FMU is an ordinary pythonfmu archive with three precautions. All code lies under names that carry a hash of the
 whole content, because a process keeps the first module of a name: two FMUs never share modules. The archive is
@@ -19,12 +19,13 @@ import tempfile
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 from rich.console import Console
 
 from fmu_src import __version__, document
@@ -35,8 +36,22 @@ from solver.network import Network, to_dict
 from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent
-_SLAVE = ROOT / "fmu_src" / "slave.py"
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What one FMU is made of.
+
+    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
+    resources, documents : further files by path, text in ``resources/`` and bytes in the whole archive.
+    """
+
+    name: str
+    slave: str
+    kind: str
+    resources: dict[str, str]
+    documents: dict[str, bytes]
 
 
 def build(
@@ -50,12 +65,15 @@ def build(
     execution_tool : the FMI flag ``needsExecutionTool``; true as the host needs Python, but some importers refuse it.
     Raises ValueError if the directory cannot be written.
     """
-    settings = settings or Settings()
-    target = Path(out) / f"{network.name}.fmu"
-    resources = _resources(network, settings)
-    documents = document.documents(network, variable_table(network, settings), __version__)
-    content = [sorted(resources.items()), _SCRIPT, execution_tool, version("pythonfmu")]
-    pages = b"".join(documents[path] for path in sorted(documents))
+    return build_model(_arteries(network, settings or Settings()), out, execution_tool)
+
+
+def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
+    """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content."""
+    target = Path(out) / f"{model.name}.fmu"
+    resources = model.resources | _code(ROOT / "fmu_src" / f"{model.slave}.py")
+    content = [sorted(resources.items()), _SCRIPT, model.slave, model.kind, execution_tool, version("pythonfmu")]
+    pages = b"".join(model.documents[path] for path in sorted(model.documents))
     digest = hashlib.sha256(json.dumps(content).encode() + pages).hexdigest()
     name = f"arterial_{digest[:8]}"
     try:
@@ -64,8 +82,8 @@ def build(
             for path, text in resources.items():
                 _write_text(stage / path.replace("PACKAGE", f"_{name}"), text)
             script = stage / f"{name}.py"
-            _write_text(script, _SCRIPT.format(network=network.name, name=name, guid=f"{{{digest[:32]}}}"))
-            archive = _pack(script, stage, execution_tool, documents)
+            _write_text(script, _SCRIPT.format(model=model, name=name, guid=f"{{{digest[:32]}}}"))
+            archive = _pack(script, stage, execution_tool, model.documents)
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, archive)
     except OSError as error:
@@ -75,17 +93,21 @@ def build(
     return target
 
 
-def _resources(network: Network, settings: Settings) -> dict[str, str]:
-    """Everything in ``resources/`` but the slave script, by path; PACKAGE stands for the hashed package name."""
+def _arteries(network: Network, settings: Settings) -> Model:
+    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
+    resources = {"network.json": json.dumps(data, indent=1, ensure_ascii=False), "network.toml": dumps(network)}
+    documents = document.documents(network, variable_table(network, settings), __version__)
+    return Model(network.name, "slave", "ArterialSlave", resources, documents)
+
+
+def _code(slave: Path) -> dict[str, str]:
+    """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
     files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
-    for module in _needed(_SLAVE):
+    for module in _needed(slave):
         text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
         files[f"PACKAGE/{module.relative_to(ROOT).as_posix()}"] = text
-    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
-    files["network.json"] = json.dumps(data, indent=1, ensure_ascii=False)
-    files["network.toml"] = dumps(network)
     return files
 
 
@@ -109,18 +131,18 @@ def _needed(module: Path) -> list[Path]:
     return sorted(found)
 
 
-_SCRIPT = '''"""Slave of the arterial network {network}."""
+_SCRIPT = '''"""Slave of the model {model.name}."""
 
 import ctypes
 
-from _{name}.fmu_src.slave import ArterialSlave
+from _{name}.fmu_src.{model.slave} import {model.kind}
 
 # pythonfmu's wrapper runs this file at every instantiation and then drops a reference to its namespace that it does
 # not own. Where no function of the file holds one too, the namespace would be freed under the running host.
 ctypes.pythonapi.Py_IncRef(ctypes.py_object(globals()))
 
 
-class NetworkSlave(ArterialSlave):
+class BuiltSlave({model.kind}):
     code_name = "{name}"
     content_hash = "{guid}"
 '''
@@ -174,18 +196,34 @@ def _clean_imports() -> Iterator[None]:
                 del sys.modules[name]
 
 
+class _Commands(typer.core.TyperGroup):
+    """A first word that is no command is a network: ``build_fmu.py sheep`` is ``build_fmu.py network sheep``."""
+
+    def parse_args(self, context: Any, words: list[str]) -> list[str]:
+        if not words or words[0] not in (*self.commands, "--help"):
+            words = ["network", *words]
+        return super().parse_args(context, words)
+
+
+app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
+Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
+ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
+
+
+@app.command("network")
 def main(
     network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")] = "sheep",
-    out: Annotated[Path, typer.Option(help="Directory of the FMU.")] = Path("dist"),
-    execution_tool: Annotated[
-        bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")
-    ] = True,
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
 ) -> None:
-    """Build the FMU of a network of arteries."""
+    """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
-        target = build(read_network(find_network(network)), out, execution_tool=execution_tool)
+        _report(build(read_network(find_network(network)), out, execution_tool=execution_tool))
+
+
+def _report(target: Path) -> None:
     Console().print(f"wrote {target} ({target.stat().st_size / 1024:.0f} kB)", markup=False, highlight=False)
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    app()

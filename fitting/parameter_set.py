@@ -278,7 +278,8 @@ def _to_ssv(parameters: ParameterSet) -> bytes:
         ElementTree.SubElement(entry, f"{{{_SSV}}}Real", value=repr(value.value), unit=value.unit)
     for name, text in parameters.texts.items():
         entry = ElementTree.SubElement(entries, f"{{{_SSV}}}Parameter", name=name)
-        ElementTree.SubElement(entry, f"{{{_SSV}}}String", value=text)
+        number = str(_TEXTS[name].index(text) + 1)  # of the FMU's Enumeration; by name few clients take it
+        ElementTree.SubElement(entry, f"{{{_SSV}}}Integer", value=number)
     used = sorted({value.unit for value in parameters.values.values()})
     if used:
         units = ElementTree.SubElement(root, f"{{{_SSV}}}Units")
@@ -308,17 +309,33 @@ def _from_ssv(text: str) -> ParameterSet:
         name = entry.get("name", "")
         if name in values or name in texts:
             raise ValueError(f"the parameter {name!r} occurs twice; keep one.")
-        real, string = entry.find("ssv:Real", _NAMES), entry.find("ssv:String", _NAMES)
-        if string is not None:
-            texts[name] = string.get("value", "")
+        real, integer, *named = (
+            entry.find(f"ssv:{kind}", _NAMES) for kind in ("Real", "Integer", "Enumeration", "String")
+        )
+        given = next((node.get("value", "") for node in named if node is not None), None)
+        if integer is not None:
+            texts[name] = _numbered(name, integer.get("value", ""))
+        elif given is not None:
+            texts[name] = given
         elif real is not None:
             unit = unit_of(name)
             number = parse_quantity(f"{real.get('value', '')} {real.get('unit') or unit}", unit, name)
             values[name] = Value(number, unit)
         else:
-            raise ValueError(f"{name}: must be a Real or a String; the FMU has no other parameters.")
+            raise ValueError(
+                f"{name}: must be a Real, or an Integer or a name for a law; there are no other parameters."
+            )
     extra = _annotation(root)
     return ParameterSet(root.get("name", ""), _with_intervals(values, extra), texts, extra.get("provenance", {}))
+
+
+def _numbered(name: str, number: str) -> str:
+    """The law with a number of the FMU's Enumeration. Raises ValueError if there is none."""
+    laws = dict(enumerate(_TEXTS.get(name, ()), start=1))
+    if not number.isdecimal() or int(number) not in laws:
+        known = " or ".join(f"{i} ({law})" for i, law in laws.items()) or "a Real"
+        raise ValueError(f"{name} = {number!r}: must be {known}.")
+    return laws[int(number)]
 
 
 def _annotation(root: ElementTree.Element) -> dict[str, Any]:

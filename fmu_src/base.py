@@ -33,7 +33,7 @@ from xml.etree.ElementTree import Element
 
 from pythonfmu import DefaultExperiment, Fmi2Slave
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
-from pythonfmu.variables import Real, ScalarVariable, String
+from pythonfmu.variables import Integer, Real, ScalarVariable
 
 from solver.scheme.guards import NonPhysicalState
 
@@ -120,7 +120,7 @@ class ComponentSlave(Fmi2Slave):
         # outputs have no value before initialization mode
         self.values: list[Any] = [0.0 if v.start is None else v.start for v in self.table]
         self.numbers = frozenset(i for i, v in enumerate(self.table) if v.quantity is not None)
-        self.texts = frozenset(range(len(self.table))) - self.numbers
+        self.choices = frozenset(range(len(self.table))) - self.numbers
         self.inputs = frozenset(i for i, v in enumerate(self.table) if v.causality == "input")
         self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
         self.first_late = next((i for i, v in enumerate(self.table) if v.late), len(self.table))
@@ -187,22 +187,32 @@ class ComponentSlave(Fmi2Slave):
     def get_real(self, vrs: list[int]) -> list[float]:
         return self._guarded("reading variables", lambda: self._get(vrs, self.numbers))
 
-    def get_string(self, vrs: list[int]) -> list[str]:
-        return self._guarded("reading variables", lambda: self._get(vrs, self.texts))
+    def get_integer(self, vrs: list[int]) -> list[int]:
+        """The numbers of Enumerations; there are no other integers."""
 
-    def get_integer(self, vrs: list[int]) -> list[Any]:
+        def get() -> list[int]:
+            return [self.table[vr].number(text) for vr, text in zip(vrs, self._get(vrs, self.choices), strict=True)]
+
+        return self._guarded("reading variables", get)
+
+    def get_string(self, vrs: list[int]) -> list[Any]:
         return self._guarded("reading variables", lambda: self._get(vrs, frozenset()))
 
     def set_real(self, vrs: list[int], values: list[float]) -> None:
         self._guarded("setting variables", lambda: self._set(vrs, values, self.numbers))
 
-    def set_string(self, vrs: list[int], values: list[str]) -> None:
-        self._guarded("setting variables", lambda: self._set(vrs, values, self.texts))
+    def set_integer(self, vrs: list[int], values: list[int]) -> None:
+        def put() -> None:
+            self._check_kind(vrs, self.choices)
+            texts = [self.table[vr].choice(number) for vr, number in zip(vrs, values, strict=True)]
+            self._set(vrs, texts, self.choices)
 
-    def set_integer(self, vrs: list[int], values: list[Any]) -> None:
+        self._guarded("setting variables", put)
+
+    def set_string(self, vrs: list[int], values: list[Any]) -> None:
         self._guarded("setting variables", lambda: self._set(vrs, values, frozenset()))
 
-    get_boolean, set_boolean = get_integer, set_integer  # no variable is of these types
+    get_boolean, set_boolean = get_string, set_string  # no variable is of these types
 
     def _get(self, vrs: list[int], kind: frozenset[int]) -> list[Any]:
         self._check_kind(vrs, kind)
@@ -240,8 +250,8 @@ class ComponentSlave(Fmi2Slave):
             vr = next(vr for vr in vrs if vr not in kind)
             if not 0 <= vr < len(self.table):
                 raise ValueError(f"value reference {vr}: there is no such variable.")
-            right = "Real" if vr in self.numbers else "String"
-            raise ValueError(f"{self.table[vr].name} is a {right} variable; read and set it as such.")
+            right = "a Real variable" if vr in self.numbers else "an Enumeration (Integer)"
+            raise ValueError(f"{self.table[vr].name} is {right}; read and set it as such.")
 
     def _initialize(self) -> None:
         self._check_code()
@@ -313,12 +323,17 @@ _INITIAL = {"parameter": Fmi2Initial.exact, "output": Fmi2Initial.calculated}  #
 
 def _registered(variable: Variable) -> ScalarVariable:
     """The pythonfmu variable of a row; values go through the slave's own get and set."""
-    kind = Real if variable.quantity is not None else String
+    kind = Real if variable.quantity is not None else Integer  # which the description turns into an Enumeration
+    start = (
+        variable.start
+        if variable.quantity is not None or variable.start is None
+        else variable.number(str(variable.start))
+    )
     return kind(
         variable.name,
         causality=Fmi2Causality[variable.causality],
         variability=Fmi2Variability[variable.variability],
         initial=_INITIAL.get(variable.causality),
         description=variable.description,
-        getter=lambda: variable.start,
+        getter=lambda: start,
     )

@@ -1,4 +1,4 @@
-"""What pythonfmu leaves out of modelDescription.xml: units, ranges, initial unknowns, dependencies."""
+"""What pythonfmu leaves out of modelDescription.xml: units, types, ranges, initial unknowns, dependencies."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ def complete(root: Element, table: tuple[Variable, ...], version: str) -> Elemen
     """Add to the description that pythonfmu made of the same variables, and return it."""
     root.set("generationTool", f"arterial-fmu {version} with {root.get('generationTool')}")
     root.attrib.pop("generationDateAndTime", None)  # so that the same input builds the same FMU, byte for byte
-    root.insert(list(root).index(root.find("CoSimulation")) + 1, _unit_definitions(table))  # type: ignore[arg-type]
+    after = list(root).index(root.find("CoSimulation")) + 1  # type: ignore[arg-type]
+    root.insert(after, _unit_definitions(table))
+    if any(variable.choices for variable in table):
+        root.insert(after + 1, _type_definitions(table))
     for node, variable in zip(root.find("ModelVariables"), table, strict=True):  # type: ignore[arg-type]
         if variable.quantity is not None:
             _add_range(node[0], variable)
+        else:
+            node[0].tag = "Enumeration"
+            node[0].set("declaredType", _type_name(variable))
     structure = root.find("ModelStructure")
     assert structure is not None
     for child in list(structure):
@@ -46,6 +52,23 @@ def _unit_definitions(table: tuple[Variable, ...]) -> Element:
         for display in sorted(asked.union(display_units(name)), key=str.lower):
             SubElement(unit, "DisplayUnit", name=display, factor=repr(display_factor(display)))
     return definitions
+
+
+def _type_definitions(table: tuple[Variable, ...]) -> Element:
+    """An Enumeration for every variable with choices."""
+    definitions = Element("TypeDefinitions")
+    for variable in table:
+        if variable.choices:
+            simple = SubElement(definitions, "SimpleType", name=_type_name(variable))
+            enumeration = SubElement(simple, "Enumeration")
+            for choice in variable.choices:
+                SubElement(enumeration, "Item", name=choice, value=str(variable.number(choice)))
+    return definitions
+
+
+def _type_name(variable: Variable) -> str:
+    """network.elastic_law -> NetworkElasticLaw, which is no name of a variable."""
+    return "".join(part.capitalize() for part in variable.name.replace(".", "_").split("_"))
 
 
 def _add_range(real: Element, variable: Variable) -> None:

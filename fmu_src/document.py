@@ -148,7 +148,7 @@ def _row(v: Variable) -> str:
         elif np.isfinite(q.low):
             allowed = f"from {q.low:g}"
     else:
-        start, allowed = str(v.start), ", ".join(v.choices)
+        start, allowed = str(v.start), ", ".join(f"{v.number(choice)} {choice}" for choice in v.choices)
     cells = (
         f"<td><code>{escape(v.name)}</code></td><td>{v.variability}</td><td class=number>{escape(unit)}</td>"
         f"<td class=number>{escape(start)}</td><td class=number>{escape(allowed)}</td><td>{escape(v.description)}</td>"

@@ -120,18 +120,26 @@ def _read(fmu: str | os.PathLike[str]) -> ModelDescription:
 
 def _start_values(
     starts: Mapping[str, Any], variables: Mapping[str, Any], fmu: str | os.PathLike[str]
-) -> dict[str, float | str]:
-    """The start values with the type of their variable. Raises ValueError for an unknown name or a wrong type."""
-    result: dict[str, float | str] = {}
+) -> dict[str, float | int]:
+    """The start values as the FMU takes them: numbers, of an Enumeration that of its item.
+
+    Raises ValueError for an unknown name or a wrong type.
+    """
+    result: dict[str, float | int] = {}
     for name, value in starts.items():
         if name not in variables:
             raise ValueError(
                 f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml for the names."
             )
-        text = variables[name].type == "String"
-        if isinstance(value, str) != text:
-            raise ValueError(f"{name} = {value!r}: must be {'a text' if text else 'a number'}.")
-        result[name] = value if text else float(value)
+        if variables[name].type == "Enumeration":
+            items = {item.name: int(item.value) for item in variables[name].declaredType.items}
+            if value not in items and value not in items.values():
+                raise ValueError(f"{name} = {value!r}: must be one of {', '.join(items)}.")
+            result[name] = items[value] if isinstance(value, str) else int(value)
+        elif isinstance(value, str):
+            raise ValueError(f"{name} = {value!r}: must be a number.")
+        else:
+            result[name] = float(value)
     return result
 
 
@@ -164,17 +172,14 @@ def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) ->
 def _initialize(
     slave: FMU2Slave,
     variables: dict[str, Any],
-    starts: Mapping[str, float | str],
+    starts: Mapping[str, float | int],
     driven: list[int],
     first: list[float],
 ) -> None:
     slave.setupExperiment(startTime=0.0)
     for name, value in starts.items():
-        reference = [variables[name].valueReference]
-        if isinstance(value, str):
-            slave.setString(reference, [value])
-        else:
-            slave.setReal(reference, [value])
+        put = slave.setInteger if variables[name].type == "Enumeration" else slave.setReal
+        put([variables[name].valueReference], [value])
     slave.setReal(driven, first)
     slave.enterInitializationMode()
     slave.exitInitializationMode()

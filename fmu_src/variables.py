@@ -28,8 +28,9 @@ _OUTPUTS = {
 class Variable:
     """One FMU variable. causality: input, output, parameter. variability: continuous, fixed, tunable.
 
-    ``quantity`` for numbers, ``choices`` for texts. ``start`` is None for outputs. sources : the parameters on which an
-    output depends at the start. late : an output that costs something and is computed only when it is read.
+    ``quantity`` for a number; ``choices`` for an Enumeration, whose values are texts here and 1, 2, … for FMI.
+    ``start`` is None for outputs. sources : the parameters on which an output depends at the start. late : an output
+    that costs something and is computed only when it is read.
     """
 
     name: str
@@ -48,6 +49,17 @@ class Variable:
             self.quantity.check(self.name, value)  # type: ignore[arg-type]
         elif value not in self.choices:
             raise ValueError(f"{self.name} = {value!r}: must be one of {', '.join(self.choices)}.")
+
+    def choice(self, number: int) -> str:
+        """The choice with a number of the Enumeration; ValueError, one sentence, if there is none."""
+        if not 1 <= number <= len(self.choices):
+            known = " or ".join(f"{i} ({choice})" for i, choice in enumerate(self.choices, start=1))
+            raise ValueError(f"{self.name} = {number}: must be {known}.")
+        return self.choices[number - 1]
+
+    def number(self, choice: str) -> int:
+        """The number of a choice."""
+        return self.choices.index(choice) + 1
 
 
 def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]:

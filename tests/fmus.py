@@ -37,6 +37,11 @@ class Instance:
         self.messages: list[str] = []
         description = fmpy.read_model_description(os.fspath(fmu))
         self.references = {v.name: v.valueReference for v in description.modelVariables}
+        self.items = {
+            v.name: {item.name: int(item.value) for item in v.declaredType.items}
+            for v in description.modelVariables
+            if v.type == "Enumeration"
+        }
         self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
         self.folder = Path(fmpy.extract(os.fspath(fmu), os.fspath(folder)))
 
@@ -49,8 +54,10 @@ class Instance:
 
     def set(self, values: Mapping[str, float | str]) -> None:
         for name, value in values.items():
-            call = self.slave.setString if isinstance(value, str) else self.slave.setReal
-            call([self.references[name]], [value])
+            if isinstance(value, str):
+                self.slave.setInteger([self.references[name]], [self.items[name][value]])
+            else:
+                self.slave.setReal([self.references[name]], [value])
 
     def get(self, names: Sequence[str] | None = None) -> list[float]:
         return self.slave.getReal([self.references[name] for name in names or self.outputs])
@@ -68,6 +75,7 @@ class Instance:
         return self.get()
 
 
+# the Enumerations, as they start in the sheep network
 TEXTS = {"network.elastic_law": "beta", "network.viscous_law": "quadratic", "inlet.interpolation": "hold"}
 
 

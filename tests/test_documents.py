@@ -97,7 +97,7 @@ def test_page(network: Network) -> None:
         name, kind, unit, start, allowed, meaning = rows[v.name]
         assert (name, kind, meaning) == (v.name, v.variability, v.description)
         if v.quantity is None:
-            assert (start, allowed) == (v.start, ", ".join(v.choices))
+            assert (start, allowed) == (v.start, ", ".join(f"{i} {c}" for i, c in enumerate(v.choices, 1)))
         else:
             assert unit.startswith("–" if v.quantity.unit == "1" else v.quantity.unit)
             assert (start == "") == (v.causality == "output")

@@ -118,12 +118,17 @@ def expected_names(network: Network) -> list[str]:
 
 def test_variables(fmus: dict[str, Path]) -> None:
     """Every variable of the network and no other, with unit, range, nominal, description and initial."""
-    variables = {node.attrib["name"]: node for node in find(xml(fmus["mixed"]), "ModelVariables")}
+    root = xml(fmus["mixed"])
+    variables = {node.attrib["name"]: node for node in find(root, "ModelVariables")}
+    types = {node.attrib["name"]: node[0] for node in find(root, "TypeDefinitions")}
+    assert not variables.keys() & types.keys()
     assert sorted(variables) == sorted(expected_names(mixed()))
     for name, node in variables.items():
         assert node.attrib["description"]
         if name in TEXTS:
-            assert (node[0].tag, node[0].attrib) == ("String", {"start": TEXTS[name]})
+            choices = {item.attrib["value"]: item.attrib["name"] for item in types[node[0].attrib["declaredType"]]}
+            assert (node[0].tag, choices[node[0].attrib["start"]]) == ("Enumeration", TEXTS[name])
+            assert sorted(choices) == [str(i) for i, _ in enumerate(choices, start=1)]
             assert (node.attrib["causality"], node.attrib["variability"]) == ("parameter", "fixed")
             continue
         kind = next((KINDS[end] for end in sorted(KINDS, key=len, reverse=True) if name.endswith(end)), None)
@@ -147,7 +152,7 @@ def test_start_values_are_exact(fmus: dict[str, Path], name: str) -> None:
     starts = {n.attrib["name"]: n[0].attrib.get("start") for n in find(xml(fmus[name]), "ModelVariables")}
     for key, value in {**network.parameters(), "solver.dt": 1e-3, "solver.element_length": 0.05}.items():
         assert float(starts[key] or "nan").hex() == float(value).hex(), key
-    assert starts["network.viscous_law"] == network.viscous_law
+    assert starts["network.viscous_law"] == {"quadratic": "1", "monotone": "2"}[network.viscous_law]
 
 
 def test_units(fmus: dict[str, Path]) -> None:

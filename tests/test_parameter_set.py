@@ -107,7 +107,7 @@ def test_ssv_is_valid(tmp_path: Path) -> None:
     write_set(FULL, tmp_path / "set.ssv")
     by_fmpy = {p.name: (p.type, p.value, p.unit) for p in read_ssv(os.fspath(tmp_path / "set.ssv")).parameters}
     expected: dict[str, Any] = {n: ("Real", repr(v.value), v.unit) for n, v in FULL.values.items()}
-    expected |= {name: ("String", text, None) for name, text in LAWS.items()}
+    expected |= dict.fromkeys(LAWS, ("Integer", "2", None))  # the number in the FMU's Enumeration
     assert by_fmpy == expected
     with SSV(tmp_path / "set.ssv") as ssv:
         ssv.__check_compliance__()
@@ -116,12 +116,13 @@ def test_ssv_is_valid(tmp_path: Path) -> None:
     assert {n: (float(p["value"]), p["unit"]) for n, p in by_pyssp.items() if n in FULL.values} == {
         name: (value.value, value.unit) for name, value in FULL.values.items()
     }
-    assert {name: by_pyssp[name]["value"] for name in LAWS} == LAWS
+    assert {name: int(by_pyssp[name]["value"]) for name in LAWS} == dict.fromkeys(LAWS, 2)
     assert units == {"1": {}, "Pa": {"kg": "1", "m": "-1", "s": "-2"}, "Pa.s": {"kg": "1", "m": "-1", "s": "-1"}}
 
 
-def test_ssv_of_another_tool(tmp_path: Path) -> None:
-    """A file that pyssp_standard wrote: units converted, none taken as the variable's, no intervals."""
+@pytest.mark.parametrize("kind", ["String", "Enumeration"])
+def test_ssv_of_another_tool(tmp_path: Path, kind: str) -> None:
+    """Made with pyssp_standard: units converted, none taken as the variable's, no intervals, laws by name."""
     from pyssp_standard.ssv import SSV
 
     with SSV(tmp_path / "set.ssv", "w", name="other") as ssv:
@@ -132,7 +133,8 @@ def test_ssv_of_another_tool(tmp_path: Path) -> None:
         ssv.add_unit("MPa", {"kg": 1, "m": -1, "s": -2, "factor": 1e6})
     text = (tmp_path / "set.ssv").read_text(encoding="utf-8")
     assert ' unit="Pa.s"' in text
-    (tmp_path / "set.ssv").write_text(text.replace(' unit="Pa.s"', ""), encoding="utf-8")
+    text = text.replace(' unit="Pa.s"', "").replace("ssv:String", f"ssv:{kind}")
+    (tmp_path / "set.ssv").write_text(text, encoding="utf-8")
     expected = {"AA.E": Value(1.539e6, "Pa"), "AA.phi0": Value(25451.0, "Pa.s")}
     assert read_set(tmp_path / "set.ssv") == ParameterSet("other", expected, {"network.elastic_law": "beta"})
 
@@ -152,10 +154,11 @@ def test_fmu_accepts_it(fmu: Path, tmp_path: Path, name: str) -> None:
     written = read_set(name)
     write_set(written, tmp_path / "set.ssv")
     starts = {
-        p.name: p.value if p.type == "String" else float(p.value)
+        p.name: int(p.value) if p.type == "Integer" else float(p.value)
         for p in read_ssv(os.fspath(tmp_path / "set.ssv")).parameters
     }
-    assert starts == written.start_values()
+    numbers = {"beta": 1, "regression": 2, "quadratic": 1, "monotone": 2}
+    assert starts == {n: numbers[v] if isinstance(v, str) else v for n, v in written.start_values().items()}
     assert len(starts) == 52
     expected = run_fmu(fmu, lambda t: 1e-5 * np.sin(t), 0.02, start_values=written.start_values())
     result = fmpy.simulate_fmu(os.fspath(fmu), stop_time=0.02, start_values=starts, output=list(starts)[:50])
@@ -285,7 +288,9 @@ def test_refused_json(tmp_path: Path, text: str, sentence: str) -> None:
         ('unit="Pa.s"', 'unit="mm"', r"AA\.phi0 = .*: the unit mm does not convert to the expected Pa\*s; "),
         ('name="AA.phi0"', 'name="AA.E"', r"the parameter 'AA\.E' occurs twice; keep one\.$"),
         ('name="AA.phi0"', 'name="AA.tao"', r"AA\.tao: no segment has a parameter 'tao'; "),
-        ("ssv:Real", "ssv:Integer", r"AA\.E: must be a Real or a String; the FMU has no other parameters\.$"),
+        ("ssv:Real", "ssv:Integer", r"AA\.E = '1539000\.0': must be a Real\.$"),
+        ("ssv:Real", "ssv:Boolean", r"AA\.E: must be a Real, or an Integer or a name for a law; there are no other"),
+        ('ssv:Integer value="2"', 'ssv:Integer value="3"', r"network\.elastic_law = '3': must be 1 \(beta\) or 2 "),
         ('{"value_and_ci95": ', '{"value_and_ci95": 3, "x": ', r"its annotation .* is damaged; "),
         ('"AA.E": [', '"AA.E": [2, ', r"its annotation .* is damaged; "),
     ],
