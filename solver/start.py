@@ -4,7 +4,7 @@ All of it with the equations of the scheme itself, so that everything a network 
 
 1. The steady state of the mean inflow, by implicit steps so long that everything but the flow comes to rest.
 2. The waves about it, harmonic by harmonic. A stage of length τ puts (x - x_start)/τ for dx/dt; with τ = 1/iω its
-   Jacobian is that of small waves e^{iωt}: the linear theory of :mod:`~solver.linear`, about a stretched wall with flow.
+   Jacobian is that of small waves e^{iωt}: linear theory as in :mod:`~solver.linear`, about stretched walls with flow.
 3. Harmonic balance: what these waves leave over in the nonlinear equations during a period is corrected with the same
    Jacobians, a few times. This moves the mean too, which differs from the state of the mean inflow.
 
@@ -16,11 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from .network import Inlet
 from .scheme import terms
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
@@ -29,38 +28,28 @@ from .scheme.stage import Operators, Stage, operators, operators_about, start
 from .scheme.step import State, initial_state
 
 Array = np.ndarray
+Inflow = Callable[[Array], Array]
 
 HARMONICS = 32
 _SAMPLES = 4 * HARMONICS  # of a period, so that products of harmonics have room
 _FINE = 4096  # samples of the inflow, whose mean counts
 _LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
-_SETTLED = 1e-8  # last correction in such a step, relative to the flow
+_SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 _CORRECTIONS = 6
 _SMALL = 1e-4  # a correction of this part of the waves is the last
 
 
-def periodic_state(
-    model: Model,
-    Q_mean: float | None = None,
-    T: float | None = None,
-    inflow: Callable[[Array], Array] | None = None,
-    t: float = 0.0,
-) -> State:
-    """A state at time t [s] near that of beats that repeat.
+def periodic_state(model: Model, inflow: Inflow, T: float, t: float = 0.0, dt: float | None = None) -> State:
+    """A state at time t [s] near that of the beats which repeat under a periodic inflow.
 
-    Q_mean : mean inflow [m³/s]; T : period [s]; default those of the network's inlet. inflow : Q(t) of that period
-    for an array of times; default the half-sine with that mean.
+    inflow : Q(t) [m³/s] for an array of times. T : its period [s]. dt : the step [s] to come, default the settings'.
     Raises ValueError where the network has no steady state with the mean inflow.
     """
-    inlet = model.network.inlet
-    T = inlet.T if T is None else T
-    if inflow is None:
-        inflow = Inlet(inlet.segment, inlet.Q_max if Q_mean is None else np.pi * Q_mean, T).Q
     samples = np.asarray(inflow(t + T / _FINE * np.arange(_FINE)), float)
     Q_in = np.fft.rfft(samples, norm="forward")[: HARMONICS + 1]
     with np.errstate(all="ignore"):
         rest = _steady(model, float(Q_in[0].real))
-        return _state(model, _balanced(model, rest, Q_in, T), rest, t)
+        return _state(model, _balanced(model, rest, Q_in, T), rest, t, dt or model.settings.dt)
 
 
 class _Waves(NamedTuple):
@@ -95,18 +84,21 @@ def _steady(model: Model, Q_mean: float) -> State:
     """The steady state under a constant inflow."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
-    flow, pressure = abs(Q_mean), abs(Q_mean) * model.impedance
-    small = _SETTLED * flow + model.flow_floor, _SETTLED * pressure + model.pressure_floor
+    # the flow that passes, and the one that P_0 drives on the way
+    flow = _SETTLED * (abs(Q_mean) + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
+    small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
     try:
         for tau in _LONG:
             stage = Stage.of(model, operators_about(model, tau, y, H), y, np.array(Q_mean), c.P_venous, 0.0)
-            Q, H, A_t = stage.solve(Q, H, small)
+            # a guess of the flow that leaves the area as it is: a long step would multiply what does not
+            Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
             y = stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
-    except NonPhysicalState as error:
+    except (NonPhysicalState, np.linalg.LinAlgError) as error:
+        where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
         raise ValueError(
-            f"network {model.network.name}: it has no steady state with a mean inflow of {Q_mean:g} m^3/s "
-            f"(segment {error.segment}: {error.reason}); change the inflow or the outlets, or start from rest."
+            f"network {model.network.name}: it has no steady state with a mean inflow of {Q_mean:g} m^3/s{where}; "
+            "change the inflow or the outlets, or start from rest."
         ) from None
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
 
@@ -155,7 +147,7 @@ class _Response:
     storage: Array
 
     @staticmethod
-    def about(model: Model, tau: complex, rest: State) -> _Response:
+    def about(model: Model, tau: Any, rest: State) -> _Response:
         o = operators_about(model, tau, rest.y, rest.H)
         s, _ = start(model, tau, o.inertia, o.memory, o.loads, rest.y, model.coefficients.P_venous)
         slope = s.storage.slope(rest.A, rest.A_t)
@@ -203,7 +195,7 @@ def _remembering(model: Model, waves: _Waves, responses: Sequence[_Response]) ->
     at_once = _amplitudes(model.wall.viscous_stress(A, part(rates, "A")))
     U = _amplitudes(part(y, "Q") / (A @ model.mesh.element.at_lobatto))
     for k, response in enumerate(responses):
-        tau = response.operators.tau
+        tau: Any = response.operators.tau
         if stress.size:
             stress[k] = model.wall.remembering(A[0], tau).weight * at_once[k]
         if history.size:
@@ -215,16 +207,16 @@ def _remembering(model: Model, waves: _Waves, responses: Sequence[_Response]) ->
 # --- the state ----------------------------------------------------------------------------------------------------
 
 
-def _state(model: Model, waves: _Waves, rest: State, t: float) -> State:
+def _state(model: Model, waves: _Waves, rest: State, t: float, dt: float) -> State:
     """The state at the start of the period, with the stage values from which the next steps are guessed."""
-    layout, at = model.layout, model.settings.dt * SDIRK3.sum(axis=1)
+    layout, at = model.layout, dt * SDIRK3.sum(axis=1)
     (y, H), (rate, _) = waves.at(0.0), waves.at(0.0, derivative=True)
     A_t = layout.part(rate, "A").copy()
     try:
         check(model, layout.part(y, "A"), A_t, layout.part(y, "Q"), t)
     except NonPhysicalState:
         return replace(rest, t=t)
-    unknowns, before = (_stage_values(waves, rest, at - n * model.settings.dt) for n in (1, 2))
+    unknowns, before = (_stage_values(waves, rest, at - n * dt) for n in (1, 2))
     return replace(rest, t=t, y=y, H=H, A_t=A_t, unknowns=unknowns, unknowns_before=before)
 
 

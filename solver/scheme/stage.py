@@ -56,7 +56,7 @@ class Condensed:
 class Operators:
     """What every stage of length tau uses: inertia (B, n_e, N+1) ρ w J/τ, the loads, the Jacobian at rest."""
 
-    tau: complex
+    tau: float
     inertia: Array
     memory: Memory | NoMemory
     loads: Loads
@@ -75,7 +75,7 @@ def operators(model: Model, dt: float) -> Operators:
     return made
 
 
-def operators_about(model: Model, tau: complex, y: Array, H: Array) -> Operators:
+def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
     """The operators of stages of length tau [s], with the Jacobian about a steady state y : (B, n), H : (B, n_nodes).
 
     With tau = 1/iω the Jacobian is that of small waves e^{iωt}: a stage puts (x - x_start)/tau for dx/dt.
@@ -127,7 +127,7 @@ def start(
     return Start(model, tau, y, A, Q, inertia, wall, force, model.storage.since(wall, A, tau, P_venous)), behind
 
 
-def _loads(model: Model, tau: complex) -> Loads:
+def _loads(model: Model, tau: float) -> Loads:
     c, nodes = model.coefficients, model.mesh.topology
     scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
     scale = scale.astype(type(tau))
