@@ -17,7 +17,7 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -28,10 +28,13 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, document
-from fmu_src.variables import variable_table
+from fmu_src import __version__, body_slave, doctor, document, heart_slave, lumped_document
+from fmu_src.body import Body
+from fmu_src.heart import Heart
+from fmu_src.species import SPECIES
+from fmu_src.variables import variable_table, with_starts
 from solver.console import sentences
-from solver.files import dumps, find_network, read_network, write_whole
+from solver.files import dumps, find_network, parse_quantity, read_network, write_whole
 from solver.network import Network, to_dict
 from solver.scheme.model import Settings
 
@@ -59,13 +62,16 @@ def build(
     out: str | os.PathLike[str] = "dist",
     settings: Settings | None = None,
     execution_tool: bool = True,
+    starts: Mapping[str, float | str] | None = None,
 ) -> Path:
     """Build ``<out>/<network.name>.fmu`` and return its path.
 
     execution_tool : the FMI flag ``needsExecutionTool``; true as the host needs Python, but some importers refuse it.
-    Raises ValueError if the directory cannot be written.
+    starts : other start values of inputs and parameters by name, such as {"inlet.interpolation": "linear"}; for hosts
+    that cannot set Enumerations (ecos, libcosim).
+    Raises ValueError for a start value that is not allowed, or if the directory cannot be written.
     """
-    return build_model(_arteries(network, settings or Settings()), out, execution_tool)
+    return build_model(_arteries(network, settings or Settings(), starts or {}), out, execution_tool)
 
 
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
@@ -93,17 +99,45 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
     return target
 
 
-def _arteries(network: Network, settings: Settings) -> Model:
-    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network)}
+def _arteries(network: Network, settings: Settings, starts: Mapping[str, float | str]) -> Model:
+    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network), "starts": dict(starts)}
     resources = {"network.json": json.dumps(data, indent=1, ensure_ascii=False), "network.toml": dumps(network)}
-    documents = document.documents(network, variable_table(network, settings), __version__)
+    documents = document.documents(network, with_starts(variable_table(network, settings), starts), __version__)
     return Model(network.name, "slave", "ArterialSlave", resources, documents)
+
+
+def heart_model(species: str = "human") -> Model:
+    """The FMU of a heart. Raises ValueError for an unknown species."""
+    heart = _of(species)[0]
+    table = heart_slave.table(heart)
+    title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
+    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
+    return Model(heart.name, "heart_slave", "HeartSlave", _data("heart", heart_slave.to_data(heart)), pages)
+
+
+def body_model(species: str = "human") -> Model:
+    """The FMU of what closes the volume. Raises ValueError for an unknown species."""
+    body = _of(species)[1]
+    table = body_slave.table(body)
+    title = "The veins, the right heart and the lungs as one elastic reservoir."
+    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
+    return Model(body.name, "body_slave", "BodySlave", _data("body", body_slave.to_data(body)), pages)
+
+
+def _of(species: str) -> tuple[Heart, Body]:
+    if species not in SPECIES:
+        raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
+    return SPECIES[species]
+
+
+def _data(kind: str, values: dict[str, Any]) -> dict[str, str]:
+    return {f"{kind}.json": json.dumps({"version": __version__, kind: values}, indent=1, ensure_ascii=False)}
 
 
 def _code(slave: Path) -> dict[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
     files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
-    for module in _needed(slave):
+    for module in sorted([*_needed(slave), ROOT / "fmu_src" / "wrapper.py"]):
         text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
@@ -134,6 +168,11 @@ def _needed(module: Path) -> list[Path]:
 _SCRIPT = '''"""Slave of the model {model.name}."""
 
 import ctypes
+import sys
+
+from _{name}.fmu_src.wrapper import mend
+
+mend(sys.path[0])  # this FMU's resources: the wrapper has just put them there
 
 from _{name}.fmu_src.{model.slave} import {model.kind}
 
@@ -206,6 +245,7 @@ class _Commands(typer.core.TyperGroup):
 
 
 app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
+SpeciesName = Annotated[str, typer.Option("--species", help="human or sheep.")]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
 
@@ -215,10 +255,44 @@ def main(
     network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")] = "sheep",
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
+    change: Annotated[
+        list[str] | None, typer.Option("--set", help='Another start value: "inlet.interpolation=linear".')
+    ] = None,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
-        _report(build(read_network(find_network(network)), out, execution_tool=execution_tool))
+        arteries = read_network(find_network(network))
+        starts = _start_values(arteries, change or [])
+        _report(build(arteries, out, execution_tool=execution_tool, starts=starts))
+
+
+def _start_values(network: Network, changes: Sequence[str]) -> dict[str, float | str]:
+    """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
+    units = {v.name: v.quantity.unit for v in variable_table(network, Settings()) if v.quantity is not None}
+    starts: dict[str, float | str] = {}
+    for text in changes:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueError(f'{text!r}: not a start value; write --set "inlet.interpolation=linear".')
+        starts[name] = parse_quantity(value, units[name], name) if name in units else value
+    return starts
+
+
+@app.command()
+def heart(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
+    """Build the FMU of a left heart."""
+    with sentences(ValueError):
+        _report(build_model(heart_model(species), out, execution_tool))
+
+
+@app.command()
+def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
+    """Build the FMU of the veins, which close the volume between arteries and heart."""
+    with sentences(ValueError):
+        _report(build_model(body_model(species), out, execution_tool))
+
+
+app.command("doctor")(doctor.main)
 
 
 def _report(target: Path) -> None:

@@ -35,10 +35,10 @@ from pythonfmu import DefaultExperiment, Fmi2Slave
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 from pythonfmu.variables import Integer, Real, ScalarVariable
 
-from solver.scheme.guards import NonPhysicalState
+from solver.scheme.failure import NonPhysicalState
 
 from .description import complete
-from .variables import Variable
+from .variable import Variable
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 

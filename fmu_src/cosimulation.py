@@ -1,48 +1,48 @@
-"""The component without FMI: parameters by name, a fixed internal time grid, any communication step."""
+"""The component without FMI: parameters by name, any communication step, and the ports by which others couple to it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from solver.network import Network
-from solver.outputs import reporter
+from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.model import Model, Settings, build
-from solver.scheme.sdirk import INFLOW_TIMES, SDIRK3
-from solver.scheme.step import State, adopt, initial_state, step
+from solver.scheme.step import initial_state
 
-# communication points nearer to the grid than this part of dt count as on it
-_ON_GRID = 1e-6
+from .ports import Impedances, impedances, port_names, port_values
+from .stretch import Position, Stretch
 
+Array = np.ndarray
 
-@dataclass(frozen=True)
-class _Piece:
-    """The inflow of one communication step: linear in time from ``Q_start`` to ``Q_end`` [m³/s]."""
-
-    start: float
-    end: float
-    Q_start: float
-    Q_end: float
-
-    def __call__(self, t: float) -> float:
-        slope = (self.Q_end - self.Q_start) / (self.end - self.start)
-        return self.Q_end if t == self.end else self.Q_start + slope * (t - self.start)
+_ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
+_LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
+_MOST_STEPS = 1_000_000  # internal steps in one communication step
 
 
 class CoSimulation:
-    """Internal steps lie at t0 + n·dt whatever the communication points; outputs off the grid come from a short step
-    that is then discarded.
+    """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
+    most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
 
-    The inflow of a communication step is held, or linear from the value of the step before to the present one. An
-    outlet's P_venous and changed parameters count from the last grid point on.
+    The inflow of a communication step from t to t + h is, by ``inlet.interpolation``,
+
+    hold     the value that is set before the step;
+    linear   a straight line from the value of the step before to that one, which then is Q(t + h);
+    smooth   a straight line from Q(t), which is set before the step, to an extrapolated value. What was extrapolated
+             in the step before is taken back: that step is repeated with the value that is now known. So the arteries
+             see straight lines between the Q(t), and only what is shown at the newest time is provisional.
+
+    P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
+        self.port_names = port_names(network)
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
@@ -51,23 +51,28 @@ class CoSimulation:
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
         parameters = {name: values[name] for name in self.parameters}
         self._use(build(replace(self.network, **laws), parameters, settings))
-        self.dt = settings.dt
-        self.holds = values["inlet.interpolation"] == "hold"
-        self.state = self.shown = initial_state(self.model, t0)
-        self.t0, self.n, self.time = t0, 0, t0
-        self.Q_before = values["inlet.Q"]
-        self.pieces: list[_Piece] = []  # the inflow since the last grid point
+        self.dt, self.time = settings.dt, t0
+        self.interpolation = values["inlet.interpolation"]
+        # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
+        self.known = self.shown = Position(initial_state(self.model, t0), values["inlet.Q"], 0.0)
+        self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
+        self.last = self._stretch(self.dt, values)
+        self.V_0 = self._volume()
+        self.V_venous = self.Q_venous = 0.0
 
     def retune(self, changed: Mapping[str, Any]) -> None:
         """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
 
         Of the inputs those that are parameters too (P_venous) matter: the Jacobian at rest is made with them.
         """
+        before = self._volume()
         self._use(self.model.with_parameters({name: v for name, v in changed.items() if name in self.parameters}))
-        self.state = adopt(self.model, self.state)
+        self.shown = self.shown.under(self.model)
+        self.V_0 += self._volume() - before  # another compliance at the same pressure is no flow
 
     def _use(self, model: Model) -> None:
-        self.model, self.report = model, reporter(model)
+        self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
+        self.impedances: dict[tuple[int, float], Impedances] = {}
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Advance from t to t + h [s] with the inputs in ``values``.
@@ -75,56 +80,65 @@ class CoSimulation:
         Raises ValueError, NonPhysicalState; the component is then as before.
         """
         self._check_time(t, h)
-        Q = values["inlet.Q"]
-        P_venous = np.array([values[name] for name in self.venous])
-        end = self._snapped(t + h)
-        pieces = [*self.pieces, _Piece(self.time, end, Q if self.holds else self.Q_before, Q)]
-        state, n = self.state, self.n
-        while self._grid(n + 1) <= end:
-            state = replace(self._advance(state, n, 1.0, pieces, P_venous), t=self._grid(n + 1))
-            n += 1
-        shown = state
-        if end > self._grid(n):
-            part = round((end - self._grid(n)) / self.dt, 9)  # rounded: the operators are kept per length
-            shown = self._advance(_ready_for(state, part), n, part, pieces, P_venous)
-        self.state, self.n, self.shown, self.time = state, n, shown, end
-        self.Q_before = Q
-        self.pieces = [piece for piece in pieces if piece.end > self._grid(n)]
+        stretch = self._stretch(h, values)
+        known, shown, slope = self._driven(stretch, values["inlet.Q"])
+        self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
+        V_venous = self.V_0 + shown.V_in - self._volume()
+        self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
+
+    def _driven(self, stretch: Stretch, Q: float) -> tuple[Position, Position, float]:
+        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with inlet.Q = Q."""
+        if self.interpolation == "smooth":
+            known, slope = replace(self.known, Q=Q), 0.0
+            if self.known is not self.shown:
+                slope = (Q - self.known.Q) / self.last.h
+                known = self.shown if Q == self.shown.Q else self.last.run(self.known, self.known.Q, Q)
+            known = known.under(stretch.model)
+            return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+        Q_start = Q if self.interpolation == "hold" else self.known.Q
+        after = stretch.run(self.known.under(stretch.model), Q_start, Q)
+        return after, after, (Q - Q_start) / stretch.h
 
     def outputs(self) -> list[float]:
-        """The outputs at the last communication point, in the order of the variable table."""
-        return self.report(self.shown)[0].tolist()
+        """The outputs at the last communication point, in the order of the variable table, but for the ports."""
+        volumes = [self._volume(), self.V_venous, self.Q_venous]
+        return self.report(self.shown.state)[0].tolist() + volumes
 
-    def _grid(self, n: float) -> float:
-        return self.t0 + n * self.dt
+    def ports(self) -> dict[str, float]:
+        """The ports by name, over the next communication step, which is taken to be as long as the last one."""
+        key = self.last.steps, self.last.dt
+        if key not in self.impedances:
+            rest = Position(initial_state(self.model), 0.0, 0.0)
+            self.impedances[key] = impedances(replace(self.last, model=self.model), rest, self.interpolation)
+        stretch = replace(self.last, model=self.model)
+        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.impedances[key])
+        return dict(zip(self.port_names, values, strict=True))
 
-    def _snapped(self, t: float) -> float:
-        """The grid point at t if there is one, so that round-off of communication points makes no short steps."""
-        nearest = self._grid(round((t - self.t0) / self.dt))
-        return nearest if abs(t - nearest) <= _ON_GRID * self.dt else t
+    def venous_flows(self) -> Array:
+        """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""
+        return venous_flow(self.model, self.shown.state, self.last.P_venous)[0]
 
-    def _advance(self, state: State, n: int, part: float, pieces: list[_Piece], P_venous: np.ndarray) -> State:
-        """One step from grid point n, over ``part`` of the internal step."""
-        times = [self._grid(n + part * c) for c in INFLOW_TIMES.tolist()]
-        inflow = [next((piece for piece in pieces if t <= piece.end), pieces[-1])(t) for t in times]
-        return step(self.model, state, part * self.dt, np.array(inflow), P_venous)
+    def _volume(self) -> float:
+        return float(self.weights @ self.shown.state.y[0])
+
+    def _stretch(self, h: float, values: Mapping[str, Any]) -> Stretch:
+        ratio = h / self.dt
+        steps, dt = round(ratio), self.dt
+        if steps == 0 or abs(ratio - steps) > _ON_GRID:
+            steps = max(1, steps, math.ceil(ratio / _LONGEST))
+            dt = float(f"{h / steps:.9g}")  # rounded: the operators are kept per length
+        P_venous = np.array([values[name] for name in self.venous])
+        return Stretch(self.model, h, steps, dt, P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
         if not (np.isfinite(h) and h > 0.0):
             raise ValueError(f"communication step of {h:g} s: must be positive.")
+        if h > _MOST_STEPS * self.dt:
+            raise ValueError(
+                f"communication step of {h:g} s: more than {_MOST_STEPS} internal steps of {self.dt:g} s; "
+                "take shorter communication steps."
+            )
         if not abs(t - self.time) <= 2 * _ON_GRID * self.dt + 1e-12 * abs(t):
             raise ValueError(
                 f"step from t = {t:.9g} s, but the component stands at {self.time:.9g} s; step on from there or reset."
             )
-
-
-def _ready_for(state: State, part: float) -> State:
-    """The state at a grid point, ready for a step that is only ``part`` of the last one.
-
-    The iterations of a step start from the stage values of the last two steps, at their times. For another length the
-    values at the end of these steps are extrapolated to the new times; a plain restart leaves fifty times the error.
-    """
-    ahead = part * SDIRK3.sum(axis=1)
-    last, before = state.unknowns[-1], state.unknowns_before[-1]
-    unknowns = last + np.multiply.outer(ahead, last - before)
-    return replace(state, unknowns=unknowns, unknowns_before=unknowns)

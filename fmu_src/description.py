@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from solver.units import base_units, display_factor, display_units
 
-from .variables import Variable
+from .variable import Variable
 
 
 def complete(root: Element, table: tuple[Variable, ...], version: str) -> Element:

@@ -13,16 +13,21 @@ from solver.outlets import OUTLETS
 from solver.units import display_factor
 
 from .drawing import model_png, network_svg
-from .variables import Variable
+from .variable import Variable
 
 
 def documents(network: Network, table: tuple[Variable, ...], version: str) -> dict[str, bytes]:
     """The files by their path in the FMU."""
     return {
         "documentation/index.html": index_html(network, table, version).encode(),
-        "documentation/licenses/pythonfmu.txt": _pythonfmu_licence(),
         "model.png": model_png(network),
+        **licences(),
     }
+
+
+def licences() -> dict[str, bytes]:
+    """The licences of what an FMU carries, by path."""
+    return {"documentation/licenses/pythonfmu.txt": _pythonfmu_licence()}
 
 
 def _pythonfmu_licence() -> bytes:
@@ -80,22 +85,8 @@ pythonfmu crashes on them.</li>
 
 def index_html(network: Network, table: tuple[Variable, ...], version: str) -> str:
     """One self-contained page: what the FMU is, how to use it, its variables, the network drawn, references."""
-    groups = [
-        (title, [v for v in table if v.causality == causality])
-        for title, causality in (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
-    ]
-    tables = "\n".join(f"<h3>{title}</h3>\n{_table(rows)}" for title, rows in groups)
     reference = escape(" ".join(network.reference.split()) or "The network file names none.")
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(network.name)}: 1D arterial network</title>
-<style>{_STYLE}</style>
-</head>
-<body>
-<h1>{escape(network.name)}</h1>
+    body = f"""<h1>{escape(network.name)}</h1>
 <p>Pressure, flow and radius of pulse waves in a network of {_count(network)}, as a co-simulation FMU
 (FMI 2.0) made by arterial-fmu {escape(version)}. In every artery it solves the one-dimensional equations of mass and
 momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
@@ -105,19 +96,41 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
 {_USE}
-<h2>Variables</h2>
-<div class="scroll">
-{tables}
-</div>
+{variables_html(table)}
 <h2>References</h2>
 <p>Parameters of the network: {reference}</p>
 <p>Model: A. R. Ghigo, X.-F. Wang, R. Armentano, P.-Y. Lagrée, J.-M. Fullana, <em>Linear and nonlinear viscoelastic
 arterial wall models: application on animals</em>, Journal of Biomechanical Engineering 139(1), 011003 (2017),
 <a href="https://doi.org/10.1115/1.4034832">doi:10.1115/1.4034832</a>.</p>
-<p>Licence: MIT.</p>
+<p>Licence: MIT.</p>"""
+    return page(f"{network.name}: 1D arterial network", body)
+
+
+def page(title: str, body: str) -> str:
+    """A page of HTML."""
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title>
+<style>{_STYLE}</style>
+</head>
+<body>
+{body}
 </body>
 </html>
 """
+
+
+def variables_html(table: tuple[Variable, ...]) -> str:
+    """Inputs, outputs and parameters as tables, under a heading."""
+    groups = [
+        (title, [v for v in table if v.causality == causality])
+        for title, causality in (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
+    ]
+    tables = "\n".join(f"<h3>{title}</h3>\n{_table(rows)}" for title, rows in groups)
+    return f'<h2>Variables</h2>\n<div class="scroll">\n{tables}\n</div>'
 
 
 def _count(network: Network) -> str:

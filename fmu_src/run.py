@@ -30,6 +30,8 @@ from rich.console import Console
 from solver.console import bar, sentences
 from solver.files import parse_quantity, read_text, write_whole
 
+from .ports import is_port
+
 Array = np.ndarray
 Input = Callable[[Array], Array]
 
@@ -48,7 +50,7 @@ def run_fmu(
     inputs: Mapping[str, Input] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Array]:
-    """Step an FMU from 0 to ``stop_time`` [s]; return "time", "inlet.Q", other inputs, every output, each (n,) in SI.
+    """Step an FMU from 0 to ``stop_time`` [s]; return "time", inputs, outputs but for the ports, each (n,) in SI.
 
     inflow : Q(t) [m³/s] for an array of times. inlet.interpolation is ``linear`` and inlet.Q is set to Q(t + h) before
     the step from t, so the inflow is piecewise linear through the samples, without the half-step delay of a held input.
@@ -74,7 +76,7 @@ def run_fmu(
     held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())])
     starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
     driven = [variables[name].valueReference for name in shown]
-    outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output"}
+    outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
     with _instantiated(fmu, description) as slave:
         _initialize(slave, variables, starts, driven, [values[0] for values in shown.values()])
         table = _steps(slave, time, driven, held, list(outputs.values()), progress)

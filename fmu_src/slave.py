@@ -11,7 +11,7 @@ from solver.scheme.model import Settings
 
 from .base import ComponentSlave, Subject
 from .cosimulation import CoSimulation
-from .variables import variable_table
+from .variables import variable_table, with_starts
 
 
 class ArterialSlave(ComponentSlave):
@@ -28,7 +28,7 @@ class ArterialSlave(ComponentSlave):
             description=_in_one_line(network),
             version=data["version"],
             experiment=DefaultExperiment(0.0, 5 * network.inlet.T, settings.dt, settings.tolerance),
-            table=variable_table(network, settings),
+            table=with_starts(variable_table(network, settings), data["starts"]),
             make=lambda: CoSimulation(network, settings),
         )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 from solver import effects
 from solver.network import Network
@@ -10,7 +12,10 @@ from solver.quantity import Quantity
 from solver.scheme.model import Settings
 from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
-INTERPOLATIONS = ("hold", "linear")
+from .ports import port_names
+from .variable import Variable
+
+INTERPOLATIONS = ("hold", "linear", "smooth")
 INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
 # ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
@@ -18,48 +23,20 @@ SETTINGS = {
     "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),
 }
 _OUTPUTS = {
-    "P": Quantity("Pa", "pressure", float("-inf"), float("inf"), nominal=1e4, display="mmHg"),
-    "Q": Quantity("m^3/s", "flow", float("-inf"), float("inf"), nominal=1e-5, display="mL/s"),
-    "R": Quantity("m", "radius", 0.0, float("inf"), nominal=1e-2, display="mm"),
+    "P": Quantity("Pa", "pressure", -math.inf, math.inf, nominal=1e4, display="mmHg"),
+    "Q": Quantity("m^3/s", "flow", -math.inf, math.inf, nominal=1e-5, display="mL/s"),
+    "R": Quantity("m", "radius", 0.0, math.inf, nominal=1e-2, display="mm"),
 }
-
-
-@dataclass(frozen=True)
-class Variable:
-    """One FMU variable. causality: input, output, parameter. variability: continuous, fixed, tunable.
-
-    ``quantity`` for a number; ``choices`` for an Enumeration, whose values are texts here and 1, 2, … for FMI.
-    ``start`` is None for outputs. sources : the parameters on which an output depends at the start. late : an output
-    that costs something and is computed only when it is read.
-    """
-
-    name: str
-    causality: str
-    variability: str
-    description: str
-    start: float | str | None
-    quantity: Quantity | None = None
-    choices: tuple[str, ...] = ()
-    sources: tuple[str, ...] = ()
-    late: bool = False
-
-    def check(self, value: float | str) -> None:
-        """Raise ValueError, one sentence, unless the value is allowed."""
-        if self.quantity is not None:
-            self.quantity.check(self.name, value)  # type: ignore[arg-type]
-        elif value not in self.choices:
-            raise ValueError(f"{self.name} = {value!r}: must be one of {', '.join(self.choices)}.")
-
-    def choice(self, number: int) -> str:
-        """The choice with a number of the Enumeration; ValueError, one sentence, if there is none."""
-        if not 1 <= number <= len(self.choices):
-            known = " or ".join(f"{i} ({choice})" for i, choice in enumerate(self.choices, start=1))
-            raise ValueError(f"{self.name} = {number}: must be {known}.")
-        return self.choices[number - 1]
-
-    def number(self, choice: str) -> int:
-        """The number of a choice."""
-        return self.choices.index(choice) + 1
+_VOLUMES = {
+    "network.V": Quantity("m^3", "blood in the arteries and Windkessels", -1.0, 1.0, nominal=1e-4, display="mL"),
+    "venous.V": Quantity("m^3", "volume that has left to the veins", -math.inf, math.inf, nominal=1e-4, display="mL"),
+    "venous.Q": replace(_OUTPUTS["Q"], description="mean flow to the veins over the last communication step"),
+}
+_PORTS = {
+    "P_0": replace(_OUTPUTS["P"], description="after the next communication step, at no flow"),
+    "Z": Quantity("Pa.s/m^3", "change per flow then", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
+    "Z_0": Quantity("Pa.s/m^3", "change per flow at its start", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
+}
 
 
 def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]:
@@ -86,7 +63,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         ),
         (
             "inlet.interpolation",
-            "inlet.Q during a step: held, or linear from the value of the step before",
+            "inlet.Q in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
             "hold",
             INTERPOLATIONS,
         ),
@@ -102,7 +79,34 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         sources = _initial_sources(kind, parameters)
         text = f"{quantity.description} at {place}"
         outputs.append(Variable(name, "output", "continuous", text, None, quantity, sources=sources))
+    everything = tuple(variable.name for variable in (*inputs, *parameters))
+    for name, quantity in _VOLUMES.items():
+        sources = everything if name == "network.V" else ()
+        outputs.append(Variable(name, "output", "continuous", quantity.description, None, quantity, sources=sources))
+    for name in port_names(network):
+        outputs.append(_port(name, everything))
     return (*inputs, *parameters, *outputs)
+
+
+def with_starts(table: tuple[Variable, ...], starts: Mapping[str, float | str]) -> tuple[Variable, ...]:
+    """The table with other start values of inputs and parameters. Raises ValueError for one that is not allowed."""
+    known = {variable.name for variable in table if variable.causality != "output"}
+    for name in starts:
+        if name not in known:
+            raise ValueError(f"{name}: not an input or parameter; the FMU's modelDescription.xml has the names.")
+    changed = {variable.name: replace(variable, start=starts.get(variable.name, variable.start)) for variable in table}
+    for name, value in starts.items():
+        changed[name].check(value)
+    return tuple(changed.values())
+
+
+def _port(name: str, sources: tuple[str, ...]) -> Variable:
+    """A variable of :mod:`~fmu_src.ports`."""
+    place, kind = name.rsplit(".", 1)
+    quantity = _PORTS[kind]
+    signal = "pressure at the inlet" if place == "inlet" else f"P_venous of {place}"
+    text = f"port: {signal}, {quantity.description}"
+    return Variable(name, "output", "continuous", text, None, quantity, sources=sources, late=True)
 
 
 def _initial_sources(kind: str, parameters: list[Variable]) -> tuple[str, ...]:

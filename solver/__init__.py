@@ -8,7 +8,7 @@
 from .files import bundled, find_network, read_network, write_network
 from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import Pressure, Reflection, Resistance, Windkessel
-from .scheme.guards import NonPhysicalState
+from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .simulate import NotPeriodic, Waveforms, sampled_inflow, simulate, simulate_periodic
 

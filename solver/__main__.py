@@ -11,7 +11,7 @@ from rich.table import Table
 from .console import bar, right, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .network import Network
-from .scheme.guards import NonPhysicalState
+from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
 from .units import MMHG

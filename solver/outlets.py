@@ -75,6 +75,16 @@ class Outlet:
         raise NotImplementedError
 
     @classmethod
+    def capacity(cls, numbers: Numbers) -> Array:
+        """Volume behind the end of the segment per stored pressure P_C : (B, n) [m³/Pa]."""
+        return np.zeros_like(numbers["P_venous"])
+
+    @classmethod
+    def venous_flow(cls, numbers: Numbers, P_C: Array, Q: Array) -> Array:
+        """The flow [m³/s] to P_venous, where Q : (B, n) [m³/s] leaves the segment."""
+        return Q
+
+    @classmethod
     def unreachable(cls, numbers: Numbers, wall: Wall, P: Array) -> Array:
         """Where no pressure P : (B, n) [Pa] of this size can be at the outlet."""
         return np.zeros(np.broadcast_shapes(P.shape, wall.A0.shape), bool)
@@ -160,6 +170,14 @@ class Windkessel(Outlet):
         keep = 1.0 / (1.0 + store / numbers["R2"])
         charge = keep * store
         return _linear_load(numbers["R1"] + charge, wall, keep=keep, give=charge / numbers["R2"], charge=charge)
+
+    @classmethod
+    def capacity(cls, numbers: Numbers) -> Array:
+        return numbers["C"]
+
+    @classmethod
+    def venous_flow(cls, numbers: Numbers, P_C: Array, Q: Array) -> Array:
+        return (P_C - numbers["P_venous"]) / numbers["R2"]
 
     @classmethod
     def condition(cls, numbers: Numbers, wall: Wall, P_0: Array, omega: Array, Z_ref: Array) -> Condition:

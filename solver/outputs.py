@@ -61,3 +61,28 @@ def reporter(model: Model) -> Reporter:
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
+
+
+def volume_weights(model: Model) -> Array:
+    """What a state vector y : (B, n) is multiplied by, and summed, for the blood in arteries and Windkessels [m³].
+
+    Only what flows in and out changes it.
+    """
+    weights = np.zeros((model.coefficients.B, model.layout.size))
+    lengths = -model.mesh.element.w_gauss / model.minus_J_inverse
+    weights[:, model.layout.places["A"]] = lengths.reshape(len(weights), -1)
+    P_C = model.layout.part(weights, "P_C")
+    for ends in model.coefficients.outlets:
+        if ends.kind.stores:
+            P_C[:, ends.index] = ends.kind.capacity(ends.numbers)
+    return weights
+
+
+def venous_flow(model: Model, state: State, P_venous: Array) -> Array:
+    """The flow of each outlet to its P_venous : (n_outlets,) or (B, n_outlets) [Pa], as (B, n_outlets) [m³/s]."""
+    P_C, found = model.layout.part(state.y, "P_C"), state.Q[:, model.mesh.outlet_element, -1].copy()
+    for ends in model.coefficients.outlets:
+        if ends.kind.stores:
+            numbers = ends.changed({"P_venous": np.atleast_2d(P_venous)[:, ends.index]})
+            found[:, ends.index] = ends.kind.venous_flow(numbers, P_C[:, ends.index], found[:, ends.index])
+    return found

@@ -16,7 +16,7 @@ from .wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
-_RESERVED = {"inlet", "fluid", "network", "time", "outlet"}
+_RESERVED = {"inlet", "fluid", "network", "time", "outlet", "venous"}
 
 
 def check_network(network: Described) -> None:

@@ -17,8 +17,9 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import hypothesis
 import pytest
+from c_host import CHost, compiled
 from commands import in_process
-from fmus import COARSE, Instance, mixed
+from fmus import COARSE, TIGHT, Instance, mixed
 
 from build_fmu import build
 from solver import Network, load
@@ -62,6 +63,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {
         "sheep": build(sheep, folder),
         "sheep_nonlinear": build(load("sheep_nonlinear"), folder),
+        "tight": build(load("sheep_nonlinear"), folder / "tight", TIGHT),
         "mixed": build(mixed(), folder),
         "coarse sheep": build(sheep, folder / "coarse", COARSE),
         "stiff sheep": build(sheep.with_parameters({"CA.E": 8e6}), folder / "stiff"),
@@ -80,3 +82,9 @@ def instantiate(fmus: dict[str, Path], tmp_path: Path) -> Iterator[Callable[...,
     yield make
     for instance in made:
         instance.slave.freeInstance()
+
+
+@pytest.fixture(scope="session")
+def c_host(tmp_path_factory: pytest.TempPathFactory) -> CHost:
+    """The co-simulation host in C."""
+    return compiled(tmp_path_factory.mktemp("c_host"))

@@ -17,6 +17,7 @@ from solver import Network, Pressure, Resistance, Settings, Windkessel, load
 
 MS = 1e-3
 COARSE = Settings(dt=2e-3, element_length=0.1)
+TIGHT = Settings(tolerance=1e-10)
 
 
 def mixed() -> Network:
@@ -42,7 +43,9 @@ class Instance:
             for v in description.modelVariables
             if v.type == "Enumeration"
         }
-        self.outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        outputs = [v.name for v in description.modelVariables if v.causality == "output"]
+        self.outputs = [name for name in outputs if name[-2:] in (".P", ".Q", ".R") and name != "venous.Q"]
+        self.others = [name for name in outputs if name not in self.outputs]  # volumes and ports
         self.folder = Path(fmpy.extract(os.fspath(fmu), os.fspath(folder)))
 
         def log(_environment: Any, _instance: bytes, _status: int, _category: bytes, message: bytes) -> None:

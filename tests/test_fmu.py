@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from compare import elastic
 from fmpy.fmi1 import FMICallException
-from fmus import COARSE, MS, TEXTS, Instance, mixed, run_python
+from fmus import COARSE, MS, TEXTS, TIGHT, Instance, mixed, run_python
 
 from fmu_src.run import run_fmu
 from solver import Network, Settings, load, sampled_inflow, simulate
@@ -44,6 +44,7 @@ class Case:
     fmu: str
     starts: dict[str, float | str]
     network: Callable[[], Network]
+    settings: Settings = Settings()
 
     def parameters(self) -> dict[str, float]:
         return {name: float(value) for name, value in self.starts.items() if not isinstance(value, str)}
@@ -55,7 +56,8 @@ CASES = {
     "regression law": Case(
         "sheep", {"network.elastic_law": "regression"}, lambda: replace(load("sheep"), elastic_law="regression")
     ),
-    "nonlinear": Case("sheep_nonlinear", {}, lambda: load("sheep_nonlinear")),
+    # iterated to the end: at the default tolerance the round-off of the inflow decides which iteration is the last
+    "nonlinear": Case("tight", {}, lambda: load("sheep_nonlinear"), TIGHT),
     "all outlets": Case("mixed", {}, mixed),
     "other pressures": Case(
         "mixed", {"network.P_ref": 9e3, "network.P_0": 11e3, "VA2.outlet.P_venous": 11e3, "CA.ENL": 2e5}, mixed
@@ -72,8 +74,8 @@ def test_equals_the_solver(fmus: dict[str, Path], case: Case) -> None:
     assert result["time"][-1] == 1.0
     t = np.arange(1001) * MS
     inflow = sampled_inflow(t, network.inlet.Q(t))
-    expected = simulate(network, inflow, 1.0, parameters=case.parameters())
-    assert set(result) == {"time", *expected}
+    expected = simulate(network, inflow, 1.0, parameters=case.parameters(), settings=case.settings)
+    assert set(result) == {"time", *expected, "network.V", "venous.V", "venous.Q"}
     assert largest_error(result, expected) <= 1e-9
 
 

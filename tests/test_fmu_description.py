@@ -97,12 +97,17 @@ KINDS = {
     ".P": ("output", "continuous", "Pa", "mmHg"),
     ".Q": ("output", "continuous", "m^3/s", "mL/s"),
     ".R": ("output", "continuous", "m", "mm"),
+    ".V": ("output", "continuous", "m^3", "mL"),
+    ".P_0": ("output", "continuous", "Pa", "mmHg"),
+    ".Z": ("output", "continuous", "Pa.s/m^3", "mmHg.s/mL"),
+    ".Z_0": ("output", "continuous", "Pa.s/m^3", "mmHg.s/mL"),
 }
 
 
 def expected_names(network: Network) -> list[str]:
     outlets = {"Reflection": ["R_t"], "Windkessel": ["R1", "C", "R2"], "Resistance": ["R"], "Pressure": []}
-    names = ["inlet.Q", "inlet.P", "solver.dt", "solver.element_length", *TEXTS]
+    names = ["inlet.Q", "inlet.P", "inlet.P_0", "inlet.Z", "inlet.Z_0", "network.V", "venous.V", "venous.Q"]
+    names += ["solver.dt", "solver.element_length", *TEXTS]
     names += [
         "network.eta",
         "network.P_ref",
@@ -111,7 +116,7 @@ def expected_names(network: Network) -> list[str]:
     ]
     names += [f"{s.name}.{k}" for s in network.segments for k in ("L", "R0", "h", "E", "ENL", "phi0", "phiNL")]
     names += [f"{o.segment}.outlet.{k}" for o in network.outlets for k in outlets[type(o).__name__]]
-    names += [f"{o.segment}.outlet.{k}" for o in network.outlets for k in ("P_venous", "P", "Q")]
+    names += [f"{o.segment}.outlet.{k}" for o in network.outlets for k in ("P_venous", "P", "Q", "P_0", "Z")]
     names += [f"{j.name}.junction.k" for j in network.junctions]
     return names + [f"{site.name}.{k}" for site in network.sites for k in "PQR"]
 
@@ -172,7 +177,7 @@ def test_units(fmus: dict[str, Path]) -> None:
             assert float(display.attrib["factor"]) == pytest.approx(factor, rel=1e-12)
             assert "offset" not in display.attrib
             displays += 1
-    assert displays == 10
+    assert displays == 11
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -187,8 +192,11 @@ def test_structure(fmus: dict[str, Path], name: str) -> None:
     ]
     initial = find(root, "ModelStructure/InitialUnknowns")
     assert [node.attrib["index"] for node in initial] == outputs
+    names = [node.attrib["name"] for node in find(root, "ModelVariables")]
     for node in initial:
-        assert {kinds[int(i) - 1] for i in node.attrib["dependencies"].split()} <= {"parameter"}
+        sources = {kinds[int(i) - 1] for i in node.attrib["dependencies"].split()}
+        driven = names[int(node.attrib["index"]) - 1].endswith((".P_0", ".Z", ".Z_0", "network.V"))
+        assert sources <= ({"parameter", "input"} if driven else {"parameter"})
 
 
 def test_initial_dependencies_are_complete(instantiate: Callable[..., Instance], fmus: dict[str, Path]) -> None:
@@ -209,7 +217,7 @@ def test_initial_dependencies_are_complete(instantiate: Callable[..., Instance],
     before = dict(zip(instance.outputs, instance.get(), strict=True))
     changed: dict[str, set[str]] = {name: set() for name in instance.outputs}
     for name in names:
-        if name in TEXTS or name in instance.outputs:
+        if name in TEXTS or name in (*instance.outputs, *instance.others):
             continue
         (value,) = instance.get([name])
         instance.set({name: value * 0.99 if value else 1e-3})

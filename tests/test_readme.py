@@ -26,6 +26,7 @@ DOCUMENTS = {
     "README.md": (2, 2),
     "CONTRIBUTING.md": (1, 0),
     "docs/fmu.md": (2, 1),
+    "docs/coupling.md": (1, 0),
     "docs/effects.md": (1, 0),
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),

@@ -7,17 +7,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from .failure import NonPhysicalState
 from .model import Model
 
 Array = np.ndarray
-
-
-class NonPhysicalState(ArithmeticError):
-    """The solution left what the equations describe. ``segment``, ``x`` [m] and ``t`` [s] say where and when."""
-
-    def __init__(self, reason: str, segment: str, x: float, t: float, remedy: str) -> None:
-        self.reason, self.segment, self.x, self.t = reason, segment, x, t
-        super().__init__(f"segment {segment} at x = {100 * x:.3g} cm, t = {t:.6g} s: {reason}; {remedy}.")
 
 
 def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:

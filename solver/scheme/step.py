@@ -36,8 +36,8 @@ class State:
     """Everything a step needs.
 
     y : (B, n) the state vector, its parts in ``layout``. A_t : (B, n_e, N) ∂A/∂t [m²/s]; H : (B, n_nodes) [Pa].
-    unknowns, unknowns_before : (STAGES, B, m), ∂Q/∂t and H at the stages of the last step and of the one before, which
-    start the next iterations; their parts in ``guess``.
+    unknowns, unknowns_before : (STAGES, B, m), ∂Q/∂t and H at the stages of the last step and of the one before, both
+    of length dt [s], which start the next iterations; their parts in ``guess``.
     """
 
     t: float
@@ -48,6 +48,7 @@ class State:
     unknowns_before: Array
     layout: Layout
     guess: Layout
+    dt: float = 0.0
 
     @property
     def A(self) -> Array:
@@ -134,7 +135,8 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
     # over the step, the jump would show in the inlet pressure as its inertia divided by dt
     layout.part(y, "Q")[:, model.mesh.inlet_element, 0] = inflow[0]
     # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
-    guesses = 2.0 * state.unknowns - state.unknowns_before
+    last, before = _at_stages_of(state, dt)
+    guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
     for a, guessed, found, Q_i in zip(SDIRK3, guesses, unknowns, Q_in, strict=True):
         start = y
@@ -150,7 +152,21 @@ def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Arr
         found[:, guess.places["rates"]], found[:, guess.places["heads"]] = k_i[:, layout.places["Q"]], H
         k.append(k_i)
     check(model, layout.part(end, "A"), A_t, Q, state.t + dt)
-    return State(state.t + dt, end, A_t, H, unknowns, state.unknowns, layout, guess)
+    return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt)
+
+
+def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
+    """The unknowns of the last two steps, as if these had been of length dt [s].
+
+    Where they were of another length, the straight line through the values at their ends stands for them: a plain
+    restart would leave fifty times the error.
+    """
+    last, before = state.unknowns, state.unknowns_before
+    if dt == state.dt or state.dt == 0.0:
+        return last, before
+    slope = (last[-1] - before[-1]) * (dt / state.dt)
+    stages = SDIRK3.sum(axis=1)
+    return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
 
 
 def _tolerances(model: Model, state: State, Q_in: Array) -> tuple[Array, Array]:

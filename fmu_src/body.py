@@ -1,0 +1,102 @@
+"""The veins, the right heart and the lungs as one reservoir, which closes the volume; without FMI.
+
+    P = (V - V_unstressed) / C,     V = V_start + V_arteries - V_heart
+
+It exchanges counted volumes with its neighbours, not flows: what has left the arteries and what the heart has taken,
+both since the start. So the total volume is that of the start, to round-off, whatever the communication step and the
+order in which a master runs the components.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from solver.quantity import quantity
+
+from .lumped import with_values
+
+EXCHANGES = ("end", "start")
+
+
+@dataclass(frozen=True)
+class Reservoir:
+    """An elastic reservoir."""
+
+    C: float = quantity(None, "m^3/Pa", "compliance", 1e-12, 1e-3, nominal=1e-7, display="mL/mmHg")
+    V_unstressed: float = quantity(None, "m^3", "volume at no pressure", 0.0, 1.0, nominal=1e-3, display="mL")
+    P_start: float = quantity(
+        None, "Pa", "pressure at the start", -1e5, 1e5, nominal=1e3, display="mmHg", tunable=False
+    )
+
+
+@dataclass(frozen=True)
+class Body:
+    """A reservoir of veins. reference : where its numbers come from."""
+
+    name: str
+    reference: str
+    body: Reservoir
+
+    def with_values(self, values: Mapping[str, Any]) -> Body:
+        """The body with the parameters in ``values``."""
+        return replace(self, body=with_values("body", self.body, values))
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """V_start [m³]; net [m³] : gained since the start, as known at the time ``known`` [s]; and that of a step ago."""
+
+    t: float
+    V_start: float
+    known: float
+    net: float
+    known_before: float
+    net_before: float
+
+
+class BodyComponent:
+    """The reservoir as a component of an FMU: see ``base.Component``.
+
+    ``body.exchange`` says for which time the inputs are that are set before a step: its ``end``, by a master that runs
+    the body last, or its ``start``, by one that runs all components side by side. The volume at the end of the step
+    is then extrapolated from the last two.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.own = self.body = body
+
+    def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
+        """Begin with the reservoir at P_start."""
+        self.body = self.own.with_values(values)
+        self.extrapolates = values["body.exchange"] == "start"
+        reservoir = self.body.body
+        gained = values["arteries.V"] - values["heart.V"]
+        V_start = reservoir.V_unstressed + reservoir.C * reservoir.P_start
+        self.state = BodyState(t0, V_start, t0, gained, t0, gained)
+
+    def retune(self, changed: Mapping[str, Any]) -> None:
+        """Take over tunable parameters."""
+        self.body = self.body.with_values(changed)
+
+    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
+        """Take over the volumes."""
+        if not (math.isfinite(h) and h > 0.0):
+            raise ValueError(f"communication step of {h:g} s: must be positive.")
+        s = self.state
+        net = values["arteries.V"] - values["heart.V"]
+        self.state = BodyState(t + h, s.V_start, t if self.extrapolates else t + h, net, s.known, s.net)
+
+    @property
+    def V(self) -> float:
+        """Volume at the present time [m³]."""
+        s = self.state
+        ahead = (s.t - s.known) / (s.known - s.known_before) if s.known > s.known_before else 0.0
+        return s.V_start + s.net + ahead * (s.net - s.net_before)
+
+    def outputs(self) -> list[float]:
+        """Pressure [Pa] and volume [m³]."""
+        reservoir = self.body.body
+        return [(self.V - reservoir.V_unstressed) / reservoir.C, self.V]

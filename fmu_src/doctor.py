@@ -1,0 +1,329 @@
+"""Whether an FMU of this project runs here, and what is missing: ``python build_fmu.py doctor MODEL.fmu``.
+
+Exit code 0: it runs. 1: it is whole but does not run here, or not in every host; the table says why. 2: the file is no
+whole FMU of this project. Nothing that a file contains makes the doctor fail.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import os
+import platform
+import re
+import shlex
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from typing import Annotated
+from urllib.parse import quote
+from xml.etree import ElementTree
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from . import trial
+from .interpreter import TESTED, Interpreter, interpreter
+
+OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
+EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
+_PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
+_LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
+_PATIENCE = 120.0  # s for the trial
+# what zipfile raises for archives that are damaged, encrypted or packed in ways of their own
+_UNREADABLE = (zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError,
+               MemoryError, struct.error)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at: its name, how it stands (ok, note, problem, or no FMU), what was found, and what to do."""
+
+    what: str
+    state: str
+    found: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Archive:
+    """What the doctor reads of an FMU: its files, and of its description the model, GUID and flags."""
+
+    names: tuple[str, ...]
+    size: int
+    model: str
+    guid: str
+    execution_tool: bool
+
+
+def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
+    """Everything about an FMU and the Python it is to run in. Never raises, whatever the file is."""
+    path = Path(fmu)
+    try:
+        archive = _archive(path)
+    except _NoFMU as reason:
+        return [Finding("file", FATAL, *reason.args)]
+    findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
+    findings += _made_here(path, archive)
+    findings += _binaries(archive)
+    if archive.execution_tool:
+        remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
+        findings.append(Finding("execution tool", NOTE, "the FMU says that it needs Python on the host", remedy))
+    try:
+        where = interpreter(python)
+    except ValueError as error:
+        return [*findings, Finding("Python", PROBLEM, str(error))]
+    findings += [*_python(where), _numpy(where), *_host(where), *_paths(path)]
+    if not any(finding.state == FATAL for finding in findings):
+        findings.append(_trial(path, where))
+    return findings
+
+
+def state(findings: list[Finding]) -> str:
+    """The worst of all."""
+    return max((finding.state for finding in findings), key=list(EXIT).index)
+
+
+# --- the file -------------------------------------------------------------------------------------------------------
+
+
+class _NoFMU(Exception):
+    """What was found instead of an FMU, and what to do."""
+
+    def __init__(self, found: str, remedy: str = "build it anew with build_fmu.py, or copy it once more") -> None:
+        super().__init__(found, remedy)
+
+
+def _archive(path: Path) -> Archive:
+    """The FMU's contents. Raises _NoFMU."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            unpacked = sum(info.file_size for info in file.infolist())
+            if unpacked > _LARGEST:
+                raise _NoFMU(f"holds {unpacked / 1e6:.0f} MB; an FMU of this project has below {_LARGEST / 1e6:.0f} MB")
+            damaged = file.testzip()
+            if damaged is not None:
+                raise _NoFMU(f"{damaged} is damaged (checksum)")
+            names = tuple(file.namelist())
+            outside = [n for n in names if PurePosixPath(n).is_absolute() or ".." in PurePosixPath(n).parts]
+            if outside:
+                raise _NoFMU(f"{outside[0]!r} would be written outside the folder", "do not use this file")
+            root = ElementTree.fromstring(file.read("modelDescription.xml"))
+    except FileNotFoundError:
+        raise _NoFMU("there is no such file", "check the path, or build it with build_fmu.py") from None
+    except OSError as error:
+        raise _NoFMU(f"cannot be read ({error.strerror or error})", "check the path and its permissions") from None
+    except zipfile.BadZipFile:
+        raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
+    except KeyError:
+        raise _NoFMU("is no FMU (no modelDescription.xml)") from None
+    except ElementTree.ParseError as error:
+        raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None
+    except _UNREADABLE as error:
+        raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
+    simulation = root.find("CoSimulation")
+    if root.tag != "fmiModelDescription" or root.get("fmiVersion") != "2.0" or simulation is None:
+        raise _NoFMU("is no FMU for co-simulation by FMI 2.0", "build one with build_fmu.py")
+    model = simulation.get("modelIdentifier", "")
+    if not model or any(letter in model for letter in "/\\\0"):
+        raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
+    execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
+    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool)
+
+
+def _made_here(path: Path, archive: Archive) -> Iterator[Finding]:
+    """The names that carry the hash of the content agree: module, package and GUID."""
+    what, remedy = "contents", "build it anew with build_fmu.py"
+    with zipfile.ZipFile(path) as file:
+        try:
+            module = file.read("resources/slavemodule.txt").decode("utf-8", "replace").strip()
+            script = file.read(f"resources/{module}.py").decode("utf-8", "replace")
+        except KeyError as error:
+            yield Finding(what, FATAL, f"is none of this project: {str(error.args[0])}", remedy)
+            return
+    hashed = re.fullmatch(r"arterial_([0-9a-f]{8})", module)
+    if not hashed or f"_{module}" not in script:
+        yield Finding(what, FATAL, f"is none of this project (slave {module!r})", remedy)
+    elif not archive.guid.strip("{}").startswith(hashed[1]) or archive.guid not in script:
+        yield Finding(what, FATAL, "the GUID is not that of the code: the file was changed after it was built", remedy)
+    else:
+        missing = _missing(path, archive.names, module)
+        if missing:
+            yield Finding(what, FATAL, f"{missing} is missing", remedy)
+        else:
+            yield Finding(what, OK, f"{archive.model}, built by this project, content {hashed[1]}")
+
+
+def _missing(path: Path, names: tuple[str, ...], module: str) -> str | None:
+    """The first file that the FMU's code needs and has not: a module that another imports, or the data."""
+    package = f"resources/_{module}"
+    with zipfile.ZipFile(path) as file:
+        for name in [f"{package}/__init__.py", "resources/pythonfmu/__init__.py"]:
+            if name not in names:
+                return name
+        for name in names:
+            if not (name.startswith(package) and name.endswith(".py")):
+                continue
+            text = file.read(name).decode("utf-8", "replace")
+            for dots, inside in re.findall(r"^from (\.+)([\w.]+) import", text, flags=re.MULTILINE):
+                module_path = PurePosixPath(name).parents[len(dots) - 1] / inside.replace(".", "/")
+                if f"{module_path}.py" not in names and f"{module_path}/__init__.py" not in names:
+                    return f"{module_path}.py"
+    return None
+
+
+def _binaries(archive: Archive) -> Iterator[Finding]:
+    """The platforms that the FMU has a binary for; this machine's must be among them."""
+    found = {PurePosixPath(name).parts[1] for name in archive.names if re.match(r"binaries/[^/]+/.", name)}
+    here = trial.binary(Path(), archive.model)
+    listed = ", ".join(_PLATFORMS.get(name, name) for name in sorted(found)) or "none"
+    absent = [_PLATFORMS[name] for name in _PLATFORMS if name not in found]
+    if here.as_posix() not in archive.names:
+        remedy = f"the wrapper pythonfmu has no binary for {here.parent.name}: run the FMU on another machine"
+        yield Finding("binary", PROBLEM, f"{here.as_posix()} is missing (there is {listed})", remedy)
+    elif platform.machine().lower() not in ("x86_64", "amd64"):
+        remedy = "run the host as x86-64, for example under emulation"
+        yield Finding("binary", PROBLEM, f"for x86-64, but this machine is {platform.machine()}", remedy)
+    else:
+        without = f"; none for {' and '.join(absent)}" if absent else ""
+        yield Finding("binary", OK, f"{listed}{without}; tested on Linux")
+
+
+# --- the Python -----------------------------------------------------------------------------------------------------
+
+
+def _python(where: Interpreter) -> Iterator[Finding]:
+    first, last = (".".join(map(str, version)) for version in TESTED)
+    found = f"{where.name}, {where.executable}"
+    if where.bits != 64 or where.version[:2] < TESTED[0]:
+        yield Finding("Python", PROBLEM, found, f"use a 64-bit Python {first} to {last}")
+    elif where.version[:2] > TESTED[1]:
+        yield Finding("Python", NOTE, found, f"tested are {first} to {last}")
+    else:
+        yield Finding("Python", OK, found)
+
+
+def _numpy(where: Interpreter) -> Finding:
+    if where.numpy is not None:
+        return Finding("numpy", OK, f"numpy {where.numpy} in {where.numpy_from}")
+    return Finding("numpy", PROBLEM, where.numpy_from, f"{shlex.quote(where.executable)} -m pip install numpy")
+
+
+def _host(where: Interpreter) -> Iterator[Finding]:
+    """How a host that is not Python finds this Python."""
+    what = "hosts in C, C++, …"
+    if sys.platform == "win32":
+        remedy = f"put {os.path.dirname(where.executable)} (python3.dll) on the PATH of the host"
+        yield Finding(what, NOTE, "the wrapper loads python3.dll", remedy)
+    elif where.library is None:
+        remedy = "use a Python with a shared library: Debian's libpython3.x, conda, or one built with --enable-shared"
+        yield Finding(what, PROBLEM, "this Python has no libpython to load; hosts in Python run", remedy)
+    else:
+        line = " ".join(f"{name}={_shell(value)}" for name, value in where.environment().items())
+        yield Finding(what, OK, f"libpython: {where.library}", f"start them with: {line} HOST")
+
+
+def _shell(value: str) -> str:
+    """A value for the shell, in which $PATH is still replaced."""
+    quoted = shlex.quote(value.replace("$PATH", ""))
+    return quoted if "$PATH" not in value else f"{quoted}$PATH"
+
+
+def _paths(path: Path) -> Iterator[Finding]:
+    """Hosts pass the place of the resources as a URI; the wrapper decodes blanks in it and nothing else."""
+    temporary = Path(tempfile.gettempdir()).absolute()
+    for what, folder in (("temporary folder", temporary), ("folder of the FMU", path.absolute().parent)):
+        bad = "".join(sorted(set(undecoded(folder))))
+        if bad:
+            remedy = "set TMPDIR to a folder without them" if folder == temporary else "unpack the FMU elsewhere"
+            remedy += "; letters, digits, blanks and - . _ ~ are safe"
+            yield Finding(what, PROBLEM if folder == temporary else NOTE, f"{folder} holds {bad}: hosts crash", remedy)
+    if not os.access(temporary, os.W_OK):
+        yield Finding("temporary folder", PROBLEM, f"{temporary} cannot be written", "set TMPDIR to one that can")
+    elif shutil.disk_usage(temporary).free < 10e6:
+        yield Finding("temporary folder", PROBLEM, f"{temporary} has less than 10 MB left", "make room, or set TMPDIR")
+
+
+def undecoded(path: str | os.PathLike[str]) -> str:
+    """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
+    return "".join(
+        letter for letter in os.fspath(path) if letter not in " \\:/" and quote(letter, errors="replace") != letter
+    )
+
+
+def _trial(path: Path, where: Interpreter) -> Finding:
+    """One step in a process of its own."""
+    what = "one step"
+    try:
+        with tempfile.TemporaryDirectory(prefix="doctor_", ignore_cleanup_errors=True) as folder:
+            with zipfile.ZipFile(path) as file:
+                file.extractall(folder)
+            line = [where.executable, os.fspath(Path(trial.__file__).resolve()), folder]
+            done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
+    except subprocess.TimeoutExpired:
+        return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", "report it with the network file")
+    except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, ValueError) as error:
+        return Finding(what, PROBLEM, f"could not be tried ({error})", "check the temporary folder, or set TMPDIR")
+    told = _told(done.stdout)
+    if done.returncode == 0 and {"done": "free"} in told:
+        return Finding(what, OK, "loaded, initialized, stepped, read, freed")
+    reached = [line["done"] for line in told if "done" in line]
+    said = [line["said"].splitlines()[-1] for line in told if line.get("said", "").strip()]
+    reason = said[-1] if said else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
+    ended = f"process killed by signal {-done.returncode}" if done.returncode < 0 else reason
+    return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", "see above")
+
+
+def _told(output: bytes) -> list[dict[str, str]]:
+    lines = []
+    for line in output.decode("utf-8", "replace").splitlines():
+        try:
+            lines.append(json.loads(line))
+        except ValueError:
+            continue
+    return [line for line in lines if isinstance(line, dict)]
+
+
+# --- command line ---------------------------------------------------------------------------------------------------
+
+
+def main(
+    fmu: Annotated[Path, typer.Argument(help="The FMU.")],
+    python: Annotated[str, typer.Option(help="The Python that is to run it.")] = sys.executable,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Say whether an FMU runs here and what is missing: exit code 0 runs, 1 does not, 2 no FMU of this project."""
+    findings = examine(fmu, python)
+    if as_json:
+        typer.echo(json.dumps({"state": state(findings), "findings": [asdict(finding) for finding in findings]}))
+    else:
+        _print(fmu, findings)
+    raise typer.Exit(EXIT[state(findings)])
+
+
+def _print(fmu: Path, findings: list[Finding]) -> None:
+    table = Table(title=f"{fmu}", title_justify="left", show_lines=True)
+    for heading in ("", "found", "what to do"):
+        table.add_column(heading, overflow="fold")
+    style = {OK: "green", NOTE: "yellow", PROBLEM: "red", FATAL: "bold red"}
+    for finding in findings:
+        mark = f"[{style[finding.state]}]{finding.what}: {finding.state}[/]"
+        table.add_row(mark, _plain(finding.found), _plain(finding.remedy))
+    Console().print(table)
+
+
+def _plain(text: str) -> str:
+    """Text of a file, without the marks of the terminal."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text).replace("[", "\\[")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,54 @@
+"""Tables of variables for components whose parameters are dataclasses of quantities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from solver.quantity import Quantity, quantities
+
+from .variable import Variable
+
+T = TypeVar("T")
+Groups = Mapping[str, Any]  # dataclass of quantities by the first word of its variables' names
+
+ANY = (float("-inf"), float("inf"))
+PRESSURE = Quantity("Pa", "pressure", *ANY, nominal=1e4, display="mmHg")
+FLOW = Quantity("m^3/s", "flow", *ANY, nominal=1e-4, display="mL/s")
+VOLUME = Quantity("m^3", "volume", *ANY, nominal=1e-4, display="mL")
+IMPEDANCE = Quantity("Pa.s/m^3", "impedance", *ANY, nominal=1e7, display="mmHg.s/mL")
+FRACTION = Quantity("1", "fraction", 0.0, 1.0)
+
+
+def input_variable(name: str, quantity: Quantity, description: str, start: float) -> Variable:
+    """An input."""
+    return Variable(name, "input", "continuous", description, start, replace(quantity, description=description))
+
+
+def output_variable(name: str, quantity: Quantity, description: str, sources: Iterable[str] = ()) -> Variable:
+    """An output; sources : the parameters and inputs on which it depends at the start."""
+    described = replace(quantity, description=description)
+    return Variable(name, "output", "continuous", description, None, described, sources=tuple(sources))
+
+
+def parameters(groups: Groups) -> list[Variable]:
+    """One parameter for each quantity: ``<group>.<field>``."""
+    return [
+        Variable(
+            f"{group}.{key}",
+            "parameter",
+            "tunable" if q.tunable else "fixed",
+            f"{q.description} ({group.replace('_', ' ')})",
+            getattr(owner, key),
+            q,
+        )
+        for group, owner in groups.items()
+        for key, q in quantities(owner).items()
+    ]
+
+
+def with_values(group: str, owner: T, values: Mapping[str, Any]) -> T:
+    """The dataclass with those of its quantities that ``values`` names, as :func:`parameters` names them."""
+    names = {key: f"{group}.{key}" for key in quantities(owner)}
+    return replace(owner, **{key: values[name] for key, name in names.items() if name in values})  # type: ignore[type-var]

@@ -1,0 +1,158 @@
+"""Hosts of other makers drive the same FMU with the same inflow: FMPy, ecos, libcosim, and one of our own in C.
+
+None of them interpolates: inlet.Q = Q(t) is set before the step from t. So they must give the same answers, and where
+they make the same calls, the same bits. Each runs in a process of its own; see tests/clients. ecos and libcosim know no
+Enumerations: which interpolation is the FMU's own start value, given when it is built.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from c_host import CHost, unpack
+
+from build_fmu import build
+from fmu_src.variables import INTERPOLATIONS
+from solver import Network, load
+
+CLIENTS = Path(__file__).parent / "clients"
+STEP = 1e-3
+N = 50  # steps
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every host does with an FMU: start values by name as (FMI type, value), inflow, and the outputs to read."""
+
+    fmu: str
+    folder: str
+    starts: Mapping[str, tuple[str, Any]]
+    inflow: Sequence[float]
+    outputs: Sequence[str]
+    step: float = STEP
+
+
+def job(fmu: Path, folder: Path) -> Job:
+    """A half-sine inflow into an FMU of the sheep network, with two start values: a parameter and an input."""
+    variables = {v.name: v for v in fmpy.read_model_description(os.fspath(fmu)).modelVariables}
+    starts = {"CA.phi0": ("Real", 2e3), "CA.outlet.P_venous": ("Real", 200.0)}
+    outputs = [name for name, v in variables.items() if v.causality == "output"]
+    inflow = load("sheep").inlet.Q(np.arange(N) * STEP).tolist()
+    return Job(os.fspath(fmu), os.fspath(folder / "unzipped"), starts, inflow, outputs)
+
+
+def run_client(name: str, job: Job, folder: Path, environment: Mapping[str, str] | None = None) -> np.ndarray:
+    """The outputs after each step that a host in tests/clients found : (n, outputs)."""
+    order = folder / f"{name}.json"
+    order.write_text(json.dumps(vars(job)))
+    line = [sys.executable, os.fspath(CLIENTS / f"with_{name}.py"), os.fspath(order)]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=300, cwd=folder, env=environment)
+    assert done.returncode == 0, done.stderr
+    return np.array(json.loads(done.stdout.splitlines()[-1]))
+
+
+def run_c(host: CHost, job: Job, folder: Path, environment: Mapping[str, str] | None = None) -> np.ndarray:
+    """The same with the host in C."""
+    fmu = unpack(Path(job.fmu), folder / "c_host")
+    set_starts = [f"set{kind} 0 {fmu.references[name]} {value!r}" for name, (kind, value) in job.starts.items()]
+    read = " ".join(["getReal 0", *(str(fmu.references[name]) for name in job.outputs)])
+    commands = [f"library 0 {fmu.library}", fmu.instantiate(0), "setup 0 0 1", *set_starts, "enter 0", "exit 0"]
+    for i, Q in enumerate(job.inflow):
+        commands += [f"setReal 0 {fmu.references['inlet.Q']} {Q!r}", f"step 0 {i * job.step!r} {job.step!r}", read]
+    run = host.run([*commands, "terminate 0", "free 0"], environment)
+    assert (run.code, run.errors) == (0, "")
+    assert {answer.status for answer in run.answers} == {"ok"}
+    start = commands.index(read)
+    return np.array([answer.values for answer in run.answers[start : len(commands) : 3]])
+
+
+def skip_unless_installed(name: str) -> None:
+    package = {"ecos": "ecospy", "libcosim": "libcosimpy"}.get(name)
+    if package and find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    if name == "ecos":
+        skip_unless_ecos_runs()
+
+
+def skip_unless_ecos_runs() -> None:
+    """ecos brings programs without the run bit, and needs a library that it does not bring."""
+    spec = find_spec("ecospy")
+    assert spec is not None and spec.origin is not None
+    binaries = Path(spec.origin).parent / "binaries"
+    for program in ("ecos", "proxyfmu"):
+        if not os.access(binaries / program, os.X_OK):
+            try:
+                (binaries / program).chmod(0o755)
+            except OSError:
+                pytest.skip(f"{binaries / program} has no run bit, and none can be given")
+    done = subprocess.run([sys.executable, "-c", "import ecospy"], capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"ecospy cannot be loaded ({done.stderr.strip().splitlines()[-1]}); apt-get install libtbb12")
+
+
+@pytest.fixture(scope="module")
+def built(sheep: Network, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The sheep FMU by its start value of inlet.interpolation."""
+    folder = tmp_path_factory.mktemp("built")
+    return {kind: build(sheep, folder / kind, starts={"inlet.interpolation": kind}) for kind in INTERPOLATIONS}
+
+
+@pytest.fixture(scope="module")
+def reference(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """What FMPy finds, call by call."""
+    folder = tmp_path_factory.mktemp("fmpy")
+    return {kind: run_client("fmpy", job(fmu, folder / kind), folder) for kind, fmu in built.items()}
+
+
+@pytest.mark.parametrize("interpolation", INTERPOLATIONS)
+@pytest.mark.parametrize("client", ["simulate_fmu", "ecos", "libcosim", "c"])
+def test_same_answers(
+    client: str,
+    interpolation: str,
+    built: dict[str, Path],
+    reference: dict[str, np.ndarray],
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+) -> None:
+    """50 steps of 1 ms, every output: the bits of FMPy.
+
+    Up to round-off, 1e-12, with FMPy's own driver, which interpolates the inflow once more, and with libcosim, which
+    counts the time in ns.
+    """
+    skip_unless_installed(client)
+    task = job(built[interpolation], tmp_path)
+    if client == "c":
+        found = run_c(request.getfixturevalue("c_host"), task, tmp_path)
+    else:
+        found = run_client(client, task, tmp_path)
+    expected = reference[interpolation]
+    assert found.shape == expected.shape == (N, len(task.outputs))
+    assert np.ptp(expected[:, task.outputs.index("CA.P")]) > 100.0
+    tolerance = 1e-12 if client in ("simulate_fmu", "libcosim") else 0.0
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance * 1e-6)
+
+
+def test_fmutool_finds_nothing(built: dict[str, Path]) -> None:
+    """The checks of fmu-manipulation-toolbox: the description's schema, and the rules of the standard beside it."""
+    tool = shutil.which("fmutool", path=sysconfig.get_path("scripts"))
+    if tool is None:
+        pytest.skip("fmu-manipulation-toolbox is not installed")
+    done = subprocess.run([tool, "-input", built["hold"], "-check"], capture_output=True, text=True, timeout=60)
+    said = done.stdout + done.stderr
+    assert done.returncode == 0
+    assert "This FMU seems to be compliant with FMI-2.0." in said
+    assert "No semantic error" in said
+    assert "ERROR" not in said and "WARNING" not in said
