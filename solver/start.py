@@ -217,7 +217,7 @@ def _state(model: Model, waves: _Waves, rest: State, t: float, dt: float) -> Sta
     except NonPhysicalState:
         return replace(rest, t=t)
     unknowns, before = (_stage_values(waves, rest, at - n * dt) for n in (1, 2))
-    return replace(rest, t=t, y=y, H=H, A_t=A_t, unknowns=unknowns, unknowns_before=before)
+    return replace(rest, t=t, y=y, H=H, A_t=A_t, unknowns=unknowns, unknowns_before=before, dt=dt)
 
 
 def _stage_values(waves: _Waves, rest: State, times: Array) -> Array:
