@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from solver.network import Inlet, Network
 from solver.outputs import reporter, venous_flow, volume_weights
+from solver.scheme.failure import NonPhysicalState
+from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import State, initial_state
 from solver.start import periodic_state
 
+from .component import Component
 from .ports import Impedances, impedances, port_names, port_values
+from .state import Kind, dataclasses
 from .stretch import Position, Stretch
 
 Array = np.ndarray
@@ -25,7 +29,7 @@ _LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no
 _MOST_STEPS = 1_000_000  # internal steps in one communication step
 
 
-class CoSimulation:
+class CoSimulation(Component):
     """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
     most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
 
@@ -40,6 +44,8 @@ class CoSimulation:
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
+    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "impedances"))
+
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
@@ -51,7 +57,8 @@ class CoSimulation:
         laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
         parameters = {name: values[name] for name in self.parameters}
-        self._use(build(replace(self.network, **laws), parameters, settings))
+        self.origin = laws, asdict(settings), parameters
+        self._use(self._built(*self.origin))
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
@@ -77,6 +84,23 @@ class CoSimulation:
         self.shown = self.shown.under(self.model)
         self.V_0 += self._volume() - before  # another compliance at the same pressure is no flow
 
+    def _built(self, laws: Mapping[str, str], settings: Mapping[str, Any], parameters: Mapping[str, float]) -> Model:
+        return build(replace(self.network, **laws), parameters, Settings(**settings))  # type: ignore[arg-type]
+
+    def kinds(self) -> dict[type, Kind]:
+        """A model is saved as its parameters, and those at the start: they have made the mesh."""
+
+        def made(origin: tuple[Any, ...], parameters: Mapping[str, float]) -> Model:
+            return self._built(*origin).with_parameters(parameters)
+
+        model = Kind(lambda model: {"origin": self.origin, "parameters": model.parameters}, made)
+        return {Model: model, **dataclasses(Stretch, Position, State, Layout)}
+
+    def resumed(self) -> None:
+        """The reports follow from the model."""
+        if "model" in self.__dict__:  # it was saved after its initialization
+            self._use(self.model)
+
     def _use(self, model: Model) -> None:
         self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
         self.impedances: dict[tuple[int, float], Impedances] = {}
@@ -87,11 +111,20 @@ class CoSimulation:
         Raises ValueError, NonPhysicalState; the component is then as before.
         """
         self._check_time(t, h)
+        values = self._received(values)
         stretch = self._stretch(h, values)
         known, shown, slope = self._driven(stretch, values["inlet.Q"])
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
         V_venous = self.V_0 + shown.V_in - self._volume()
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
+
+    def _received(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
+        nothing has been sent yet: the pressures at the start then go on."""
+        first = self.interpolation == "smooth" and self.known is self.shown
+        if first and not any(values[name] for name in ("inlet.Q", *self.venous)):
+            return {**values, **dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))}
+        return values
 
     def _driven(self, stretch: Stretch, Q: float) -> tuple[Position, Position, float]:
         """What the next ``known``, ``shown`` and ``slope`` are after a communication step with inlet.Q = Q."""
@@ -101,7 +134,10 @@ class CoSimulation:
                 slope = (Q - self.known.Q) / self.last.h
                 known = self.shown if Q == self.shown.Q else self.last.run(self.known, self.known.Q, Q)
             known = known.under(stretch.model)
-            return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+            try:
+                return known, stretch.run(known, Q, Q + slope * stretch.h), slope
+            except NonPhysicalState:  # of a flow that was only extrapolated: without that
+                return known, stretch.run(known, Q, Q), 0.0
         Q_start = Q if self.interpolation == "hold" else self.known.Q
         after = stretch.run(self.known.under(stretch.model), Q_start, Q)
         return after, after, (Q - Q_start) / stretch.h
