@@ -168,11 +168,10 @@ def _needed(module: Path) -> list[Path]:
 _SCRIPT = '''"""Slave of the model {model.name}."""
 
 import ctypes
-import sys
 
 from _{name}.fmu_src.wrapper import mend
 
-mend(sys.path[0])  # this FMU's resources: the wrapper has just put them there
+mend()  # before anything that may fail
 
 from _{name}.fmu_src.{model.slave} import {model.kind}
 

@@ -254,9 +254,8 @@ def _paths(path: Path) -> Iterator[Finding]:
 
 def undecoded(path: str | os.PathLike[str]) -> str:
     """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
-    return "".join(
-        letter for letter in os.fspath(path) if letter not in " \\:/" and quote(letter, errors="replace") != letter
-    )
+    plain = " /\\:" if os.name == "nt" else " /"
+    return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
 
 
 def _trial(path: Path, where: Interpreter) -> Finding:
