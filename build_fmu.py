@@ -19,7 +19,6 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,33 +27,15 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, body_slave, doctor, document, heart_slave, lumped_document
-from fmu_src.body import Body
-from fmu_src.heart import Heart
-from fmu_src.species import SPECIES
-from fmu_src.variables import variable_table, with_starts
+from fmu_src import __version__, doctor, models, system
+from fmu_src.models import Model
 from solver.console import sentences
-from solver.files import dumps, find_network, parse_quantity, read_network, write_whole
-from solver.network import Network, to_dict
+from solver.files import find_network, parse_quantity, read_network, write_whole
+from solver.network import Network
 from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-
-
-@dataclass(frozen=True)
-class Model:
-    """What one FMU is made of.
-
-    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
-    resources, documents : further files by path, text in ``resources/`` and bytes in the whole archive.
-    """
-
-    name: str
-    slave: str
-    kind: str
-    resources: dict[str, str]
-    documents: dict[str, bytes]
 
 
 def build(
@@ -71,7 +52,7 @@ def build(
     that cannot set Enumerations (ecos, libcosim).
     Raises ValueError for a start value that is not allowed, or if the directory cannot be written.
     """
-    return build_model(_arteries(network, settings or Settings(), starts or {}), out, execution_tool)
+    return build_model(models.arteries_model(network, settings or Settings(), starts), out, execution_tool)
 
 
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
@@ -93,45 +74,41 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, archive)
     except OSError as error:
-        raise ValueError(
-            f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk."
-        ) from None
+        raise _unwritable(target, error) from None
     return target
 
 
-def _arteries(network: Network, settings: Settings, starts: Mapping[str, float | str]) -> Model:
-    data = {"version": __version__, "settings": asdict(settings), "network": to_dict(network), "starts": dict(starts)}
-    resources = {"network.json": json.dumps(data, indent=1, ensure_ascii=False), "network.toml": dumps(network)}
-    documents = document.documents(network, with_starts(variable_table(network, settings), starts), __version__)
-    return Model(network.name, "slave", "ArterialSlave", resources, documents)
+def _unwritable(target: Path, error: OSError) -> ValueError:
+    return ValueError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
 
 
-def heart_model(species: str = "human") -> Model:
-    """The FMU of a heart. Raises ValueError for an unknown species."""
-    heart = _of(species)[0]
-    table = heart_slave.table(heart)
-    title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
-    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
-    return Model(heart.name, "heart_slave", "HeartSlave", _data("heart", heart_slave.to_data(heart)), pages)
+def build_system(
+    network: Network, species: str = "human", out: str | os.PathLike[str] = "dist", execution_tool: bool = True
+) -> Path:
+    """Build ``<out>/<network.name>.ssp``: heart, arteries and body, for masters that run them side by side.
 
-
-def body_model(species: str = "human") -> Model:
-    """The FMU of what closes the volume. Raises ValueError for an unknown species."""
-    body = _of(species)[1]
-    table = body_slave.table(body)
-    title = "The veins, the right heart and the lungs as one elastic reservoir."
-    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
-    return Model(body.name, "body_slave", "BodySlave", _data("body", body_slave.to_data(body)), pages)
-
-
-def _of(species: str) -> tuple[Heart, Body]:
-    if species not in SPECIES:
-        raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
-    return SPECIES[species]
-
-
-def _data(kind: str, values: dict[str, Any]) -> dict[str, str]:
-    return {f"{kind}.json": json.dumps({"version": __version__, kind: values}, indent=1, ensure_ascii=False)}
+    Raises ValueError for an unknown species, and if the directory cannot be written.
+    """
+    starts = system.start_values(network, *models.of(species))
+    made = {
+        "heart": models.heart_model(species, starts["heart"]),
+        "arteries": models.arteries_model(network, Settings(), starts["arteries"]),
+        "body": models.body_model(species, starts["body"]),
+    }
+    parts = [system.Part(name, model.name, model.table, starts[name]) for name, model in made.items()]
+    target = Path(out) / f"{network.name}.ssp"
+    wires = system.circulation(*parts)
+    files = system.files(network.name, parts, wires, 10 * network.inlet.T, __version__)
+    try:
+        with tempfile.TemporaryDirectory(prefix="arterial_system_") as folder:
+            for model in made.values():
+                fmu = build_model(model, folder, execution_tool)
+                files[f"resources/{model.name}.fmu"] = fmu.read_bytes()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(target, _archive(files))
+    except OSError as error:
+        raise _unwritable(target, error) from None
+    return target
 
 
 def _code(slave: Path) -> dict[str, str]:
@@ -208,15 +185,19 @@ def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, 
             needsExecutionTool=execution_tool,
             canHandleVariableCommunicationStepSize=True,
         )
-        buffer = io.BytesIO()
         with zipfile.ZipFile(built) as source:
-            files = {item: source.read(item) for item in source.namelist()} | documents
-        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
-            for item, content in sorted(files.items()):
-                info = zipfile.ZipInfo(item, _EPOCH)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
-                packed.writestr(info, content, compresslevel=9)
+            return _archive({item: source.read(item) for item in source.namelist()} | documents)
+
+
+def _archive(files: dict[str, bytes]) -> bytes:
+    """A ZIP archive as bytes, with fixed order and dates."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
+        for item, content in sorted(files.items()):
+            info = zipfile.ZipInfo(item, _EPOCH)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
+            packed.writestr(info, content, compresslevel=9)
     return buffer.getvalue()
 
 
@@ -244,6 +225,7 @@ class _Commands(typer.core.TyperGroup):
 
 
 app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
+NetworkName = Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")]
 SpeciesName = Annotated[str, typer.Option("--species", help="human or sheep.")]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
@@ -251,7 +233,7 @@ ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in t
 
 @app.command("network")
 def main(
-    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")] = "sheep",
+    network: NetworkName = "sheep",
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
     change: Annotated[
@@ -267,7 +249,8 @@ def main(
 
 def _start_values(network: Network, changes: Sequence[str]) -> dict[str, float | str]:
     """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
-    units = {v.name: v.quantity.unit for v in variable_table(network, Settings()) if v.quantity is not None}
+    table = models.arteries_model(network, Settings()).table
+    units = {v.name: v.quantity.unit for v in table if v.quantity is not None}
     starts: dict[str, float | str] = {}
     for text in changes:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -281,14 +264,26 @@ def _start_values(network: Network, changes: Sequence[str]) -> dict[str, float |
 def heart(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
     """Build the FMU of a left heart."""
     with sentences(ValueError):
-        _report(build_model(heart_model(species), out, execution_tool))
+        _report(build_model(models.heart_model(species), out, execution_tool))
 
 
 @app.command()
 def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
     """Build the FMU of the veins, which close the volume between arteries and heart."""
     with sentences(ValueError):
-        _report(build_model(body_model(species), out, execution_tool))
+        _report(build_model(models.body_model(species), out, execution_tool))
+
+
+@app.command("system")
+def system_command(
+    network: NetworkName = "human",
+    species: SpeciesName = "human",
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
+) -> None:
+    """Build heart, arteries and body as one system in SSP."""
+    with sentences(ValueError):
+        _report(build_system(read_network(find_network(network)), species, out, execution_tool))
 
 
 app.command("doctor")(doctor.main)

@@ -1,4 +1,4 @@
-"""Speed and accuracy of the solver and the FMU on the paper's sheep network: a table, and JSON on request.
+"""Speed and accuracy of the solver on the paper's sheep network: a table, and JSON on request.
 
     python benchmarks/speed.py [--json FILE]
 
@@ -15,11 +15,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ[_name] = "1"
 
 import csv
-import json
 import platform
-import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Annotated
@@ -28,7 +24,6 @@ import numpy as np
 import typer
 
 from benchmarks.table import Row, best, show
-from build_fmu import build as build_fmu
 from solver import Settings, load
 from solver.coefficients import Parameters
 from solver.outputs import reporter
@@ -111,62 +106,11 @@ def solver_rows() -> list[Row]:
     return rows
 
 
-# runs in a fresh process: what a host pays from loading the FMU to the end of the first step, and per step after that
-_FMU_RUN = """
-import time
-start = time.perf_counter()
-import json, sys
-import fmpy
-folder, description = fmpy.extract(sys.argv[1]), fmpy.read_model_description(sys.argv[1])
-inlet = [v.valueReference for v in description.modelVariables if v.name == "inlet.Q"]
-outputs = [v.valueReference for v in description.modelVariables if v.causality == "output"]
-slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation")
-slave.setupExperiment(startTime=0.0)
-slave.enterInitializationMode()
-slave.exitInitializationMode()
-slave.setReal(inlet, [1e-6])
-slave.doStep(0.0, 1e-3)
-cold = time.perf_counter() - start
-steps = []
-for beat in range(4):
-    start = time.process_time()
-    for i in range(500):
-        slave.setReal(inlet, [5e-5 * (i % 250) / 250])
-        slave.doStep((500 * beat + i + 1) * 1e-3, 1e-3)
-    steps.append((time.process_time() - start) / 500)
-start = time.process_time()
-for i in range(1000):
-    slave.getReal(outputs)
-print(json.dumps([cold, min(steps), (time.process_time() - start) / 1000, len(outputs)]))
-"""
-
-
-def fmu_rows() -> list[Row]:
-    """Cold start in a fresh process (wall time, importing and unpacking included) and a step of 1 ms."""
-    with tempfile.TemporaryDirectory() as folder:
-        start = time.perf_counter()
-        fmu = build_fmu(SHEEP, folder)
-        built = time.perf_counter() - start
-        runs = []
-        for _ in range(3):
-            done = subprocess.run(
-                [sys.executable, "-c", _FMU_RUN, str(fmu)], capture_output=True, text=True, check=True
-            )
-            runs.append(json.loads(done.stdout.splitlines()[-1]))
-    cold, step, get, n = (min(run[i] for run in runs) for i in range(4))
-    return [
-        Row("FMU: build", 1e3 * built, "ms"),
-        Row("FMU: fresh process, import of fmpy to first step done", 1e3 * cold, "ms", 1000.0, "wall time"),
-        Row("FMU: doStep of 1 ms", 1e3 * step, "ms", 0.5),
-        Row(f"FMU: getReal of {n} outputs", 1e6 * get, "us"),
-    ]
-
-
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
 ) -> None:
     """Measure and print."""
-    rows = solver_rows() + fmu_rows()
+    rows = solver_rows()
     show(
         rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
     )

@@ -11,7 +11,7 @@ from pythonfmu import DefaultExperiment
 from .base import ComponentSlave, Subject
 from .body import EXCHANGES, Body, BodyComponent, Reservoir
 from .lumped import PRESSURE, VOLUME, input_variable, output_variable, parameters
-from .variable import Variable
+from .variable import Variable, with_starts
 
 
 class BodySlave(ComponentSlave):
@@ -28,7 +28,7 @@ class BodySlave(ComponentSlave):
             description=f"Veins, right heart and lungs as one elastic reservoir. {body.reference}",
             version=data["version"],
             experiment=DefaultExperiment(0.0, 5.0, 1e-3),
-            table=table(body),
+            table=with_starts(table(body), data["starts"]),
             make=lambda: BodyComponent(body),
         )
 

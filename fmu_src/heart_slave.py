@@ -13,7 +13,7 @@ from solver.quantity import quantities
 from .base import ComponentSlave, Subject
 from .heart import INPUTS, OUTPUTS, Chamber, Filling, Heart, HeartComponent, Pace, Valve
 from .lumped import FLOW, FRACTION, IMPEDANCE, PRESSURE, VOLUME, input_variable, output_variable, parameters
-from .variable import Variable
+from .variable import Variable, with_starts
 
 _KINDS = {
     "heart": Pace, "left_ventricle": Chamber, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,
@@ -58,7 +58,7 @@ class HeartSlave(ComponentSlave):
             description=f"Left heart with time-varying elastance and two valves. {heart.reference}",
             version=data["version"],
             experiment=DefaultExperiment(0.0, 5 / heart.heart.rate, 1e-3),
-            table=table(heart),
+            table=with_starts(table(heart), data["starts"]),
             make=lambda: HeartComponent(heart),
         )
 

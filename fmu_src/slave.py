@@ -11,7 +11,8 @@ from solver.scheme.model import Settings
 
 from .base import ComponentSlave, Subject
 from .cosimulation import CoSimulation
-from .variables import variable_table, with_starts
+from .variable import with_starts
+from .variables import variable_table
 
 
 class ArterialSlave(ComponentSlave):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from solver.quantity import Quantity
 
@@ -43,3 +44,15 @@ class Variable:
     def number(self, choice: str) -> int:
         """The number of a choice."""
         return self.choices.index(choice) + 1
+
+
+def with_starts(table: tuple[Variable, ...], starts: Mapping[str, float | str]) -> tuple[Variable, ...]:
+    """The table with other start values of inputs and parameters. Raises ValueError for one that is not allowed."""
+    known = {variable.name for variable in table if variable.causality != "output"}
+    for name in starts:
+        if name not in known:
+            raise ValueError(f"{name}: not an input or parameter; the FMU's modelDescription.xml has the names.")
+    changed = {variable.name: replace(variable, start=starts.get(variable.name, variable.start)) for variable in table}
+    for name, value in starts.items():
+        changed[name].check(value)
+    return tuple(changed.values())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 from solver import effects
@@ -86,18 +85,6 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
     for name in port_names(network):
         outputs.append(_port(name, everything))
     return (*inputs, *parameters, *outputs)
-
-
-def with_starts(table: tuple[Variable, ...], starts: Mapping[str, float | str]) -> tuple[Variable, ...]:
-    """The table with other start values of inputs and parameters. Raises ValueError for one that is not allowed."""
-    known = {variable.name for variable in table if variable.causality != "output"}
-    for name in starts:
-        if name not in known:
-            raise ValueError(f"{name}: not an input or parameter; the FMU's modelDescription.xml has the names.")
-    changed = {variable.name: replace(variable, start=starts.get(variable.name, variable.start)) for variable in table}
-    for name, value in starts.items():
-        changed[name].check(value)
-    return tuple(changed.values())
 
 
 def _port(name: str, sources: tuple[str, ...]) -> Variable:

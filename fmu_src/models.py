@@ -1,0 +1,79 @@
+"""What the FMUs of this project are made of: arteries, hearts and bodies. Not part of their code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from solver.files import dumps
+from solver.network import Network, to_dict
+from solver.scheme.model import Settings
+
+from . import __version__, body_slave, document, heart_slave, lumped_document
+from .body import Body
+from .heart import Heart
+from .species import SPECIES
+from .variable import Variable, with_starts
+from .variables import variable_table
+
+Starts = Mapping[str, float | str]
+
+
+@dataclass(frozen=True)
+class Model:
+    """What one FMU is made of.
+
+    name : of the model and of the file. slave, kind : the module in ``fmu_src`` and its class.
+    table : its variables. resources, documents : further files by path, text in ``resources/`` and bytes in the whole
+    archive.
+    """
+
+    name: str
+    slave: str
+    kind: str
+    table: tuple[Variable, ...]
+    resources: dict[str, str]
+    documents: dict[str, bytes]
+
+
+def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
+    """Arteries; starts : other start values than those of the network, by variable."""
+    table = with_starts(variable_table(network, settings), starts or {})
+    data = {"settings": asdict(settings), "network": to_dict(network)}
+    resources = {**_data("network.json", data, starts), "network.toml": dumps(network)}
+    documents = document.documents(network, table, __version__)
+    return Model(network.name, "slave", "ArterialSlave", table, resources, documents)
+
+
+def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
+    """A left heart. Raises ValueError for an unknown species."""
+    heart = of(species)[0]
+    table = with_starts(heart_slave.table(heart), starts or {})
+    title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
+    pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
+    resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, starts)
+    return Model(heart.name, "heart_slave", "HeartSlave", table, resources, pages)
+
+
+def body_model(species: str = "human", starts: Starts | None = None) -> Model:
+    """What closes the volume. Raises ValueError for an unknown species."""
+    body = of(species)[1]
+    table = with_starts(body_slave.table(body), starts or {})
+    title = "The veins, the right heart and the lungs as one elastic reservoir."
+    pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
+    resources = _data("body.json", {"body": body_slave.to_data(body)}, starts)
+    return Model(body.name, "body_slave", "BodySlave", table, resources, pages)
+
+
+def of(species: str) -> tuple[Heart, Body]:
+    """The heart and the body of a species. Raises ValueError for an unknown one."""
+    if species not in SPECIES:
+        raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
+    return SPECIES[species]
+
+
+def _data(file: str, content: dict[str, Any], starts: Starts | None) -> dict[str, str]:
+    whole = {"version": __version__, **content, "starts": dict(starts or {})}
+    return {file: json.dumps(whole, indent=1, ensure_ascii=False)}
