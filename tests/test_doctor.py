@@ -168,5 +168,5 @@ def test_unfit_temporary_folder(fmus: dict[str, Path], tmp_path: Path, monkeypat
     findings = found(examine(fmus["sheep"]))
     assert "holds (): hosts crash" in findings["temporary folder"].found
     assert "killed by signal 11" in findings["one step"].found
-    monkeypatch.setenv("TMPDIR", "/proc")  # not even root writes there
-    assert "/proc cannot be written" in found(examine(fmus["sheep"]))["temporary folder"].found
+    monkeypatch.setenv("TMPDIR", os.fspath(tmp_path / "nowhere"))
+    assert "nowhere cannot be written" in found(examine(fmus["sheep"]))["temporary folder"].found
