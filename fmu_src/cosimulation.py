@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,13 @@ import numpy as np
 from solver.network import Network
 from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.failure import NonPhysicalState
+from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
-from solver.scheme.step import initial_state
+from solver.scheme.step import State, initial_state
 
+from .component import Component
 from .ports import Impedances, impedances, port_names, port_values
+from .state import Kind, dataclasses
 from .stretch import Position, Stretch
 
 Array = np.ndarray
@@ -25,7 +28,7 @@ _LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no
 _MOST_STEPS = 1_000_000  # internal steps in one communication step
 
 
-class CoSimulation:
+class CoSimulation(Component):
     """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
     most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
 
@@ -40,6 +43,8 @@ class CoSimulation:
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
+    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "impedances"))
+
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
@@ -51,7 +56,8 @@ class CoSimulation:
         laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
         parameters = {name: values[name] for name in self.parameters}
-        self._use(build(replace(self.network, **laws), parameters, settings))
+        self.origin = laws, asdict(settings), parameters
+        self._use(self._built(*self.origin))
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
@@ -70,6 +76,23 @@ class CoSimulation:
         self._use(self.model.with_parameters({name: v for name, v in changed.items() if name in self.parameters}))
         self.shown = self.shown.under(self.model)
         self.V_0 += self._volume() - before  # another compliance at the same pressure is no flow
+
+    def _built(self, laws: Mapping[str, str], settings: Mapping[str, Any], parameters: Mapping[str, float]) -> Model:
+        return build(replace(self.network, **laws), parameters, Settings(**settings))  # type: ignore[arg-type]
+
+    def kinds(self) -> dict[type, Kind]:
+        """A model is saved as its parameters, and those at the start: they have made the mesh."""
+
+        def made(origin: tuple[Any, ...], parameters: Mapping[str, float]) -> Model:
+            return self._built(*origin).with_parameters(parameters)
+
+        model = Kind(lambda model: {"origin": self.origin, "parameters": model.parameters}, made)
+        return {Model: model, **dataclasses(Stretch, Position, State, Layout)}
+
+    def resumed(self) -> None:
+        """The reports follow from the model."""
+        if "model" in self.__dict__:  # it was saved after its initialization
+            self._use(self.model)
 
     def _use(self, model: Model) -> None:
         self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]

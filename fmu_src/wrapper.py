@@ -16,7 +16,7 @@ import os
 import re
 import signal
 import sys
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 
@@ -27,11 +27,11 @@ def mend() -> None:
     loaded = Path("/proc/self/maps").read_text(encoding="utf-8", errors="surrogateescape")
     for library in set(re.findall(r"/\S.*/binaries/linux64/.*\.so$", loaded, flags=re.MULTILINE)):
         _end_in_time(library)
-    if not sys.orig_argv and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    if not getattr(sys, "orig_argv", True) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         ctypes.CDLL(None).signal(signal.SIGINT, ctypes.c_void_p(0))  # SIG_DFL; Python's own call needs its main thread
 
 
-@cache
+@lru_cache(maxsize=None)  # noqa: UP033, older Pythons get as far as the sentence that refuses them
 def _end_in_time(library: str) -> None:
     try:
         wrapper = ctypes.CDLL(library, mode=os.RTLD_NOLOAD | os.RTLD_NOW)
