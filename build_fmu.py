@@ -146,13 +146,12 @@ def _needed(module: Path) -> list[Path]:
 _SCRIPT = '''"""Slave of the model {model.name}."""
 
 import ctypes
-import sys
 
 from _{name}.fmu_src.host import check
 from _{name}.fmu_src.wrapper import mend
 
+mend()  # before anything that may fail
 check()
-mend(sys.path[0])  # this FMU's resources: the wrapper has just put them there
 
 from _{name}.fmu_src.{model.slave} import {model.kind}
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from solver.network import Network
+from solver.network import Inlet, Network
 from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.failure import NonPhysicalState
 from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import State, initial_state
+from solver.start import periodic_state
 
 from .component import Component
 from .ports import Impedances, impedances, port_names, port_values
@@ -53,7 +54,7 @@ class CoSimulation(Component):
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
-        """Build the solver at rest from variable values by name; raises ValueError if they do not fit together."""
+        """Build the solver and its first state from variable values by name; raises ValueError if they do not fit."""
         laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
         parameters = {name: values[name] for name in self.parameters}
@@ -62,12 +63,18 @@ class CoSimulation(Component):
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(initial_state(self.model, t0), values["inlet.Q"], 0.0)
+        self.known = self.shown = Position(self._start(t0, values), values["inlet.Q"], 0.0)
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
         self.V_0 = self._volume()
         self.V_venous = self.Q_venous = 0.0
+
+    def _start(self, t0: float, values: Mapping[str, Any]) -> State:
+        if values["network.start"] == "rest":
+            return initial_state(self.model, t0)
+        pulse = Inlet.pulse(self.network.inlet.segment, values["inlet.Q_mean"], values["inlet.T"])
+        return periodic_state(self.model, pulse.Q, pulse.T, t0)
 
     def retune(self, changed: Mapping[str, Any]) -> None:
         """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
