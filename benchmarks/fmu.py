@@ -112,7 +112,7 @@ state = slave.getFMUState()
 calls = {
     "getReal": per_call(lambda: slave.getReal(outputs)),
     "save": per_call(save),
-    "serialize": per_call(lambda: slave.deSerializeFMUState(slave.serializeFMUState(state)), 100),
+    "serialize": per_call(lambda: slave.deSerializeFMUstate(slave.serializeFMUState(state)), 100),
 }
 print(json.dumps({"cold": cold, "outputs": len(outputs), "port variables": len(ports)} | seconds | calls))
 """
