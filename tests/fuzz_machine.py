@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import json
+import math
 import os
 import sys
 from collections import Counter
@@ -82,7 +83,7 @@ class Bystander:
         quiet.freeInstance()
 
     def _step(self, slave: Any, i: int) -> list[float]:
-        slave.setReal([self.unit.inlet], [1e-6 * (i % 50)])
+        slave.setReal([self.unit.inlet], [1e-5 * math.sin(0.1 * i) ** 2])
         slave.doStep(i * 2e-3, 2e-3)
         return slave.getReal(self.unit.outputs)
 
@@ -119,6 +120,8 @@ class Host(RuleBasedStateMachine):
         log.flush()
         COUNTS[name] += 1
         MESSAGES.clear()
+        if sum(COUNTS.values()) % 50 == 0:
+            gc.collect()  # where a reference has been lost, this is where the process dies
         try:
             return action(*arguments)
         except FMICallException:
@@ -310,10 +313,6 @@ class Host(RuleBasedStateMachine):
         if state is not None:
             self.states.append((state, unit, time, None))
 
-    @rule()
-    def collect(self) -> None:
-        gc.collect()
-
     def teardown(self) -> None:
         for slave in self.slaves:
             for state, *_ in self.states:
@@ -329,6 +328,7 @@ def main(folder: str, examples: str, steps: str, number: str, *fmus: str) -> Non
     units = [Unit(fmu, os.path.join(folder, f"{i}")) for i, fmu in enumerate(fmus)]
     with open(os.path.join(folder, "calls"), "w", encoding="utf-8") as log:
         WORLD.update(units=units, bystanders=[Bystander(unit, int(examples) + 50) for unit in units], log=log)
+        gc.freeze()  # what is there by now: collections look at what the calls have made
         chosen = settings(
             max_examples=int(examples),
             stateful_step_count=int(steps),
