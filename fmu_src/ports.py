@@ -58,23 +58,20 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
     Raises NonPhysicalState where the network breaks down in the next communication step.
     """
     known, shown, stretch = basis
-    model, hold, Q = stretch.model, interpolation == "hold", shown.Q
+    model, hold, Q, n = stretch.model, interpolation == "hold", shown.Q, len(stretch.P_venous)
     small = _SMALL * float((model.wall.A0 * model.wall.c0)[0, model.mesh.inlet_element, 0])
-    alone = stretch.run(shown, Q, Q)
-    driven = stretch.run(shown, Q + small if hold else Q, Q + small)
-    Z, Z_0 = (_inlet_pressure(driven) - _inlet_pressure(alone)) / small, 0.0
+    changes = _SMALL * (model.outlet_wall.rho * model.outlet_wall.c0**2)[0]
+    # side by side: no change, the flow changed, and each P_venous changed
+    flow, P_venous = small * (np.arange(n + 2) == 1), stretch.P_venous + np.eye(n + 2, n, -2) * changes
+    tried = replace(stretch, P_venous=P_venous).run(shown.copies(n + 2), Q + flow if hold else Q, Q + flow)
+    Z, Z_0 = (tried.state.H[1, 0] - tried.state.H[0, 0]) / small, 0.0
     if interpolation == "smooth":  # the flow at the start of the step is not known yet, nor the end of the one before
-        before = stretch.run(known, known.Q, Q), stretch.run(known, known.Q, Q + small)
-        after = (stretch.run(at, at.Q, Q) for at in before)
-        Z_0 = float(np.diff([_inlet_pressure(at) for at in after])[0]) / small
-    ends = model.outlet_wall
-    changes = _SMALL * (ends.rho * ends.c0**2)[0]
-    flows, outlets = venous_flow(model, alone.state, stretch.P_venous)[0], np.empty(len(changes))
-    for i, change in enumerate(changes):
-        raised = replace(stretch, P_venous=stretch.P_venous + change * (np.arange(len(changes)) == i))
-        less = flows[i] - venous_flow(model, raised.run(shown, Q, Q).state, raised.P_venous)[0, i]
-        outlets[i] = change / max(less, change / _CLOSED)
-    return Impedances(Z, Z_0, outlets)
+        ends = Q + np.array([0.0, small])
+        after = stretch.run(stretch.run(known.copies(2), known.Q, ends), ends, Q)
+        Z_0 = (after.state.H[1, 0] - after.state.H[0, 0]) / small
+    flows = venous_flow(model, tried.state, P_venous)
+    less = flows[0] - flows[2:].diagonal()
+    return Impedances(float(Z), float(Z_0), changes / np.maximum(less, changes / _CLOSED))
 
 
 def port_values(stretch: Stretch, at: Position, slope: float, interpolation: str, found: Impedances) -> list[float]:

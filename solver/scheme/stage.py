@@ -152,7 +152,7 @@ def _as_slice(index: Array) -> Index:
 
 def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> Condensed:
     """Invert the element Jacobians K and condense them onto the nodes; outlets linearised at H : (B, n_nodes)."""
-    mesh, B = model.mesh, model.coefficients.B
+    mesh, B = model.mesh, len(K)
     K_inverse = np.linalg.inv(K)
     K_left = np.ascontiguousarray(K_inverse[..., 0])
     K_right = np.ascontiguousarray(-K_inverse[..., -1])

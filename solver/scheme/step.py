@@ -117,7 +117,8 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
     """Advance by dt [s].
 
     drive : (4,) or (4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa] of an inlet that
-    is driven by it. P_venous : (n_outlets,) or (B, n_outlets) [Pa] during the step, default the parameters'.
+    is driven by it. P_venous : (n_outlets,) or (B, n_outlets) [Pa] during the step, default the parameters'. A model
+    of one parameter set steps B states as well.
     Raises NonPhysicalState if the result is not physical.
     """
     with np.errstate(all="ignore"):
