@@ -93,6 +93,7 @@ def build_system(
     if network.inlet.causality != "flow":
         raise ValueError(f"network {network.name}: a heart drives it by its flow; take inlet.causality = flow.")
     starts = system.start_values(network, *models.of(species))
+    starts["heart"] |= system.first_port(network, starts["arteries"])
     made = {
         "heart": models.heart_model(species, starts["heart"]),
         "arteries": models.arteries_model(network, Settings(), starts["arteries"]),
