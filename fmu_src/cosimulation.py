@@ -154,10 +154,18 @@ class CoSimulation(Component):
     def ports(self) -> dict[str, float]:
         """The ports by name, over the next communication step, which is taken to be as long as the last one."""
         if self.found is None:
-            self.found = impedances(self.basis, self.interpolation)
+            self.found = self._impedances()
         stretch = replace(self.last, model=self.model)
         values = port_values(stretch, self.shown, self.slope, self.interpolation, self.found)
         return dict(zip(self.port_names, values, strict=True))
+
+    def _impedances(self) -> Impedances:
+        """About the basis, or about rest where the arteries break down there."""
+        try:
+            return impedances(self.basis, self.interpolation)
+        except NonPhysicalState:
+            rest = Position(initial_state(self.model), 0.0, 0.0)
+            return impedances((rest, rest, replace(self.last, model=self.model)), self.interpolation)
 
     def venous_flows(self) -> Array:
         """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""

@@ -21,6 +21,7 @@ from fmu_src.cosimulation import CoSimulation
 from fmu_src.variables import variable_table
 from solver import Network, Pressure, Resistance, Settings, Windkessel, read_network
 from solver.outlets import Outlet
+from solver.scheme.failure import NonPhysicalState
 from solver.units import MMHG
 
 Array = np.ndarray
@@ -93,6 +94,17 @@ def test_reading_ports_changes_nothing(aorta: Network) -> None:
         for component in (reading, other):
             component.step(i * MS, MS, {**values, "inlet.Q": flow(i * MS)})
         assert reading.outputs() == other.outputs()
+
+
+def test_where_the_arteries_break_down(sheep: Network) -> None:
+    """A flow that cannot go on, nearly: the trial fails, and the port is what the network at rest would answer."""
+    component, values = start(sheep, inlet__interpolation="linear", **{"solver.element_length": 0.05})
+    component.step(0.0, 5 * MS, {**values, "inlet.Q": -8e-4})
+    said, P = component.ports(), component.outputs()[0]
+    with pytest.raises(NonPhysicalState):
+        component.step(5 * MS, 5 * MS, {**values, "inlet.Q": -16e-4})
+    assert said["inlet.P_0"] == pytest.approx(P + said["inlet.Z"] * 8e-4, rel=1e-12)
+    assert said["inlet.Z"] > 0.0
 
 
 def step_response(t: float, tau: float) -> float:
