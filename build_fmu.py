@@ -90,6 +90,7 @@ def build_system(
     Raises ValueError for an unknown species, and if the directory cannot be written.
     """
     starts = system.start_values(network, *models.of(species))
+    starts["heart"] |= system.first_port(network, starts["arteries"])
     made = {
         "heart": models.heart_model(species, starts["heart"]),
         "arteries": models.arteries_model(network, Settings(), starts["arteries"]),

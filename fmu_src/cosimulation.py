@@ -67,7 +67,7 @@ class CoSimulation(Component):
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
-        self.V_0 = self._volume()
+        self.V = self.V_0 = self._volume()
         self.V_venous = self.Q_venous = 0.0
 
     def _start(self, t0: float, values: Mapping[str, Any]) -> State:
@@ -117,7 +117,8 @@ class CoSimulation(Component):
         stretch = self._stretch(h, values)
         known, shown, slope = self._driven(stretch, values["inlet.Q"])
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
-        V_venous = self.V_0 + shown.V_in - self._volume()
+        self.V = self._volume()
+        V_venous = self.V_0 + shown.V_in - self.V
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
         if self.time - self.basis_time >= _RENEWED or not stretch.as_long_as(self.basis[2]):
             self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
@@ -148,8 +149,7 @@ class CoSimulation(Component):
 
     def outputs(self) -> list[float]:
         """The outputs at the last communication point, in the order of the variable table, but for the ports."""
-        volumes = [self._volume(), self.V_venous, self.Q_venous]
-        return self.report(self.shown.state)[0].tolist() + volumes
+        return [*self.report(self.shown.state)[0].tolist(), self.V, self.V_venous, self.Q_venous]
 
     def ports(self) -> dict[str, float]:
         """The ports by name, over the next communication step, which is taken to be as long as the last one."""
@@ -184,7 +184,7 @@ class CoSimulation(Component):
         return Stretch(self.model, h, steps, dt, P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
-        if not (np.isfinite(h) and h > 0.0):
+        if not (math.isfinite(h) and h > 0.0):
             raise ValueError(f"communication step of {h:g} s: must be positive.")
         if h > _MOST_STEPS * self.dt:
             raise ValueError(

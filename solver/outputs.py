@@ -27,7 +27,7 @@ class Reporter:
 
 
 def reporter(model: Model) -> Reporter:
-    """Outputs of a network: inlet.P, <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
+    """Outputs of a network: inlet.P (inlet.Q where that is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
     stress; the nodal pressures are the multipliers H.
@@ -40,11 +40,11 @@ def reporter(model: Model) -> Reporter:
     wall = model.coefficients.wall_at(segment, position)
     n, B = len(segment), model.coefficients.B
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
-    units = network.output_units()
+    units, by_flow = network.output_units(), network.inlet.causality == "flow"
 
     def report(state: State) -> Array:
         result = np.empty((B, len(units)))
-        result[:, 0] = state.H[:, 0]
+        result[:, 0] = state.H[:, 0] if by_flow else state.Q[:, mesh.inlet_element, 0]
         A_t = state.A_t.reshape(B, -1) @ gauss
         A = state.y[:, model.layout.places["A"]] @ gauss
         P, Q, R = (result[:, 1 + i : 1 + 3 * n : 3] for i in range(3))  # at the sites
