@@ -45,12 +45,15 @@ class CoSimulation(Component):
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
-    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "found"))
+    remade = frozenset(
+        ("network", "settings", "parameters", "port_names", "venous", "drive", "report", "weights", "found")
+    )
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
         self.port_names = port_names(network)
+        self.drive = network.inlet.drive
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
@@ -63,7 +66,7 @@ class CoSimulation(Component):
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(self._start(t0, values), values["inlet.Q"], 0.0)
+        self.known = self.shown = Position(self._start(t0, values), values[self.drive], 0.0)
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
@@ -73,6 +76,8 @@ class CoSimulation(Component):
     def _start(self, t0: float, values: Mapping[str, Any]) -> State:
         if values["network.start"] == "rest":
             return initial_state(self.model, t0)
+        if self.drive == "inlet.P":
+            return periodic_state(self.model, lambda t: values["inlet.P_mean"] + 0.0 * t, 1.0, t0)
         pulse = Inlet.pulse(self.network.inlet.segment, values["inlet.Q_mean"], values["inlet.T"])
         return periodic_state(self.model, pulse.Q, pulse.T, t0)
 
@@ -115,7 +120,7 @@ class CoSimulation(Component):
         self._check_time(t, h)
         values = self._received(values)
         stretch = self._stretch(h, values)
-        known, shown, slope = self._driven(stretch, values["inlet.Q"])
+        known, shown, slope = self._driven(stretch, values[self.drive])
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
         self.V = self._volume()
         V_venous = self.V_0 + shown.V_in - self.V
@@ -127,12 +132,13 @@ class CoSimulation(Component):
         """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
         nothing has been sent yet: the pressures at the start then go on."""
         first = self.interpolation == "smooth" and self.known is self.shown
-        if first and not any(values[name] for name in ("inlet.Q", *self.venous)):
-            return {**values, **dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))}
+        if first and not any(values[name] for name in (self.drive, *self.venous)):
+            pressures = dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))
+            return {**values, **pressures, **({"inlet.P": self.known.Q} if self.drive == "inlet.P" else {})}
         return values
 
     def _driven(self, stretch: Stretch, Q: float) -> tuple[Position, Position, float]:
-        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with inlet.Q = Q."""
+        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlet at Q."""
         if self.interpolation == "smooth":
             known, slope = replace(self.known, Q=Q), 0.0
             if self.known is not self.shown:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from compare import relative_error
 from fmus import COARSE, mixed
 
-from solver import Network, Reflection, Settings, linear, load, simulate, simulate_periodic
+from fmu_src.cosimulation import CoSimulation
+from fmu_src.run import run_fmu
+from fmu_src.variables import variable_table
+from solver import Network, Reflection, Settings, linear, load, sampled_inflow, simulate, simulate_periodic
 from solver.files import dumps, loads
+from solver.outputs import inlet_answer
 from solver.scheme.model import build
 from solver.start import periodic_state
 
@@ -108,3 +115,83 @@ def test_file() -> None:
         loads(text, "text")
     with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure; give it as inflow"):
         simulate(network)
+
+
+# --- the FMU ------------------------------------------------------------------------------------------------------
+
+
+def pulse(t: Array) -> Array:
+    """A pressure of 0 to 800 Pa, smooth from 0 on."""
+    return 400.0 * (1.0 - np.cos(8.0 * np.pi * np.asarray(t)))
+
+
+def component(network: Network, **starts: float | str) -> tuple[CoSimulation, dict[str, float | str]]:
+    made = CoSimulation(network, COARSE)
+    values = {v.name: v.start for v in variable_table(network, COARSE)} | {"inlet.interpolation": "linear", **starts}
+    made.initialize(0.0, values)
+    return made, values
+
+
+def test_component() -> None:
+    """The FMU's component gives the solver's answer to straight lines between 21 pressures, to 1e-9 of each pulse."""
+    network, t = driven_by_pressure(load("sheep")), np.linspace(0.0, 0.2, 21)
+    made, values = component(network)
+    rows = [made.outputs()]
+    for start, end in zip(t[:-1].tolist(), t[1:].tolist(), strict=True):
+        made.step(start, end - start, {**values, "inlet.P": float(pulse(end))})
+        rows.append(made.outputs())
+    expected = simulate(network, sampled_inflow(t, pulse(t)), t[-1], settings=COARSE)
+    for name, found in zip(network.output_units(), np.array(rows).T, strict=False):
+        assert np.abs(found - expected[name][::5]).max() <= 1e-9 * np.ptp(expected[name]), name
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear", "smooth"])
+def test_volume(interpolation: str) -> None:
+    """Nothing leaves a network with closed ends, so venous.V stays 0 to round-off: 1e-14 of the volume."""
+    sheep = load("sheep")
+    closed = replace(sheep, outlets=tuple(Reflection(o.segment, R_t=1.0) for o in sheep.outlets))
+    made, values = component(driven_by_pressure(closed), **{"inlet.interpolation": interpolation})
+    first = made.V
+    for i in range(60):
+        made.step(5e-3 * i, 5e-3, {**values, "inlet.P": float(pulse(5e-3 * i))})
+        assert abs(made.V_venous) <= 1e-14 * made.V
+    assert abs(made.V - first) > 1e-3 * first
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear", "smooth"])
+def test_port(interpolation: str) -> None:
+    """Q(t + h) = Q_0 + Y_0 P(t) + Y P(t + h) says what the next step brings: to 1 % of Y ΔP for ΔP of 100 Pa."""
+    h, (made, values) = 2e-3, component(driven_by_pressure(mixed()), **{"inlet.interpolation": interpolation})
+    for i in range(100):
+        made.step(h * i, h, {**values, "inlet.P": 10e3 + float(pulse(h * i))})
+    said, before = made.ports(), made.shown.Q
+    assert list(said)[:3] == ["inlet.Q_0", "inlet.Y", "inlet.Y_0"]
+    P = before + 100.0
+    if interpolation == "smooth":  # P(t) as extrapolated, and then P(t + h)
+        made.step(100 * h, h, {**values, "inlet.P": before})
+    made.step((101 if interpolation == "smooth" else 100) * h, h, {**values, "inlet.P": P})
+    Q = inlet_answer(made.model, made.known.state)[0]
+    expected = said["inlet.Q_0"] + said["inlet.Y_0"] * before + said["inlet.Y"] * P
+    assert abs(Q - expected) <= 0.01 * abs(said["inlet.Y"]) * 100.0
+
+
+def test_steady_start() -> None:
+    """network.start = periodic starts in the steady state under inlet.P_mean: it stays there, to 1e-9."""
+    starts = {"network.start": "periodic", "inlet.P_mean": 13e3, "inlet.P": 13e3}
+    made, values = component(driven_by_pressure(load("human")), **starts)
+    first = np.array(made.outputs()[:-2])
+    for i in range(20):
+        made.step(0.01 * i, 0.01, values)
+    np.testing.assert_allclose(made.outputs()[:-2], first, rtol=1e-7)
+
+
+def test_fmu(tmp_path: Path, one_process: None) -> None:
+    """build_fmu.py --inlet pressure makes an FMU with inlet.P in and inlet.Q out; it equals the solver to 1e-9."""
+    command = [sys.executable, "-m", "build_fmu", "sheep", "--inlet", "pressure", "--out", str(tmp_path)]
+    assert subprocess.run(command, check=False).returncode == 0
+    result = run_fmu(tmp_path / "sheep.fmu", pulse, 0.1)
+    t = result["time"]
+    expected = simulate(driven_by_pressure(load("sheep")), sampled_inflow(t, pulse(t)), 0.1)
+    assert list(result)[:3] == ["time", "inlet.P", "inlet.Q"]
+    for name in ("inlet.Q", "CA.P", "MD.Q"):
+        assert np.abs(result[name] - expected[name]).max() <= 1e-9 * np.ptp(expected[name])
