@@ -5,7 +5,7 @@ from __future__ import annotations
 from solver.units import MMHG
 
 from .body import Body, Reservoir
-from .heart import Chamber, Filling, Heart, Pace, Valve
+from .heart import Aorta, Chamber, Filling, Heart, Pace, Valve
 
 _ML = 1e-6
 _PER_ML = MMHG / _ML  # mmHg/mL, and mmHg s/mL
@@ -24,6 +24,7 @@ HUMAN_HEART = Heart(
     # R: what the ventricle itself loses in ejection
     aortic_valve=Valve(A=6.98e-4, l=0.02, R=0.05 * _PER_ML, K_open=0.12, K_close=0.12, regurgitation=0.0),
     venous=Filling(R=0.006 * _PER_ML),
+    aorta=Aorta(curvature=0.2),
     P_venous=11.1 * MMHG,
     P_aorta=80.0 * MMHG,
 )
@@ -62,6 +63,7 @@ SHEEP_HEART = Heart(
     mitral_valve=_narrower(HUMAN_HEART.mitral_valve),
     aortic_valve=_narrower(HUMAN_HEART.aortic_valve),
     venous=Filling(R=HUMAN_HEART.venous.R / _MASS),
+    aorta=HUMAN_HEART.aorta,
     P_venous=HUMAN_HEART.P_venous,
     P_aorta=HUMAN_HEART.P_aorta,
 )
