@@ -114,7 +114,8 @@ def build_system(
 def _code(slave: Path) -> dict[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
     files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
-    for module in sorted([*_needed(slave), ROOT / "fmu_src" / "wrapper.py"]):
+    first = [ROOT / "fmu_src" / f"{module}.py" for module in ("host", "wrapper")]  # that the script imports itself
+    for module in sorted([*_needed(slave), *first]):
         text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
@@ -145,11 +146,12 @@ def _needed(module: Path) -> list[Path]:
 _SCRIPT = '''"""Slave of the model {model.name}."""
 
 import ctypes
-import sys
 
+from _{name}.fmu_src.host import check
 from _{name}.fmu_src.wrapper import mend
 
-mend(sys.path[0])  # this FMU's resources: the wrapper has just put them there
+mend()  # before anything that may fail
+check()
 
 from _{name}.fmu_src.{model.slave} import {model.kind}
 
@@ -185,6 +187,8 @@ def _pack(script: Path, stage: Path, execution_tool: bool, documents: dict[str, 
             project_files=staged,
             needsExecutionTool=execution_tool,
             canHandleVariableCommunicationStepSize=True,
+            canGetAndSetFMUstate=True,
+            canSerializeFMUstate=True,
         )
         with zipfile.ZipFile(built) as source:
             return _archive({item: source.read(item) for item in source.namelist()} | documents)

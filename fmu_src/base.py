@@ -1,7 +1,6 @@
-"""The pythonfmu slave of any component: value references, phases, the saved state, and errors.
+"""The pythonfmu slave of any component: value references, phases, saved states, and errors.
 
-A **component** is what an FMU computes, without FMI; see :class:`Component`. A slave of one is a class that says how to
-make it::
+A slave of one is a class that says how to make the component of an FMU::
 
     class HeartSlave(ComponentSlave):
         data_file = "heart.json"  # in the FMU's resources
@@ -19,60 +18,43 @@ the references it is about to drop.
 
 from __future__ import annotations
 
-import ctypes
 import json
 import math
 import sys
-import traceback
+import weakref
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn, Protocol, TypeVar, cast
+from typing import Any, ClassVar, TypeVar
 from xml.etree.ElementTree import Element
 
 from pythonfmu import DefaultExperiment, Fmi2Slave
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 from pythonfmu.variables import Integer, Real, ScalarVariable
 
-from solver.scheme.failure import NonPhysicalState
-
+from .component import Component
 from .description import complete
+from .refusal import compensate, sentence
+from .state import from_bytes, to_bytes
 from .variable import Variable
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
 T = TypeVar("T")
 
-
-class Component(Protocol):
-    """What an FMU computes. Values come and go by variable name, texts as texts, numbers in SI.
-
-    A component changes no object in place: a step or a new parameter puts new objects into its attributes. So the copy
-    of ``vars(component)`` is its state, saved and restored in microseconds.
-    """
-
-    def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
-        """Begin at t0 [s] with the values of all inputs and parameters; ValueError if they do not fit together.
-
-        May come more than once, in initialization mode.
-        """
-
-    def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Advance from t to t + h [s] with the values of the inputs; ValueError or NonPhysicalState, and unchanged."""
-
-    def retune(self, changed: Mapping[str, Any]) -> None:
-        """Take over tunable parameters that were set since the last step, with the inputs' values; or ValueError."""
-
-    def outputs(self) -> Sequence[float]:
-        """The outputs at the present time, in the order of the variable table, but for those that are ``late``."""
+_KEPT = ("values", "phase", "t0", "stop_time", "outdated", "late_due", "changed")  # attributes of a slave in a state
+_INSTANCES: weakref.WeakSet[ComponentSlave] = weakref.WeakSet()  # that the host has not freed
 
 
-class WithPorts(Component, Protocol):
-    """A component with outputs that are ``late``."""
+@dataclass
+class Snapshot:
+    """A saved state: what ``_KEPT`` names of the slave, and the component's attributes. blob : the same in bytes."""
 
-    def ports(self) -> Mapping[str, float]:
-        """The late outputs by name; asked for when one of them is read, once after each step."""
+    guid: str
+    slave: dict[str, Any]
+    component: dict[str, Any]
+    blob: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -95,6 +77,7 @@ class ComponentSlave(Fmi2Slave):
 
     author = "arterial-fmu contributors"
     license = "MIT"
+    copyright = "© 2026 arterial-fmu contributors"
     code_name = ""  # module name that carries the hash of all content
     content_hash = ""
     data_file = ""  # JSON in the FMU's resources
@@ -125,7 +108,9 @@ class ComponentSlave(Fmi2Slave):
         self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
         self.first_late = next((i for i, v in enumerate(self.table) if v.late), len(self.table))
         self.component = about.make()
+        _INSTANCES.add(self)
         self.phase, self.t0 = INSTANTIATED, 0.0
+        self.stop_time: float | None = None
         self.outdated = True  # the outputs, before initialization ends
         self.late_due = False  # the late outputs are still to be asked for
         self.changed: dict[str, float] = {}  # tunable parameters since the last step
@@ -134,20 +119,23 @@ class ComponentSlave(Fmi2Slave):
 
     # --- phases ---------------------------------------------------------------------------------------------------
 
-    def setup_experiment(self, start_time: float, *_: Any) -> None:
+    def setup_experiment(self, start_time: float, stop_time: float | None = None, *_: Any) -> None:
         def set_up() -> None:
             self._require("setup_experiment", INSTANTIATED)
             if not math.isfinite(start_time):
                 raise ValueError(f"start time of {start_time:g} s: must be finite.")
-            self.t0 = start_time
+            if stop_time is not None and not stop_time >= start_time:
+                raise ValueError(
+                    f"stop time of {stop_time:g} s: must not lie before the start time of {start_time:g} s."
+                )
+            self.t0, self.stop_time = start_time, stop_time
 
         self._guarded("setting up the experiment", set_up)
 
     def enter_initialization_mode(self) -> None:
         def enter() -> None:
             self._require("enter_initialization_mode", INSTANTIATED)
-            if self.resources in sys.path:  # the wrapper puts it there at every instantiation and leaves it
-                sys.path.remove(self.resources)
+            self._settle()
             self.phase = INITIALIZING
 
         self._guarded("entering initialization mode", enter)
@@ -164,19 +152,29 @@ class ComponentSlave(Fmi2Slave):
         self.phase = TERMINATED
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """One communication step; False, with the reason in the log, when it failed."""
+        """One communication step; False, with the reason in the log and nothing changed, when it failed."""
+        before = self.component.__dict__.copy()
         try:
             self._require("do_step", STEPPING)
+            self._check_end(current_time + step_size, step_size)
             inputs = {self.names[i]: self.values[i] for i in self.inputs}
             if self.changed:
                 self.component.retune({**inputs, **self.changed})
-                self.changed = {}
             self.component.step(current_time, step_size, inputs)
             self._show()
+            self.changed = {}
             return True
         except BaseException as error:
-            self.log(self._message(error, f"stepping from t = {current_time:g} s"), Fmi2Status.error)
+            self.component.__dict__ = before
+            self.log(sentence(self.instance_name, error, f"stepping from t = {current_time:g} s"), Fmi2Status.error)
         return False
+
+    def _check_end(self, t: float, h: float) -> None:
+        """Refuse a step beyond the stop time, but for the round-off of communication points."""
+        if self.stop_time is not None and t > self.stop_time + 1e-6 * abs(h) + 1e-9 * abs(t):
+            raise ValueError(
+                f"step to t = {t:.9g} s: the stop time is {self.stop_time:.9g} s; end there, or set up a later one."
+            )
 
     def _require(self, call: str, phase: str) -> None:
         if self.phase != phase:
@@ -220,7 +218,7 @@ class ComponentSlave(Fmi2Slave):
         if self.phase == INITIALIZING and self.outdated and last >= self.first_output:
             self._initialize()
         if self.late_due and last >= self.first_late:
-            ports = cast(WithPorts, self.component).ports()
+            ports = self.component.ports()
             self.values[self.first_late :] = [ports[name] for name in self.names[self.first_late :]]
             self.late_due = False
         values = self.values
@@ -242,7 +240,7 @@ class ComponentSlave(Fmi2Slave):
                 self.outdated = True
                 # inputs are read at every step; a new value of anything else needs new coefficients
                 if self.phase == STEPPING and vr not in self.inputs:
-                    self.changed[self.names[vr]] = value
+                    self.changed = {**self.changed, self.names[vr]: value}
             self.values[vr] = value
 
     def _check_kind(self, vrs: list[int], kind: frozenset[int]) -> None:
@@ -254,7 +252,6 @@ class ComponentSlave(Fmi2Slave):
             raise ValueError(f"{self.table[vr].name} is {right}; read and set it as such.")
 
     def _initialize(self) -> None:
-        self._check_code()
         self.component.initialize(self.t0, dict(zip(self.names, self.values, strict=True)))
         self._show()
         self.outdated = False
@@ -262,6 +259,11 @@ class ComponentSlave(Fmi2Slave):
     def _show(self) -> None:
         self.values[self.first_output : self.first_late] = self.component.outputs()
         self.late_due = True
+
+    def _settle(self) -> None:
+        if self.resources in sys.path:  # the wrapper puts it there at every instantiation and leaves it
+            sys.path.remove(self.resources)
+        self._check_code()
 
     def _check_code(self) -> None:
         """Refuse to run the code of another FMU: a process keeps the first module of a name."""
@@ -271,13 +273,54 @@ class ComponentSlave(Fmi2Slave):
                 f"this process runs module {self.code_name} instead of {expected.read_text().strip()}; rebuild the FMU."
             )
 
-    def _get_fmu_state(self, *_: Any) -> None:
-        def refuse() -> NoReturn:
-            raise ValueError("the state cannot be saved or restored (canGetAndSetFMUstate is false).")
+    # --- saved states ---------------------------------------------------------------------------------------------
+    # The two hooks that the wrapper calls on the class know no instance, hence no log; see _refused.
 
-        self._guarded("saving or restoring the state", refuse)
+    def _get_fmu_state(self) -> Snapshot:
+        return self._guarded("saving the state", self._snapshot)
 
-    _set_fmu_state = _get_fmu_state
+    def _snapshot(self) -> Snapshot:
+        slave = {**{name: getattr(self, name) for name in _KEPT}, "values": tuple(self.values)}
+        return Snapshot(self.content_hash, slave, self.component.__dict__.copy())
+
+    def _set_fmu_state(self, state: Any) -> None:
+        def restore() -> None:
+            _check_state(state, self.content_hash)
+            if self.phase == INSTANTIATED:
+                self._settle()
+            self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
+            self.component.__dict__ = state.component.copy()
+
+        self._guarded("restoring the state", restore)
+
+    @classmethod
+    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
+        def write() -> bytes:
+            _check_state(state, cls.content_hash)
+            if state.blob is None:  # the wrapper asks twice: for the size and for the bytes
+                component = cls._new()
+                component.__dict__ |= state.component
+                held = {name: value for name, value in state.component.items() if name not in component.remade}
+                state.blob = to_bytes(cls.content_hash, {"slave": state.slave, "component": held}, component.kinds())
+            return state.blob
+
+        return cls._refused("writing a state", write)
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, blob: bytes) -> Snapshot:
+        def read() -> Snapshot:
+            component = cls._new()
+            held = from_bytes(blob, cls.content_hash, component.kinds())
+            component.__dict__ |= held["component"]
+            component.resumed()
+            return Snapshot(cls.content_hash, held["slave"], component.__dict__, blob)
+
+        return cls._refused("reading a state", read)
+
+    @classmethod
+    def _new(cls) -> Component:
+        assert cls.about is not None
+        return cls.about.make()
 
     # --- errors ---------------------------------------------------------------------------------------------------
 
@@ -285,30 +328,32 @@ class ComponentSlave(Fmi2Slave):
         try:
             return action()
         except BaseException as error:
-            message = self._message(error, what)
-        # the wrapper drops these three references before it reports fmi2Fatal, and once more when it frees the instance
-        for held in (type(self), self, self.log_queue):
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(held))
+            message = sentence(self.instance_name, error, what)
+        compensate(self)
         raise ValueError(message)
 
-    def _message(self, error: BaseException, what: str) -> str:
-        """What goes to the host's log, where it is a printf format by the standard.
-
-        A user's mistake is one sentence. Of a fault of ours, which must not kill the host either, it is everything.
-        """
-        if isinstance(error, (ValueError, NonPhysicalState)):
-            text = str(error)
-        elif isinstance(error, KeyboardInterrupt):
-            text = f"interrupted while {what}."
-        else:
-            text = f"internal error while {what}\n{traceback.format_exc()}"
-        return f"{self.instance_name}: {text}".replace("%", "%%")
+    @classmethod
+    def _refused(cls, what: str, action: Callable[[], T]) -> T:
+        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called."""
+        try:
+            return action()
+        except BaseException as error:
+            message = sentence(cls.about.name if cls.about else cls.code_name, error, what)
+        for instance in list(_INSTANCES):
+            if type(instance) is cls:
+                compensate(instance)
+        raise ValueError(message)
 
     # --- description ----------------------------------------------------------------------------------------------
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """modelDescription with units, ranges, InitialUnknowns and dependencies."""
         return complete(super().to_xml(model_options or {}), self.table, self.version)
+
+
+def _check_state(state: Any, guid: str) -> None:
+    if not isinstance(state, Snapshot) or state.guid != guid:
+        raise ValueError("the state is not one of this FMU; give one that this FMU saved.")
 
 
 def _read(subject: Callable[[Any], Subject], file: Path) -> Subject:

@@ -16,7 +16,9 @@ from typing import Any
 
 from solver.quantity import quantity
 
+from .component import Component
 from .lumped import with_values
+from .state import Kind, dataclasses
 
 EXCHANGES = ("end", "start")
 
@@ -57,16 +59,22 @@ class BodyState:
     net_before: float
 
 
-class BodyComponent:
-    """The reservoir as a component of an FMU: see ``base.Component``.
+class BodyComponent(Component):
+    """The reservoir as a component of an FMU.
 
     ``body.exchange`` says for which time the inputs are that are set before a step: its ``end``, by a master that runs
     the body last, or its ``start``, by one that runs all components side by side. The volume at the end of the step
     is then extrapolated from the last two.
     """
 
+    remade = frozenset(("own",))
+
     def __init__(self, body: Body) -> None:
         self.own = self.body = body
+
+    def kinds(self) -> dict[type, Kind]:
+        """What a saved state holds."""
+        return dataclasses(Body, Reservoir, BodyState)
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
         """Begin with the reservoir at P_start."""

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from solver.network import Network
+from solver.network import Inlet, Network
 from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.failure import NonPhysicalState
+from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
-from solver.scheme.step import initial_state
+from solver.scheme.step import State, initial_state
+from solver.start import periodic_state
 
+from .component import Component
 from .ports import Impedances, impedances, port_names, port_values
+from .state import Kind, dataclasses
 from .stretch import Position, Stretch
 
 Array = np.ndarray
 
 _ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
 _LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
+_RENEWED = 9.9e-3  # s after which the impedances of the ports are made anew
 _MOST_STEPS = 1_000_000  # internal steps in one communication step
 
 
-class CoSimulation:
+class CoSimulation(Component):
     """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
     most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
 
@@ -40,6 +45,8 @@ class CoSimulation:
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
+    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "found"))
+
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
@@ -47,19 +54,27 @@ class CoSimulation:
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
-        """Build the solver at rest from variable values by name; raises ValueError if they do not fit together."""
+        """Build the solver and its first state from variable values by name; raises ValueError if they do not fit."""
         laws = {"elastic_law": values["network.elastic_law"], "viscous_law": values["network.viscous_law"]}
         settings = replace(self.settings, dt=values["solver.dt"], element_length=values["solver.element_length"])
         parameters = {name: values[name] for name in self.parameters}
-        self._use(build(replace(self.network, **laws), parameters, settings))
+        self.origin = laws, asdict(settings), parameters
+        self._use(self._built(*self.origin))
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(initial_state(self.model, t0), values["inlet.Q"], 0.0)
+        self.known = self.shown = Position(self._start(t0, values), values["inlet.Q"], 0.0)
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
+        self.basis, self.basis_time = (self.known, self.shown, self.last), t0
         self.V_0 = self._volume()
         self.V_venous = self.Q_venous = 0.0
+
+    def _start(self, t0: float, values: Mapping[str, Any]) -> State:
+        if values["network.start"] == "rest":
+            return initial_state(self.model, t0)
+        pulse = Inlet.pulse(self.network.inlet.segment, values["inlet.Q_mean"], values["inlet.T"])
+        return periodic_state(self.model, pulse.Q, pulse.T, t0)
 
     def retune(self, changed: Mapping[str, Any]) -> None:
         """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
@@ -71,9 +86,26 @@ class CoSimulation:
         self.shown = self.shown.under(self.model)
         self.V_0 += self._volume() - before  # another compliance at the same pressure is no flow
 
+    def _built(self, laws: Mapping[str, str], settings: Mapping[str, Any], parameters: Mapping[str, float]) -> Model:
+        return build(replace(self.network, **laws), parameters, Settings(**settings))  # type: ignore[arg-type]
+
+    def kinds(self) -> dict[type, Kind]:
+        """A model is saved as its parameters, and those at the start: they have made the mesh."""
+
+        def made(origin: tuple[Any, ...], parameters: Mapping[str, float]) -> Model:
+            return self._built(*origin).with_parameters(parameters)
+
+        model = Kind(lambda model: {"origin": self.origin, "parameters": model.parameters}, made)
+        return {Model: model, **dataclasses(Stretch, Position, State, Layout)}
+
+    def resumed(self) -> None:
+        """The reports follow from the model."""
+        if "model" in self.__dict__:  # it was saved after its initialization
+            self._use(self.model)
+
     def _use(self, model: Model) -> None:
         self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
-        self.impedances: dict[tuple[int, float], Impedances] = {}
+        self.found: Impedances | None = None  # about the basis, where they were asked for
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Advance from t to t + h [s] with the inputs in ``values``.
@@ -87,6 +119,8 @@ class CoSimulation:
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
         V_venous = self.V_0 + shown.V_in - self._volume()
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
+        if self.time - self.basis_time >= _RENEWED or not stretch.as_long_as(self.basis[2]):
+            self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
 
     def _received(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
@@ -119,12 +153,10 @@ class CoSimulation:
 
     def ports(self) -> dict[str, float]:
         """The ports by name, over the next communication step, which is taken to be as long as the last one."""
-        key = self.last.steps, self.last.dt
-        if key not in self.impedances:
-            rest = Position(initial_state(self.model), 0.0, 0.0)
-            self.impedances[key] = impedances(replace(self.last, model=self.model), rest, self.interpolation)
+        if self.found is None:
+            self.found = impedances(self.basis, self.interpolation)
         stretch = replace(self.last, model=self.model)
-        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.impedances[key])
+        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.found)
         return dict(zip(self.port_names, values, strict=True))
 
     def venous_flows(self) -> Array:

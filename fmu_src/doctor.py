@@ -239,24 +239,32 @@ def _shell(value: str) -> str:
 
 def _paths(path: Path) -> Iterator[Finding]:
     """Hosts pass the place of the resources as a URI; the wrapper decodes blanks in it and nothing else."""
-    temporary = Path(tempfile.gettempdir()).absolute()
+    temporary = _temporary()
     for what, folder in (("temporary folder", temporary), ("folder of the FMU", path.absolute().parent)):
         bad = "".join(sorted(set(undecoded(folder))))
         if bad:
             remedy = "set TMPDIR to a folder without them" if folder == temporary else "unpack the FMU elsewhere"
             remedy += "; letters, digits, blanks and - . _ ~ are safe"
             yield Finding(what, PROBLEM if folder == temporary else NOTE, f"{folder} holds {bad}: hosts crash", remedy)
-    if not os.access(temporary, os.W_OK):
+    if not (temporary.is_dir() and os.access(temporary, os.W_OK)):
         yield Finding("temporary folder", PROBLEM, f"{temporary} cannot be written", "set TMPDIR to one that can")
     elif shutil.disk_usage(temporary).free < 10e6:
         yield Finding("temporary folder", PROBLEM, f"{temporary} has less than 10 MB left", "make room, or set TMPDIR")
 
 
+def _temporary() -> Path:
+    """Where hosts unpack an FMU; Python alone looks for another place if this one cannot be written."""
+    given = [os.environ[name] for name in ("TMPDIR", "TEMP", "TMP") if os.environ.get(name)]
+    try:
+        return Path(given[0] if given else tempfile.gettempdir()).absolute()
+    except OSError:
+        return Path("/tmp")
+
+
 def undecoded(path: str | os.PathLike[str]) -> str:
     """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
-    return "".join(
-        letter for letter in os.fspath(path) if letter not in " \\:/" and quote(letter, errors="replace") != letter
-    )
+    plain = " /\\:" if os.name == "nt" else " /"
+    return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
 
 
 def _trial(path: Path, where: Interpreter) -> Finding:
@@ -266,7 +274,7 @@ def _trial(path: Path, where: Interpreter) -> Finding:
         with tempfile.TemporaryDirectory(prefix="doctor_", ignore_cleanup_errors=True) as folder:
             with zipfile.ZipFile(path) as file:
                 file.extractall(folder)
-            line = [where.executable, os.fspath(Path(trial.__file__).resolve()), folder]
+            line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
             done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
         return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", "report it with the network file")

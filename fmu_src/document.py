@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 from importlib.metadata import distribution
+from pathlib import Path
 
 import numpy as np
 
@@ -26,13 +27,16 @@ def documents(network: Network, table: tuple[Variable, ...], version: str) -> di
 
 
 def licences() -> dict[str, bytes]:
-    """The licences of what an FMU carries, by path."""
-    return {"documentation/licenses/pythonfmu.txt": _pythonfmu_licence()}
+    """The licence of this project, where FMI looks for it, and that of pythonfmu, which every FMU carries."""
+    own = Path(__file__).resolve().parent.parent / "LICENSE"
+    return {
+        "documentation/licenses/license.txt": own.read_bytes() if own.is_file() else _licence("arterial-fmu"),
+        "documentation/licenses/pythonfmu.txt": _licence("pythonfmu"),
+    }
 
 
-def _pythonfmu_licence() -> bytes:
-    """The licence of pythonfmu, whose code and binaries every FMU carries."""
-    files = distribution("pythonfmu").files or []
+def _licence(package: str) -> bytes:
+    files = distribution(package).files or []
     texts = [f.read_binary() for f in files if f.name.startswith("LICEN")]
     return texts[0] if texts else b"MIT\n"
 
@@ -68,17 +72,20 @@ few beats until the beats repeat.</li>
 a failed status; the log says in one sentence what was wrong, where and what to do. Without logging the host sees the
 status only (FMPy: <code>simulate_fmu(..., debug_logging=True)</code>). When a step fails, FMPy returns a shortened
 result without an error: compare the last time with the stop time.</li>
+<li><strong>Saved states.</strong> The state can be saved, restored, written as bytes and read again, in this
+instance, another one or a new process; what follows is the same to the last bit. Bytes that are damaged or those of
+another FMU are refused. A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
+it.</li>
 <li><strong>Reading it back.</strong> <code>resources/network.toml</code> is the network file of this FMU.</li>
 </ul>
 <h2>What the host needs</h2>
 <ul>
-<li>Python with numpy, and nothing else. Tested with Python 3.11; older ones do not run it.</li>
+<li>Python 3.10 to 3.13 with numpy, and nothing else.</li>
 <li>On Linux, hosts that are not Python load libpython first, for example with
 <code>LD_PRELOAD=libpython3.11.so.1.0</code> in front of their command.</li>
 <li>A path without <code>(</code>, <code>+</code> or non-ASCII characters where the FMU is unpacked: the wrapper of
 pythonfmu crashes on them.</li>
 <li>Linux x86-64, where it is tested. The Windows binary is pythonfmu's and untested.</li>
-<li>No need to save and restore the state: the FMU cannot.</li>
 </ul>
 """
 

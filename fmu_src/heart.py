@@ -32,7 +32,9 @@ from typing import Any
 
 from solver.quantity import quantity
 
+from .component import Component
 from .lumped import with_values
+from .state import Kind, dataclasses
 
 _CLOSED = 1e-12  # an opening below this counts as none
 _LAMINAR = 1e-6  # m³/s, below which the loss of a valve is linear in the flow
@@ -333,11 +335,17 @@ class _Trial:
         )
 
 
-class HeartComponent:
-    """The heart as a component of an FMU: see ``base.Component``."""
+class HeartComponent(Component):
+    """The heart as a component of an FMU."""
+
+    remade = frozenset(("own",))
 
     def __init__(self, heart: Heart) -> None:
         self.own = self.heart = heart
+
+    def kinds(self) -> dict[type, Kind]:
+        """What a saved state holds."""
+        return dataclasses(Heart, Pace, Chamber, Valve, Filling, HeartState, ValveState)
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
         """Begin at the end of filling; raises ValueError if the parameters do not fit together."""

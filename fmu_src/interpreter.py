@@ -36,10 +36,12 @@ print(json.dumps({"executable": sys.executable, "version": list(sys.version_info
 class Interpreter:
     """A Python installation, as it describes itself.
 
+    command : what starts it. executable : where it says that it is.
     library : path of its shared library, None if it has none. numpy : version, None if it cannot be imported.
     numpy_from : folder of numpy, or why it cannot be imported.
     """
 
+    command: str
     executable: str
     version: tuple[int, int, int]
     prefix: str
@@ -83,4 +85,4 @@ def interpreter(python: str = sys.executable) -> Interpreter:
         facts = json.loads(done.stdout)
     except (OSError, ValueError, subprocess.SubprocessError) as error:
         raise ValueError(f"{command}: does not start as Python ({type(error).__name__}); give another.") from None
-    return Interpreter(**{**facts, "version": tuple(facts["version"])})
+    return Interpreter(**{**facts, "command": command, "version": tuple(facts["version"])})

@@ -13,6 +13,7 @@ import math
 import os
 import re
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -158,7 +159,7 @@ def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) ->
         return FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}")
 
     with TemporaryDirectory(prefix="fmu_", ignore_cleanup_errors=True) as folder:
-        fmpy.extract(os.fspath(fmu), folder)
+        _unpack(fmu, folder)
         try:
             slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
         except Exception as error:  # FMPy has no exception of its own for this
@@ -169,6 +170,17 @@ def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) ->
             raise failed(error) from None
         finally:
             slave.freeInstance()
+
+
+def _unpack(fmu: str | os.PathLike[str], folder: str) -> None:
+    try:
+        fmpy.extract(os.fspath(fmu), folder)
+    except (zipfile.BadZipFile, zlib.error, EOFError):
+        raise ValueError(f"{os.fspath(fmu)}: is damaged; copy it once more, or build it with build_fmu.py.") from None
+    except OSError as error:
+        raise ValueError(
+            f"{os.fspath(fmu)}: cannot be unpacked to {folder} ({error.strerror}); set TMPDIR to a folder with room."
+        ) from None
 
 
 def _initialize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,15 +12,23 @@ from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import State, adopt, step
 
 Array = np.ndarray
+Flow = Any  # a number, or (n,)
 
 
 @dataclass(frozen=True)
 class Position:
-    """Where the arteries stand: their state, the inflow Q [m³/s] there, and the volume V_in [m³] that came in."""
+    """Where the arteries stand: their state, the inflow Q [m³/s] there, and the volume V_in [m³] that came in.
+
+    Or several of one model: then Q and V_in are (n,), if they differ.
+    """
 
     state: State
-    Q: float
-    V_in: float
+    Q: Flow
+    V_in: Flow
+
+    def copies(self, n: int) -> Position:
+        """n of it."""
+        return replace(self, state=self.state.members(np.zeros(n, int)))
 
     def under(self, model: Model) -> Position:
         """The same under other parameters."""
@@ -28,7 +37,8 @@ class Position:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A communication step of length h [s]: internal steps of length dt [s], with P_venous : (n_outlets,) [Pa] held."""
+    """A communication step of length h [s]: internal steps of length dt [s], with P_venous [Pa] held: (n_outlets,), or
+    (n, n_outlets) for n positions."""
 
     model: Model
     h: float
@@ -36,12 +46,17 @@ class Stretch:
     dt: float
     P_venous: Array
 
-    def run(self, at: Position, Q_start: float, Q_end: float) -> Position:
+    def as_long_as(self, other: Stretch) -> bool:
+        """Whether another one has the same internal steps of the same model."""
+        return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
+
+    def run(self, at: Position, Q_start: Flow, Q_end: Flow) -> Position:
         """The position at its end, with an inflow along the straight line from Q_start to Q_end [m³/s].
 
         Raises NonPhysicalState.
         """
         state, rise = at.state, (Q_end - Q_start) / self.steps
         for i in range(self.steps):
-            state = step(self.model, state, self.dt, Q_start + rise * (i + INFLOW_TIMES), self.P_venous)
+            inflow = Q_start + np.multiply.outer(i + INFLOW_TIMES, rise)
+            state = step(self.model, state, self.dt, inflow, self.P_venous)
         return Position(state, Q_end, at.V_in + 0.5 * self.steps * self.dt * (Q_start + Q_end))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from solver import effects
 from solver.network import Network
 from solver.quantity import Quantity
 from solver.scheme.model import Settings
@@ -14,12 +13,18 @@ from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 from .ports import port_names
 from .variable import Variable
 
+STARTS = ("rest", "periodic")
 INTERPOLATIONS = ("hold", "linear", "smooth")
 INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
 # ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
     "solver.dt": Quantity("s", "internal time step", 1e-7, 0.1, nominal=1e-3, display="ms", tunable=False),
     "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),
+}
+# of the inflow that the periodic start is made for
+_PULSE = {
+    "inlet.Q_mean": Quantity("m^3/s", "mean inflow", -1.0, 1.0, nominal=1e-5, display="mL/s", tunable=False),
+    "inlet.T": Quantity("s", "period", 1e-3, 100.0, tunable=False),
 }
 _OUTPUTS = {
     "P": Quantity("Pa", "pressure", -math.inf, math.inf, nominal=1e4, display="mmHg"),
@@ -50,7 +55,8 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             kind = "tunable" if quantity.tunable else "fixed"
             parameters.append(Variable(name, "parameter", kind, quantity.description, values[name], quantity))
     starts = {"solver.dt": settings.dt, "solver.element_length": settings.element_length}
-    for name, quantity in SETTINGS.items():
+    starts |= {"inlet.Q_mean": network.inlet.Q_mean, "inlet.T": network.inlet.T}
+    for name, quantity in (SETTINGS | _PULSE).items():
         parameters.append(Variable(name, "parameter", "fixed", quantity.description, starts[name], quantity))
     texts = (
         ("network.elastic_law", "elastic law of the walls", network.elastic_law, tuple(ELASTIC_LAWS)),
@@ -66,21 +72,26 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             "hold",
             INTERPOLATIONS,
         ),
+        (
+            "network.start",
+            "at rest under network.P_0; or near the beats of a half-sine of mean inlet.Q_mean and period inlet.T",
+            "rest",
+            STARTS,
+        ),
     )
     for name, description, start, choices in texts:
         parameters.append(
             Variable(name, "parameter", "fixed", f"{description}: {' or '.join(choices)}", start, None, choices)
         )
+    everything = tuple(variable.name for variable in (*inputs, *parameters))
+    at_start = tuple(name for name in everything if name not in ("inlet.Q", "inlet.interpolation"))
     outputs = []
     for name in network.output_units():
         place, kind = name.rsplit(".", 1)
-        quantity = _OUTPUTS[kind]
-        sources = _initial_sources(kind, parameters)
-        text = f"{quantity.description} at {place}"
-        outputs.append(Variable(name, "output", "continuous", text, None, quantity, sources=sources))
-    everything = tuple(variable.name for variable in (*inputs, *parameters))
+        text = f"{_OUTPUTS[kind].description} at {place}"
+        outputs.append(Variable(name, "output", "continuous", text, None, _OUTPUTS[kind], sources=at_start))
     for name, quantity in _VOLUMES.items():
-        sources = everything if name == "network.V" else ()
+        sources = at_start if name == "network.V" else ()
         outputs.append(Variable(name, "output", "continuous", quantity.description, None, quantity, sources=sources))
     for name in port_names(network):
         outputs.append(_port(name, everything))
@@ -94,17 +105,3 @@ def _port(name: str, sources: tuple[str, ...]) -> Variable:
     signal = "pressure at the inlet" if place == "inlet" else f"P_venous of {place}"
     text = f"port: {signal}, {quantity.description}"
     return Variable(name, "output", "continuous", text, None, quantity, sources=sources, late=True)
-
-
-def _initial_sources(kind: str, parameters: list[Variable]) -> tuple[str, ...]:
-    """The parameters on which P, Q or R depends at the start: rest under P_0."""
-    if kind == "Q":
-        return ()
-    # P is P_0 up to round-off through the wall law and back; R follows from it by the wall of the site's segment,
-    # which the table does not name: all walls are listed
-    names = {"network.P_0"}
-    if kind == "R":
-        names |= {"network.P_ref", "network.eta", "network.elastic_law"}
-        walls = ("R0", "h", "E", *(key for effect in effects.ALL if effect.at_rest for key in effect.terms))
-        names |= {v.name for v in parameters if v.name.rsplit(".", 1)[-1] in walls}
-    return tuple(v.name for v in parameters if v.name in names)

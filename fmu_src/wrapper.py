@@ -13,23 +13,28 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import signal
 import sys
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 
-@cache
-def mend(resources: str) -> None:
-    """Mend both for the library of the FMU that is unpacked around ``resources``, once in a process."""
+def mend() -> None:
+    """Mend both, for every library of the wrapper that the process has loaded."""
     if sys.platform != "linux":
         return
-    c = ctypes.CDLL(None)
-    for library in Path(resources).parent.glob("binaries/linux64/*.so"):
-        try:
-            loaded = ctypes.CDLL(os.fspath(library), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
-            c.__cxa_atexit(loaded.finalizePythonInterpreter, None, None)
-        except (OSError, AttributeError):  # the host has loaded another copy, or the wrapper is another one
-            continue
-    if not sys.orig_argv and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        c.signal(signal.SIGINT, ctypes.c_void_p(0))  # SIG_DFL; signal.signal refuses outside Python's main thread
+    loaded = Path("/proc/self/maps").read_text(encoding="utf-8", errors="surrogateescape")
+    for library in set(re.findall(r"/\S.*/binaries/linux64/.*\.so$", loaded, flags=re.MULTILINE)):
+        _end_in_time(library)
+    if not getattr(sys, "orig_argv", True) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        ctypes.CDLL(None).signal(signal.SIGINT, ctypes.c_void_p(0))  # SIG_DFL; Python's own call needs its main thread
+
+
+@lru_cache(maxsize=None)  # noqa: UP033, older Pythons get as far as the sentence that refuses them
+def _end_in_time(library: str) -> None:
+    try:
+        wrapper = ctypes.CDLL(library, mode=os.RTLD_NOLOAD | os.RTLD_NOW)
+        ctypes.CDLL(None).__cxa_atexit(wrapper.finalizePythonInterpreter, None, None)
+    except (OSError, AttributeError):  # not loaded under this name, or no wrapper of this kind
+        return

@@ -132,6 +132,16 @@ class Inlet:
     Q_max: float = quantity(55e-6, "m^3/s", "peak inflow Q_max", 0.0, 1.0, nominal=1e-4, display="mL/s")
     T: float = quantity(0.5, "s", "period T", 1e-3, 100.0)
 
+    @staticmethod
+    def pulse(segment: str, Q_mean: float, T: float) -> Inlet:
+        """The inlet whose inflow has a mean Q_mean [m³/s]."""
+        return Inlet(segment, np.pi * Q_mean, T)
+
+    @property
+    def Q_mean(self) -> float:
+        """The mean of the inflow [m³/s]."""
+        return self.Q_max / np.pi
+
     def Q(self, t: np.ndarray | float) -> np.ndarray:
         """Inflow Q(t) [m³/s] at times t [s], any shape."""
         # the phase is reduced first: sin(2π t/T) after many beats loses digits

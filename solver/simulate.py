@@ -17,11 +17,13 @@ from .scheme.mesh import Mesh
 from .scheme.model import Model, Settings, build
 from .scheme.sdirk import INFLOW_TIMES
 from .scheme.step import State, adopt, initial_state, step
+from .start import periodic_state
 
 Array = np.ndarray
 Inflow = Callable[[Array], Array]
 Progress = Callable[[float, str], None]
 
+STARTS = ("rest", "periodic")
 
 _STEADY = 1e-4  # of an output's size: a smaller pulse counts as none when beats are compared
 _LARGEST_TABLE = 4e9  # bytes of one run's or one beat's outputs
@@ -118,12 +120,14 @@ def simulate(
     *,
     parameters: Parameters | None = None,
     settings: Settings | None = None,
+    start: str = "rest",
     progress: Progress | None = None,
 ) -> Waveforms:
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
     inflow : Q(t) [m³/s] for an array of times; default the network's inlet. parameters : values by FMU variable name,
     numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration.
+    start : "rest", or "periodic": near the beats that this inflow repeats at the inlet's period (:mod:`~solver.start`).
     A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
@@ -134,7 +138,7 @@ def simulate(
         raise ValueError(f"duration = {duration!r} s: must be a positive, finite number.")
     run = _run(network, inflow, parameters, settings, settings.dt)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
-    table, state = run.table(initial_state(run.model), n, progress, "simulating")
+    table, state = run.table(run.begin(start, network.inlet.T), n, progress, "simulating")
     return run.waveforms(table, duration / network.inlet.T, math.nan, state)
 
 
@@ -147,15 +151,16 @@ def simulate_periodic(
     settings: Settings | None = None,
     tolerance: float = 1e-5,
     max_beats: int = 100,
-    start: Waveforms | None = None,
+    start: Waveforms | str | None = None,
     progress: Progress | None = None,
 ) -> Waveforms:
     """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
 
     Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
-    start : an earlier result, with other parameters perhaps, whose last state takes the place of rest: it saves beats
-    where little has changed; that of one parameter set serves a batch.
+    start : "rest" (default); "periodic", near the answer (:mod:`~solver.start`); or an earlier result, with other
+    parameters perhaps, whose last state takes the place of rest: it saves beats where little has changed; that of one
+    parameter set serves a batch.
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
     ``start`` has another mesh, step or batch.
     """
@@ -172,7 +177,7 @@ def simulate_periodic(
         raise ValueError(f"max_beats = {max_beats!r} must be at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
     run = _run(network, inflow, parameters, settings, period / n)
-    state, before, change = run.begin(start), None, math.inf
+    state, before, change = run.begin(start, period), None, math.inf
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
         table, state = run.table(state, n, progress, label)
@@ -203,10 +208,14 @@ class _Run:
     inflow: Inflow
     dt: float
 
-    def begin(self, start: Waveforms | None) -> State:
-        """The state to start from: rest, or where another run ended."""
-        if start is None:
+    def begin(self, start: Waveforms | str | None, period: float) -> State:
+        """The state to start from: rest, near the periodic one, or where another run ended."""
+        if start is None or start == "rest":
             return initial_state(self.model)
+        if start == "periodic":
+            return periodic_state(self.model, self.flow, period, dt=self.dt)
+        if not isinstance(start, Waveforms):
+            raise ValueError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:
             raise ValueError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
         if not start.end.mesh.same_as(self.model.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:

@@ -7,10 +7,11 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import pytest
@@ -88,14 +89,21 @@ class CHost:
         del complete["GLIBC_TUNABLES"]
         return {**complete, **more}
 
-    def run(self, commands: Iterable[str], environment: Mapping[str, str] | None = None, **options: object) -> Run:
+    def run(
+        self,
+        commands: Iterable[str],
+        environment: Mapping[str, str] | None = None,
+        line: Sequence[str] = (),
+        **options: Any,
+    ) -> Run:
+        """Give the host its commands; ``line`` is another command line that starts it."""
         done = subprocess.run(
-            [os.fspath(self.program)],
+            line or [os.fspath(self.program)],
             input="".join(f"{line}\n" for line in commands).encode("utf-8", "surrogateescape"),
             capture_output=True,
             env=environment or self.environment(),
             timeout=300,
-            **options,  # type: ignore[call-overload]
+            **options,
         )
         return Run(done.returncode, done.stderr.decode("utf-8", "replace"), _answers(done.stdout))
 

@@ -5,7 +5,7 @@
  * numbers), V a value reference:
  *
  *   library L PATH | close L                load the FMU's binary, answers version and platform; unload it
- *   instantiate I L LOGGING GUID URI
+ *   instantiate I L LOGGING GUID URI | logging I ON CATEGORY ...
  *   setup I START STOP | enter I | exit I | step I T H | terminate I | reset I | free I
  *   getReal I V ... | setReal I V VALUE ... | likewise Integer, Boolean
  *   getString I V | setString I V TEXT
@@ -214,10 +214,18 @@ static void instantiate(Instance *it, char *line) {
     printf(it->component ? "ok\n" : "null\n");
 }
 
+static Status choose_logging(Instance it, char *line) {
+    static const char *categories[MANY];
+    int on = index_of(&line);
+    size_t n = 0;
+    for (char *next; n < MANY && (next = word(&line)); n++) categories[n] = next;
+    return it.of->SetDebugLogging(it.component, on, n, categories);
+}
+
 static void obey(char *line) {
     const char *command = must(&line);
     if (!strcmp(command, "wait")) {
-        sleep((unsigned)index_of(&line));
+        for (unsigned left = (unsigned)index_of(&line); left;) left = sleep(left); /* a signal that is ignored wakes it */
         printf("ok\n");
         return;
     }
@@ -227,7 +235,8 @@ static void obey(char *line) {
     if (!strcmp(command, "instantiate")) { instantiate(&instances[i], line); return; }
     Instance it = instances[i];
     if (!it.component) stop("there is no such instance", command);
-    if (!strcmp(command, "setup")) {
+    if (!strcmp(command, "logging")) answer(choose_logging(it, line));
+    else if (!strcmp(command, "setup")) {
         double start = strtod(must(&line), NULL), end = strtod(must(&line), NULL);
         answer(it.of->SetupExperiment(it.component, 0, 0.0, start, 1, end));
     } else if (!strcmp(command, "enter")) answer(it.of->EnterInitializationMode(it.component));

@@ -79,7 +79,12 @@ class Instance:
 
 
 # the Enumerations, as they start in the sheep network
-TEXTS = {"network.elastic_law": "beta", "network.viscous_law": "quadratic", "inlet.interpolation": "hold"}
+TEXTS = {
+    "network.elastic_law": "beta",
+    "network.viscous_law": "quadratic",
+    "inlet.interpolation": "hold",
+    "network.start": "rest",
+}
 
 
 def run_python(code: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -89,7 +89,8 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     assert re.fullmatch(r"arterial_[0-9a-f]{8}", name)
     assert guid(fmu).startswith(f"{{{name.removeprefix('arterial_')}")
     code = {n.removeprefix(f"resources/_{name}/") for n in names if n.startswith(f"resources/_{name}/")}
-    modules = "__init__ base cosimulation description ports slave stretch variable variables wrapper".split()
+    modules = "__init__ base component cosimulation description host ports refusal slave state stretch".split()
+    modules += ["variable", "variables", "wrapper"]
     assert {n for n in code if n.startswith("fmu_src/")} == {f"fmu_src/{module}.py" for module in modules}
     # the physics, and nothing of files, terminals, runs or drawings
     others = ("__main__", "branching", "console", "files", "layout", "linear", "loop", "simulate")
@@ -100,6 +101,7 @@ def test_contents(fmu: Path, sheep: Network) -> None:
         "modelDescription.xml",
         "model.png",
         "documentation/index.html",
+        "documentation/licenses/license.txt",
         "documentation/licenses/pythonfmu.txt",
         "resources/network.json",
     }
@@ -128,12 +130,12 @@ def test_start_values_are_an_option(sheep: Network, tmp_path: Path) -> None:
 
 
 def test_execution_tool_is_an_option(fmu: Path, sheep: Network, tmp_path: Path) -> None:
-    """needsExecutionTool is true by default and false on demand; the state flags are false."""
+    """needsExecutionTool is true by default and false on demand; the state flags are true."""
     for file, flag in ((fmu, "true"), (build(sheep, tmp_path, execution_tool=False), "false")):
         node = ElementTree.fromstring(read(file, "modelDescription.xml")).find("CoSimulation")
         assert node is not None
         assert node.attrib["needsExecutionTool"] == flag
-        assert node.attrib["canGetAndSetFMUstate"] == node.attrib["canSerializeFMUstate"] == "false"
+        assert node.attrib["canGetAndSetFMUstate"] == node.attrib["canSerializeFMUstate"] == "true"
         assert node.attrib["canHandleVariableCommunicationStepSize"] == "true"
 
 

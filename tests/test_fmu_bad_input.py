@@ -141,11 +141,6 @@ BAD: dict[str, tuple[str, list[list[Any]], str]] = {
     "set integer": ("now", [["set_integer", "CA.E"]], "CA.E is a Real variable; read and set it as such."),
     "boolean": ("now", [["get_boolean", "CA.E"]], "CA.E is a Real variable; read and set it as such."),
     "set boolean": ("now", [["set_boolean", "CA.E"]], "CA.E is a Real variable; read and set it as such."),
-    "save state": (
-        "now",
-        [["save"]],
-        "the state cannot be saved or restored (canGetAndSetFMUstate is false).",
-    ),
 }
 
 HOST = r"""

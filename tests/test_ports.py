@@ -63,10 +63,10 @@ def flow(t: float) -> float:
 @pytest.mark.parametrize("h", [MS, 5 * MS])
 @pytest.mark.parametrize("interpolation", ["hold", "linear", "smooth"])
 def test_prediction(aorta: Network, interpolation: str, h: float) -> None:
-    """P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h), whatever Q(t + h) becomes, to 4 % of Z ΔQ at 1 ms, 8 % at 5 ms.
+    """P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h), whatever Q(t + h) becomes, to 1 % of Z ΔQ.
 
-    Z is that of the network at rest: the difference is the stiffness that the wall has gained. At the extrapolated flow
-    it is exact to round-off.
+    Z is at most 10 ms old: the difference is the stiffness that the wall has gained since. At the extrapolated flow it
+    is exact to round-off.
     """
     component, values = driven(aorta, interpolation, h, 20)
     said, before = component.ports(), component.shown
@@ -81,7 +81,7 @@ def test_prediction(aorta: Network, interpolation: str, h: float) -> None:
             partner.step(20 * h, h, {**values, "inlet.Q": Q})
             P = partner.outputs()[0]
         expected = said["inlet.P_0"] + said["inlet.Z_0"] * before.Q + said["inlet.Z"] * Q
-        assert abs(P - expected) <= (0.04 if h == MS else 0.08) * said["inlet.Z"] * abs(change) + 1e-6 * abs(P)
+        assert abs(P - expected) <= 0.01 * said["inlet.Z"] * abs(change) + 1e-6 * abs(P)
 
 
 def test_reading_ports_changes_nothing(aorta: Network) -> None:
@@ -196,20 +196,22 @@ def ejected(V: float, Q: float, t: float, h: float, P_0: float, Z: float) -> flo
     return max(0.0, (E * (V - 0.5 * h * Q - ML) - P_0) / (VALVE + Z + 0.5 * h * E))
 
 
-def coupled(network: Network, h: float, interpolation: str, dt: float = MS, explicit: bool = False) -> Array:
+def coupled(
+    network: Network, h: float, interpolation: str, dt: float = MS, explicit: bool = False, factor: float = 1.0
+) -> Array:
     """Flow and all outputs at every communication point.
 
     linear: the heart first, then the arteries with its new flow. smooth: both at once, each with what the other had
-    said. explicit: the heart reads the pressure and nothing else.
+    said. explicit: the heart reads the pressure and nothing else. factor : by which Z is wrong.
     """
     component, values = start(network, dt, inlet__interpolation=interpolation)
     V, Q, rows = 40 * ML, 0.0, []
     for i in range(round(END / h)):
-        P_0, Z, Z_0 = (
-            (component.outputs()[0], 0.0, 0.0)
-            if explicit
-            else (component.ports()[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0"))
-        )
+        P_0, Z, Z_0 = component.outputs()[0], 0.0, 0.0
+        if not explicit:
+            P_0, Z, Z_0 = (component.ports()[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0"))
+            P_0 -= (factor - 1.0) * Z * (component.shown.Q + component.slope * h)
+            Z *= factor
         new = ejected(V, Q, i * h, h, P_0 + Z_0 * Q, Z)
         component.step(i * h, h, {**values, "inlet.Q": Q if interpolation == "smooth" else new})
         V, Q = V - 0.5 * h * (Q + new), new
@@ -268,6 +270,15 @@ def test_stiff_heart(aorta: Network, monolithic: Array, interpolation: str, h: f
     pressures = [value for name, value in found.items() if name.endswith(".P") and name != "inlet.P"]
     assert interpolation == "smooth" or max(pressures) <= {0.5: 3e-4, 1.0: 1e-3, 2.0: 3e-3, 5.0: 1e-2}[h]
     assert max(value for name, value in found.items() if name != "inlet.P") <= bound
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "factor"), [("linear", 0.7), ("linear", 2.0), ("smooth", 0.8), ("smooth", 1.3)]
+)
+def test_wrong_impedance(aorta: Network, monolithic: Array, interpolation: str, factor: float) -> None:
+    """Z that is wrong by so much, about the extrapolated flow: stable at 1 ms, pressures within 0.5 % of the pulse."""
+    found = errors(aorta, coupled(aorta, MS, interpolation, factor=factor), monolithic)
+    assert max(value for name, value in found.items() if name.endswith(".P") and name != "inlet.P") <= 0.005
 
 
 @pytest.mark.parametrize("h", [0.5, 1.0, 2.0, 5.0])

@@ -123,7 +123,7 @@ class Leaking:
 
     def area_rate(self, supply: Array) -> Array:
         """∂A/∂t at the end of a stage from supply = -∂Q/∂x, both (B, n_e, N) [m²/s]."""
-        A_t = supply  # by Newton steps: P depends on both A and ∂A/∂t
+        A_t = 0.0 * supply  # Newton steps from 0, which a long stage does not multiply: P depends on A and ∂A/∂t
         for _ in range(_LEAK_STEPS):
             A = self.A + self.tau * A_t
             rest = A_t - supply + self.leak * (self.wall.pressure(A, A_t) - self.P_sink)

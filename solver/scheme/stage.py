@@ -54,7 +54,7 @@ class Condensed:
 
 @dataclass(frozen=True)
 class Operators:
-    """What every stage of length tau = γ dt uses: inertia (B, n_e, N+1) ρ w J/τ, the loads, the Jacobian at rest."""
+    """What every stage of length tau uses: inertia (B, n_e, N+1) ρ w J/τ, the loads, the Jacobian at rest."""
 
     tau: float
     inertia: Array
@@ -68,15 +68,22 @@ def operators(model: Model, dt: float) -> Operators:
     if dt not in model.memo:
         if len(model.memo) >= _KEPT:
             model.memo.clear()
-        tau, c = GAMMA * dt, model.coefficients
-        inertia, loads, memory = model.mass / tau, _loads(model, tau), memory_of(model)
-        rest, _ = start(model, tau, inertia, memory, loads, model.at_rest(), c.P_venous)
-        K = terms.jacobian(rest, rest.Q)
+        c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
-        behind = loads.keep * c.P_0 + loads.give * c.P_venous
-        model.memo[dt] = Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
-    operators: Operators = model.memo[dt]
-    return operators
+        model.memo[dt] = operators_about(model, GAMMA * dt, model.at_rest(), H)
+    made: Operators = model.memo[dt]
+    return made
+
+
+def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
+    """The operators of stages of length tau [s], with the Jacobian about a steady state y : (B, n), H : (B, n_nodes).
+
+    With tau = 1/iω the Jacobian is that of small waves e^{iωt}: a stage puts (x - x_start)/tau for dx/dt.
+    """
+    inertia, loads, memory = model.mass / tau, _loads(model, tau), memory_of(model)
+    about, behind = start(model, tau, inertia, memory, loads, y, model.coefficients.P_venous)
+    K = terms.jacobian(about, about.Q.astype(type(tau)))
+    return Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
 
 
 class NoMemory:
@@ -123,7 +130,8 @@ def start(
 def _loads(model: Model, tau: float) -> Loads:
     c, nodes = model.coefficients, model.mesh.topology
     scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
-    keep, give, charge = (np.zeros((c.B, len(outlet_nodes))) for _ in range(3))
+    scale = scale.astype(type(tau))
+    keep, give, charge = (np.zeros((c.B, len(outlet_nodes)), type(tau)) for _ in range(3))
     kinds = []
     for ends in c.outlets:
         load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
@@ -142,11 +150,11 @@ def _as_slice(index: Array) -> Index:
 
 def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> Condensed:
     """Invert the element Jacobians K and condense them onto the nodes; outlets linearised at H : (B, n_nodes)."""
-    mesh, B = model.mesh, model.coefficients.B
+    mesh, B = model.mesh, len(K)
     K_inverse = np.linalg.inv(K)
     K_left = np.ascontiguousarray(K_inverse[..., 0])
     K_right = np.ascontiguousarray(-K_inverse[..., -1])
-    response = np.zeros((B, 2 * mesh.n_elements, mesh.n_nodes))
+    response = np.zeros((B, 2 * mesh.n_elements, mesh.n_nodes), K.dtype)
     e = np.arange(mesh.n_elements)
     for column, K_end in enumerate((K_left, K_right)):
         response[:, 2 * e, mesh.ends[:, column]] += K_end[..., 0]

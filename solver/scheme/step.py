@@ -117,7 +117,7 @@ def step(model: Model, state: State, dt: float, inflow: Array, P_venous: Array |
     """Advance by dt [s].
 
     inflow : (4,) or (4, B) [m³/s] at the times t + INFLOW_TIMES dt. P_venous : (n_outlets,) or
-    (B, n_outlets) [Pa] during the step, default the parameters'.
+    (B, n_outlets) [Pa] during the step, default the parameters'. A model of one parameter set steps B states as well.
     Raises NonPhysicalState if the result is not physical.
     """
     with np.errstate(all="ignore"):
