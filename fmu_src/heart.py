@@ -5,9 +5,9 @@ Chambers (Suga, Sagawa, Shoukas, Circ. Res. 32, 314 (1973)), with an activation 
     P = P_0 + E(t) (V - V_0),     E(t) = E_min + (contractility E_max - E_min) e(t)
 
 Valves (Mynard, Davidson, Penny, Smolich, Int. J. Numer. Meth. Biomed. Eng. 28, 626 (2012), doi:10.1002/cnm.1466), with
-the open part s = r + (1 - r) ζ of the area A, r the part that never closes; a resistance R is added:
+the open part s = r + (1 - r) ζ of the area A, r the part that never closes; a resistance R lies in series:
 
-    ΔP = (ρ l / A s) dQ/dt + (R + ρ |Q| / 2 A²) Q / s²
+    ΔP = (ρ l / A s) dQ/dt + R Q + ρ |Q| Q / 2 (A s)²
     dζ/dt = K_open ΔP (1 - ζ)  where ΔP > 0,   K_close ΔP ζ  where ΔP < 0
 
 Filling: venous.P - P_atrium = R_venous Q_venous. Load: the port of the arteries, :class:`Port`.
@@ -71,7 +71,9 @@ class Valve:
 
     A: float = quantity(None, "m^2", "area of the open valve", 1e-6, 1e-1, nominal=1e-4, display="cm^2")
     l: float = quantity(None, "m", "length of the blood that the valve accelerates", 0.0, 0.5, nominal=1e-2)  # noqa: E741
-    R: float = quantity(None, "Pa.s/m^3", "resistance of the open valve", 0.0, 1e9, nominal=1e6, display="mmHg.s/mL")
+    R: float = quantity(
+        None, "Pa.s/m^3", "resistance in series with the valve", 0.0, 1e9, nominal=1e6, display="mmHg.s/mL"
+    )
     K_open: float = quantity(None, "1/(Pa.s)", "rate of opening per pressure", 1e-5, 1e3, nominal=0.01)
     K_close: float = quantity(None, "1/(Pa.s)", "rate of closing per pressure", 1e-5, 1e3, nominal=0.01)
     regurgitation: float = quantity(None, "1", "part of the area that never closes", 0.0, 1.0)
@@ -262,9 +264,10 @@ class _Trial:
         L, B = self.heart.heart.rho * valve.l / valve.A, 0.5 * self.heart.heart.rho / valve.A**2
         rate = self.c_end * Q + self.c_now * before.Q + self.c_before * before.Q_before
         speed = math.hypot(Q, _LAMINAR)
-        value = L * s * rate + (valve.R + B * speed) * Q - s * s * drop
-        by_Q = L * s * self.c_end + valve.R + B * (speed + Q * Q / speed)
-        return value, by_Q, d_s * (L * rate - 2.0 * s * drop) - s * s
+        left = drop - valve.R * Q
+        value = L * s * rate + B * speed * Q - s * s * left
+        by_Q = L * s * self.c_end + B * (speed + Q * Q / speed) + s * s * valve.R
+        return value, by_Q, d_s * (L * rate - 2.0 * s * left) - s * s
 
     def solve(self) -> tuple[float, float]:
         """Newton's iterations for the flows at the end, with steps cut where they lead away. Raises ValueError."""
@@ -345,7 +348,7 @@ class HeartComponent(Component):
 
     def kinds(self) -> dict[type, Kind]:
         """What a saved state holds."""
-        return dataclasses(Heart, Pace, Chamber, Valve, Filling, HeartState, ValveState)
+        return dataclasses(Heart, Pace, Chamber, Valve, Filling, Aorta, HeartState, ValveState)
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
         """Begin at the end of filling; raises ValueError if the parameters do not fit together."""

@@ -25,13 +25,13 @@ HUMAN_HEART = Heart(
     aortic_valve=Valve(A=6.98e-4, l=0.02, R=0.05 * _PER_ML, K_open=0.12, K_close=0.12, regurgitation=0.0),
     venous=Filling(R=0.006 * _PER_ML),
     aorta=Aorta(curvature=0.2),
-    P_venous=11.1 * MMHG,
+    P_venous=11.2 * MMHG,
     P_aorta=80.0 * MMHG,
 )
 HUMAN_BODY = Body(
     name="human_body",
     reference=f"Compliance: systemic and pulmonary veins together, {_KORAKIANITIS}. Our choice: volume and pressure.",
-    body=Reservoir(C=41.0 * _ML / MMHG, V_unstressed=2500.0 * _ML, P_start=11.1 * MMHG),
+    body=Reservoir(C=41.0 * _ML / MMHG, V_unstressed=2500.0 * _ML, P_start=11.2 * MMHG),
 )
 
 # Published values of a whole sheep heart were not found. By size: volumes and compliances as the body mass, areas as
