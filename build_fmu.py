@@ -19,6 +19,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -89,7 +90,10 @@ def build_system(
 
     Raises ValueError for an unknown species, and if the directory cannot be written.
     """
+    if network.inlet.causality != "flow":
+        raise ValueError(f"network {network.name}: a heart drives it by its flow; take inlet.causality = flow.")
     starts = system.start_values(network, *models.of(species))
+    starts["heart"] |= system.first_port(network, starts["arteries"])
     made = {
         "heart": models.heart_model(species, starts["heart"]),
         "arteries": models.arteries_model(network, Settings(), starts["arteries"]),
@@ -241,6 +245,9 @@ def main(
     network: NetworkName = "sheep",
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
+    inlet: Annotated[
+        str | None, typer.Option(help="What drives the inlet, flow or pressure; default as in the network file.")
+    ] = None,
     change: Annotated[
         list[str] | None, typer.Option("--set", help='Another start value: "inlet.interpolation=linear".')
     ] = None,
@@ -248,6 +255,7 @@ def main(
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
         arteries = read_network(find_network(network))
+        arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(arteries, change or [])
         _report(build(arteries, out, execution_tool=execution_tool, starts=starts))
 

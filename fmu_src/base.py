@@ -105,6 +105,8 @@ class ComponentSlave(Fmi2Slave):
         self.numbers = frozenset(i for i, v in enumerate(self.table) if v.quantity is not None)
         self.choices = frozenset(range(len(self.table))) - self.numbers
         self.inputs = frozenset(i for i, v in enumerate(self.table) if v.causality == "input")
+        # what an input may be at any time, without a further look
+        self.inside = {i: (v.quantity.low, v.quantity.high) for i in self.inputs if (v := self.table[i]).quantity}
         self.first_output = next(i for i, v in enumerate(self.table) if v.causality == "output")
         self.first_late = next((i for i, v in enumerate(self.table) if v.late), len(self.table))
         self.component = about.make()
@@ -227,14 +229,9 @@ class ComponentSlave(Fmi2Slave):
     def _set(self, vrs: list[int], values: list[Any], kind: frozenset[int]) -> None:
         self._check_kind(vrs, kind)
         for vr, value in zip(vrs, values, strict=True):
-            variable = self.table[vr]
-            if variable.causality == "output":
-                raise ValueError(f"{variable.name} is an output and cannot be set.")
-            if variable.variability == "fixed" and self.phase in (STEPPING, TERMINATED):
-                raise ValueError(
-                    f"{variable.name} is fixed: set it before initialization ends, or reset the component."
-                )
-            variable.check(value)
+            inside = self.inside.get(vr)
+            if inside is None or not inside[0] < value < inside[1]:
+                self._check_setting(self.table[vr], value)
         for vr, value in zip(vrs, values, strict=True):
             if value != self.values[vr]:
                 self.outdated = True
@@ -242,6 +239,13 @@ class ComponentSlave(Fmi2Slave):
                 if self.phase == STEPPING and vr not in self.inputs:
                     self.changed = {**self.changed, self.names[vr]: value}
             self.values[vr] = value
+
+    def _check_setting(self, variable: Variable, value: Any) -> None:
+        if variable.causality == "output":
+            raise ValueError(f"{variable.name} is an output and cannot be set.")
+        if variable.variability == "fixed" and self.phase in (STEPPING, TERMINATED):
+            raise ValueError(f"{variable.name} is fixed: set it before initialization ends, or reset the component.")
+        variable.check(value)
 
     def _check_kind(self, vrs: list[int], kind: frozenset[int]) -> None:
         if not kind.issuperset(vrs):

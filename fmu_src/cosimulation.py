@@ -45,12 +45,15 @@ class CoSimulation(Component):
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
-    remade = frozenset(("network", "settings", "parameters", "port_names", "venous", "report", "weights", "found"))
+    remade = frozenset(
+        ("network", "settings", "parameters", "port_names", "venous", "drive", "report", "weights", "found")
+    )
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
         self.port_names = port_names(network)
+        self.drive = network.inlet.drive
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
@@ -63,16 +66,18 @@ class CoSimulation(Component):
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(self._start(t0, values), values["inlet.Q"], 0.0)
+        self.known = self.shown = Position(self._start(t0, values), values[self.drive], 0.0)
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
-        self.V_0 = self._volume()
+        self.V = self.V_0 = self._volume()
         self.V_venous = self.Q_venous = 0.0
 
     def _start(self, t0: float, values: Mapping[str, Any]) -> State:
         if values["network.start"] == "rest":
             return initial_state(self.model, t0)
+        if self.drive == "inlet.P":
+            return periodic_state(self.model, lambda t: values["inlet.P_mean"] + 0.0 * t, 1.0, t0)
         pulse = Inlet.pulse(self.network.inlet.segment, values["inlet.Q_mean"], values["inlet.T"])
         return periodic_state(self.model, pulse.Q, pulse.T, t0)
 
@@ -115,9 +120,10 @@ class CoSimulation(Component):
         self._check_time(t, h)
         values = self._received(values)
         stretch = self._stretch(h, values)
-        known, shown, slope = self._driven(stretch, values["inlet.Q"])
+        known, shown, slope = self._driven(stretch, values[self.drive])
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
-        V_venous = self.V_0 + shown.V_in - self._volume()
+        self.V = self._volume()
+        V_venous = self.V_0 + shown.V_in - self.V
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h
         if self.time - self.basis_time >= _RENEWED or not stretch.as_long_as(self.basis[2]):
             self.basis, self.basis_time, self.found = (known, shown, stretch), self.time, None
@@ -126,12 +132,13 @@ class CoSimulation(Component):
         """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
         nothing has been sent yet: the pressures at the start then go on."""
         first = self.interpolation == "smooth" and self.known is self.shown
-        if first and not any(values[name] for name in ("inlet.Q", *self.venous)):
-            return {**values, **dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))}
+        if first and not any(values[name] for name in (self.drive, *self.venous)):
+            pressures = dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))
+            return {**values, **pressures, **({"inlet.P": self.known.Q} if self.drive == "inlet.P" else {})}
         return values
 
     def _driven(self, stretch: Stretch, Q: float) -> tuple[Position, Position, float]:
-        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with inlet.Q = Q."""
+        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlet at Q."""
         if self.interpolation == "smooth":
             known, slope = replace(self.known, Q=Q), 0.0
             if self.known is not self.shown:
@@ -148,8 +155,7 @@ class CoSimulation(Component):
 
     def outputs(self) -> list[float]:
         """The outputs at the last communication point, in the order of the variable table, but for the ports."""
-        volumes = [self._volume(), self.V_venous, self.Q_venous]
-        return self.report(self.shown.state)[0].tolist() + volumes
+        return [*self.report(self.shown.state)[0].tolist(), self.V, self.V_venous, self.Q_venous]
 
     def ports(self) -> dict[str, float]:
         """The ports by name, over the next communication step, which is taken to be as long as the last one."""
@@ -176,7 +182,7 @@ class CoSimulation(Component):
         return Stretch(self.model, h, steps, dt, P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
-        if not (np.isfinite(h) and h > 0.0):
+        if not (math.isfinite(h) and h > 0.0):
             raise ValueError(f"communication step of {h:g} s: must be positive.")
         if h > _MOST_STEPS * self.dt:
             raise ValueError(

@@ -54,7 +54,7 @@ td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
 _USE = """
 <h2>How to use it</h2>
 <ul>
-<li><strong>Inflow.</strong> The input <code>inlet.Q</code> is the flow into the network. With
+<li><strong>Inlet.</strong> The input <code>inlet.Q</code> drives the network. With
 <code>inlet.interpolation</code> = <code>hold</code> its value is kept during a communication step. That acts like a
 delay of half a step, and its jumps show in the pressure at the inlet: use steps of 1 ms or less. With
 <code>linear</code> the inflow goes in a straight line from the value of the step before to the present one. That is
@@ -102,7 +102,7 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
 bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
-{_USE}
+{_USE.replace("inlet.Q", network.inlet.drive)}
 {variables_html(table)}
 <h2>References</h2>
 <p>Parameters of the network: {reference}</p>

@@ -46,7 +46,7 @@ def network_svg(network: Network) -> str:
         f'<path d="M{tip[0] - 26:.1f},{tip[1]:.1f} H{tip[0]:.1f} m-7,-5 l8,5 l-8,5" fill="none" stroke="{OUTLET}" '
         'stroke-width="2"/>'
     )
-    parts.append(text((tip[0] - 30, tip[1] + 4), "inlet.Q", text_anchor="end", fill=OUTLET))
+    parts.append(text((tip[0] - 30, tip[1] + 4), network.inlet.drive, text_anchor="end", fill=OUTLET))
     for lane in drawn:
         middle, above = x(lane.middle), y(lane.y)
         gap = _width(lane, 14.0) / 2

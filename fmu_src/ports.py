@@ -6,9 +6,13 @@ step later closes a loop whose gain does not fall with the step. One that solves
     P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h)                at the inlet,
     P_venous(t + h) = P_0 - Z Q_venous(t + h)             at an outlet, Q_venous the flow to P_venous,
 
-is coupled implicitly. P_0 is exact at an extrapolated flow, by a trial of the step that is thrown away. Z is the answer
-to a small change of the flow, made anew every 10 ms: an error ΔZ makes an error of ΔZ times the difference between the
-flow and the extrapolated one, which is of second order in h. With ``smooth`` it must be right to some 20 %.
+is coupled implicitly. An inlet whose pressure is given answers with its flow instead,
+
+    Q(t + h) = Q_0 + Y_0 P(t) + Y P(t + h),
+
+and what follows holds for both. P_0 is exact at an extrapolated flow, by a trial of the step that is thrown away. Z is
+the answer to a small change of the flow, made anew every 10 ms: an error ΔZ makes an error of ΔZ times the difference
+between the flow and the extrapolated one, which is of second order in h. With ``smooth`` it must be right to some 20 %.
 """
 
 from __future__ import annotations
@@ -18,13 +22,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.network import Network
-from solver.outputs import venous_flow
+from solver.outputs import inlet_answer, venous_flow
 from solver.scheme.failure import NonPhysicalState
+from solver.scheme.model import Model
 
 from .stretch import Position, Stretch
 
 Array = np.ndarray
 
+_OF_INLET = {"flow": ("P_0", "Z", "Z_0"), "pressure": ("Q_0", "Y", "Y_0")}  # by its causality
 _SMALL = 1e-3  # of A0 c0 and ρ c0², flow and pressure at the wave speed: small, yet far above round-off
 # what the impedances are made about: where the inflow is known up to, where the outputs are, and the next step
 Basis = tuple[Position, Position, Stretch]
@@ -34,7 +40,7 @@ _CLOSED = 1e15  # Pa·s/m³, of an outlet that no pressure opens
 
 @dataclass(frozen=True)
 class Impedances:
-    """Z and Z_0 of the inlet, Z : (n_outlets,) of the outlets [Pa·s/m³]."""
+    """Z and Z_0 of the inlet, Z : (n_outlets,) of the outlets [Pa·s/m³]; Y and Y_0 where the pressure is given."""
 
     Z: float
     Z_0: float
@@ -44,12 +50,12 @@ class Impedances:
 def port_names(network: Network) -> list[str]:
     """The variables of the ports, in the order of :func:`port_values`."""
     outlets = [f"{outlet.segment}.outlet.{key}" for outlet in network.outlets for key in ("P_0", "Z")]
-    return ["inlet.P_0", "inlet.Z", "inlet.Z_0", *outlets]
+    return [*(f"inlet.{key}" for key in _OF_INLET[network.inlet.causality]), *outlets]
 
 
 def is_port(name: str) -> bool:
     """Whether an output is a variable of a port, which costs a trial step when it is read."""
-    return name.rsplit(".", 1)[-1] in ("P_0", "Z", "Z_0")
+    return name.rsplit(".", 1)[-1] in {key for keys in _OF_INLET.values() for key in keys}
 
 
 def impedances(basis: Basis, interpolation: str) -> Impedances:
@@ -59,16 +65,16 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
     """
     known, shown, stretch = basis
     model, hold, Q, n = stretch.model, interpolation == "hold", shown.Q, len(stretch.P_venous)
-    small = _SMALL * float((model.wall.A0 * model.wall.c0)[0, model.mesh.inlet_element, 0])
+    small = _SMALL * _size_of_drive(model)
     changes = _SMALL * (model.outlet_wall.rho * model.outlet_wall.c0**2)[0]
     # side by side: no change, the flow changed, and each P_venous changed
     flow, P_venous = small * (np.arange(n + 2) == 1), stretch.P_venous + np.eye(n + 2, n, -2) * changes
     tried = replace(stretch, P_venous=P_venous).run(shown.copies(n + 2), Q + flow if hold else Q, Q + flow)
-    Z, Z_0 = (tried.state.H[1, 0] - tried.state.H[0, 0]) / small, 0.0
+    Z, Z_0 = np.diff(inlet_answer(model, tried.state)[:2])[0] / small, 0.0
     if interpolation == "smooth":  # the flow at the start of the step is not known yet, nor the end of the one before
         ends = Q + np.array([0.0, small])
         after = stretch.run(stretch.run(known.copies(2), known.Q, ends), ends, Q)
-        Z_0 = (after.state.H[1, 0] - after.state.H[0, 0]) / small
+        Z_0 = np.diff(inlet_answer(model, after.state))[0] / small
     flows = venous_flow(model, tried.state, P_venous)
     less = flows[0] - flows[2:].diagonal()
     return Impedances(float(Z), float(Z_0), changes / np.maximum(less, changes / _CLOSED))
@@ -85,10 +91,13 @@ def port_values(stretch: Stretch, at: Position, slope: float, interpolation: str
         tried = stretch.run(at, Q_start, Q)
     except NonPhysicalState:
         tried = at
-    inlet = _inlet_pressure(tried) - found.Z * tried.Q - found.Z_0 * at.Q
+    inlet = float(inlet_answer(stretch.model, tried.state)[0]) - found.Z * tried.Q - found.Z_0 * at.Q
     outlets = stretch.P_venous + found.outlets * venous_flow(stretch.model, tried.state, stretch.P_venous)[0]
     return [inlet, found.Z, found.Z_0, *np.column_stack([outlets, found.outlets]).ravel().tolist()]
 
 
-def _inlet_pressure(at: Position) -> float:
-    return float(at.state.H[0, 0])
+def _size_of_drive(model: Model) -> float:
+    """A0 c0 [m³/s] of the first artery, or ρ c0² [Pa] where the pressure is given."""
+    wall = model.wall
+    size = wall.A0 * wall.c0 if model.network.inlet.causality == "flow" else wall.rho * wall.c0**2
+    return float(size[0, model.mesh.inlet_element, 0])

@@ -53,8 +53,9 @@ def run_fmu(
 ) -> dict[str, Array]:
     """Step an FMU from 0 to ``stop_time`` [s]; return "time", inputs, outputs but for the ports, each (n,) in SI.
 
-    inflow : Q(t) [m³/s] for an array of times. inlet.interpolation is ``linear`` and inlet.Q is set to Q(t + h) before
-    the step from t, so the inflow is piecewise linear through the samples, without the half-step delay of a held input.
+    inflow : Q(t) [m³/s] for an array of times, or P(t) [Pa] of an FMU whose input is inlet.P. inlet.interpolation is
+    ``linear`` and inlet.Q is set to Q(t + h) before the step from t, so the inflow is piecewise linear through the
+    samples, without the half-step delay of a held input.
     step : communication step [s]; the last one is shorter if the stop time asks for it.
     start_values : parameters by FMU variable name.
     inputs : u(t) of further inputs by name, such as "AA.outlet.P_venous". Between communication points the FMU holds
@@ -69,10 +70,11 @@ def run_fmu(
     Q = _sampled("inflow", inflow, time)
     description = _read(fmu)
     variables = {variable.name: variable for variable in description.modelVariables}
-    if "inlet.Q" in inputs:
-        raise ValueError("inlet.Q: it is an input of its own; give it as inflow.")
+    drive = _drive(variables)
+    if drive in inputs:
+        raise ValueError(f"{drive}: it is an input of its own; give it as inflow.")
     _check_inputs(inputs, variables, fmu)
-    shown = {"inlet.Q": Q} | {name: _sampled(name, u, time) for name, u in inputs.items()}
+    shown = {drive: Q} | {name: _sampled(name, u, time) for name, u in inputs.items()}
     middle = 0.5 * (time[1:] + time[:-1])
     held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())])
     starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
@@ -101,6 +103,12 @@ def _sampled(name: str, u: Input, time: Array) -> Array:
             f"{name}: for {time.size} times it gave shape {values.shape}; it must give one value per time."
         )
     return values
+
+
+def _drive(variables: Mapping[str, Any]) -> str:
+    """What drives the inlet: inlet.Q, or inlet.P where that is an input."""
+    pressure = variables.get("inlet.P")
+    return "inlet.P" if pressure is not None and pressure.causality == "input" else "inlet.Q"
 
 
 def _check_inputs(names: Iterable[str], variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> None:
@@ -247,7 +255,7 @@ def main(
         with bar(quiet, fmu.name) as progress:
             result = run_fmu(
                 fmu,
-                known.pop("inlet.Q", np.zeros_like),
+                known.pop(_drive(variables), np.zeros_like),
                 end,
                 step=parse_quantity(step, "s", "--step"),
                 start_values=_read_start_values(start_values) if start_values else {},

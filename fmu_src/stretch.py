@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solver.outputs import volume_entered
 from solver.scheme.model import Model
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import State, adopt, step
@@ -18,6 +19,8 @@ Flow = Any  # a number, or (n,)
 @dataclass(frozen=True)
 class Position:
     """Where the arteries stand: their state, the inflow Q [m³/s] there, and the volume V_in [m³] that came in.
+
+    Q is what drives the inlet: where its causality is pressure, that pressure [Pa].
 
     Or several of one model: then Q and V_in are (n,), if they differ.
     """
@@ -51,12 +54,17 @@ class Stretch:
         return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
 
     def run(self, at: Position, Q_start: Flow, Q_end: Flow) -> Position:
-        """The position at its end, with an inflow along the straight line from Q_start to Q_end [m³/s].
+        """The position at its end, with the inlet driven along the straight line from Q_start to Q_end [m³/s or Pa].
 
         Raises NonPhysicalState.
         """
         state, rise = at.state, (Q_end - Q_start) / self.steps
+        by_flow = self.model.network.inlet.causality == "flow"
+        entered = 0.5 * self.steps * self.dt * (Q_start + Q_end) if by_flow else 0.0
         for i in range(self.steps):
-            inflow = Q_start + np.multiply.outer(i + INFLOW_TIMES, rise)
-            state = step(self.model, state, self.dt, inflow, self.P_venous)
-        return Position(state, Q_end, at.V_in + 0.5 * self.steps * self.dt * (Q_start + Q_end))
+            before, drive = state, Q_start + np.multiply.outer(i + INFLOW_TIMES, rise)
+            state = step(self.model, state, self.dt, drive, self.P_venous)
+            if not by_flow:
+                V = volume_entered(self.model, before, state)
+                entered = entered + (V if len(V) > 1 else float(V[0]))
+        return Position(state, Q_end, at.V_in + entered)

@@ -8,11 +8,14 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from solver.network import Network
+from solver.scheme.model import Settings
 from solver.units import base_units
 
 from .body import Body
+from .cosimulation import CoSimulation
 from .heart import Heart
-from .variable import Variable
+from .variable import Variable, with_starts
+from .variables import variable_table
 
 _SSP = "http://ssp-standard.org/SSP1/"
 _SPACES = {"ssd": f"{_SSP}SystemStructureDescription", "ssv": f"{_SSP}SystemStructureParameterValues",
@@ -60,6 +63,15 @@ def start_values(
         "arteries": {"inlet.interpolation": "smooth" if parallel else "linear", **venous, **outlets},
         "body": {"body.exchange": "start" if parallel else "end", "body.P_start": P_venous},
     }
+
+
+def first_port(network: Network, starts: Mapping[str, float | str]) -> dict[str, float]:
+    """What the arteries tell the heart at the start: for masters that exchange nothing before the first step (FMPy)."""
+    table = with_starts(variable_table(network, Settings()), starts)
+    arteries = CoSimulation(network, Settings())
+    arteries.initialize(0.0, {variable.name: variable.start for variable in table})
+    ports = arteries.ports()
+    return {f"aorta.{key}": ports[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0")}
 
 
 def circulation(heart: Part, arteries: Part, body: Part) -> list[Wire]:

@@ -15,16 +15,28 @@ from .variable import Variable
 
 STARTS = ("rest", "periodic")
 INTERPOLATIONS = ("hold", "linear", "smooth")
-INLET_FLOW = Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True)
+INLETS = {
+    "inlet.Q": Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True),
+    "inlet.P": Quantity("Pa", "pressure at the inlet", -1e5, 1e6, nominal=1e4, display="mmHg", input=True),
+}
 # ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
     "solver.dt": Quantity("s", "internal time step", 1e-7, 0.1, nominal=1e-3, display="ms", tunable=False),
     "solver.element_length": Quantity("m", "longest element", 1e-4, 10.0, nominal=0.1, display="cm", tunable=False),
 }
-# of the inflow that the periodic start is made for
-_PULSE = {
-    "inlet.Q_mean": Quantity("m^3/s", "mean inflow", -1.0, 1.0, nominal=1e-5, display="mL/s", tunable=False),
-    "inlet.T": Quantity("s", "period", 1e-3, 100.0, tunable=False),
+# what the periodic start is made for, by the causality of the inlet
+_PULSES = {
+    "flow": {
+        "inlet.Q_mean": Quantity("m^3/s", "mean inflow", -1.0, 1.0, nominal=1e-5, display="mL/s", tunable=False),
+        "inlet.T": Quantity("s", "period", 1e-3, 100.0, tunable=False),
+    },
+    "pressure": {
+        "inlet.P_mean": Quantity("Pa", "mean pressure", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False),
+    },
+}
+_PERIODIC = {
+    "flow": "near the beats of a half-sine of mean inlet.Q_mean and period inlet.T",
+    "pressure": "in the steady state under inlet.P_mean",
 }
 _OUTPUTS = {
     "P": Quantity("Pa", "pressure", -math.inf, math.inf, nominal=1e4, display="mmHg"),
@@ -40,14 +52,17 @@ _PORTS = {
     "P_0": replace(_OUTPUTS["P"], description="after the next communication step, at no flow"),
     "Z": Quantity("Pa.s/m^3", "change per flow then", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
     "Z_0": Quantity("Pa.s/m^3", "change per flow at its start", -1e15, 1e15, nominal=1e8, display="mmHg.s/mL"),
+    "Q_0": replace(_OUTPUTS["Q"], description="after the next communication step, at no pressure"),
+    "Y": Quantity("m^3/(Pa.s)", "change per pressure then", -1e15, 1e15, nominal=1e-8),
+    "Y_0": Quantity("m^3/(Pa.s)", "change per pressure at its start", -1e15, 1e15, nominal=1e-8),
 }
 
 
 def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]:
     """Inputs, then parameters, then outputs of the FMU of a network."""
-    inputs = [Variable("inlet.Q", "input", "continuous", INLET_FLOW.description, 0.0, INLET_FLOW)]
-    parameters = []
-    values = network.parameters()
+    drive, values, parameters = network.inlet.drive, network.parameters(), list[Variable]()
+    begin = {"inlet.Q": 0.0, "inlet.P": network.P_0}[drive]
+    inputs = [Variable(drive, "input", "continuous", INLETS[drive].description, begin, INLETS[drive])]
     for name, quantity in network.parameter_quantities().items():
         if quantity.input:
             inputs.append(Variable(name, "input", "continuous", quantity.description, values[name], quantity))
@@ -55,8 +70,8 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             kind = "tunable" if quantity.tunable else "fixed"
             parameters.append(Variable(name, "parameter", kind, quantity.description, values[name], quantity))
     starts = {"solver.dt": settings.dt, "solver.element_length": settings.element_length}
-    starts |= {"inlet.Q_mean": network.inlet.Q_mean, "inlet.T": network.inlet.T}
-    for name, quantity in (SETTINGS | _PULSE).items():
+    starts |= {"inlet.Q_mean": network.inlet.Q_mean, "inlet.T": network.inlet.T, "inlet.P_mean": network.P_0}
+    for name, quantity in (SETTINGS | _PULSES[network.inlet.causality]).items():
         parameters.append(Variable(name, "parameter", "fixed", quantity.description, starts[name], quantity))
     texts = (
         ("network.elastic_law", "elastic law of the walls", network.elastic_law, tuple(ELASTIC_LAWS)),
@@ -68,13 +83,13 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         ),
         (
             "inlet.interpolation",
-            "inlet.Q in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
+            f"{drive} in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
             "hold",
             INTERPOLATIONS,
         ),
         (
             "network.start",
-            "at rest under network.P_0; or near the beats of a half-sine of mean inlet.Q_mean and period inlet.T",
+            f"at rest under network.P_0; or {_PERIODIC[network.inlet.causality]}",
             "rest",
             STARTS,
         ),
@@ -84,7 +99,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             Variable(name, "parameter", "fixed", f"{description}: {' or '.join(choices)}", start, None, choices)
         )
     everything = tuple(variable.name for variable in (*inputs, *parameters))
-    at_start = tuple(name for name in everything if name not in ("inlet.Q", "inlet.interpolation"))
+    at_start = tuple(name for name in everything if name not in (drive, "inlet.interpolation"))
     outputs = []
     for name in network.output_units():
         place, kind = name.rsplit(".", 1)
@@ -102,6 +117,7 @@ def _port(name: str, sources: tuple[str, ...]) -> Variable:
     """A variable of :mod:`~fmu_src.ports`."""
     place, kind = name.rsplit(".", 1)
     quantity = _PORTS[kind]
-    signal = "pressure at the inlet" if place == "inlet" else f"P_venous of {place}"
+    at_inlet = "flow at the inlet" if kind in ("Q_0", "Y", "Y_0") else "pressure at the inlet"
+    signal = at_inlet if place == "inlet" else f"P_venous of {place}"
     text = f"port: {signal}, {quantity.description}"
     return Variable(name, "output", "continuous", text, None, quantity, sources=sources, late=True)

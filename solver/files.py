@@ -93,9 +93,9 @@ def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
 
 def dumps(network: Network) -> str:
     """The network as TOML text in SI with units; :func:`loads` gives an equal network, bit for bit."""
-    blocks = [[f"{key} = {_quoted(getattr(network, key))}" for key in _TEXTS]]
+    blocks = [_texts_out(network, *_TEXTS)]
     blocks += [["[network]", *_numbers_out(network)], ["[fluid]", *_numbers_out(network.fluid)]]
-    blocks += [["[inlet]", f"segment = {_quoted(network.inlet.segment)}", *_numbers_out(network.inlet)]]
+    blocks += [["[inlet]", *_texts_out(network.inlet, "segment", "causality"), *_numbers_out(network.inlet)]]
     blocks += [[f"[segments.{s.name}]", *_numbers_out(s)] for s in network.segments]
     for junction in network.junctions:
         ends = [f"in = {_quoted(junction.inflow)}", f"out = {_quoted(junction.outflow)}"]
@@ -222,7 +222,9 @@ def _network(data: Mapping[str, Any]) -> Network:
 
 
 def _inlet(table: Mapping[str, Any]) -> Inlet:
-    return Inlet(_text(table, "segment", "inlet"), **_numbers(Inlet, "inlet", table, ("segment",)))
+    causality = _text({"causality": "flow", **table}, "causality", "inlet")
+    numbers = _numbers(Inlet, "inlet", table, ("segment", "causality"))
+    return Inlet(_text(table, "segment", "inlet"), **numbers, causality=causality)
 
 
 def _sites(data: Mapping[str, Any]) -> tuple[Site, ...]:
@@ -291,6 +293,10 @@ def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[s
         return {key: parse_quantity(table[key], q.unit, f"{where}.{key}") for key, q in known.items() if key in table}
 
     return {**read(own), **({"terms": read(held)} if held else {})}
+
+
+def _texts_out(owner: Any, *keys: str) -> list[str]:
+    return [f"{key} = {_quoted(getattr(owner, key))}" for key in keys]
 
 
 def _numbers_out(owner: Any) -> list[str]:

@@ -38,12 +38,14 @@ Array = np.ndarray
 class Harmonics:
     """Complex amplitudes at angular frequencies omega : (n,) [rad/s]. A batch has a leading axis B on all other arrays.
 
-    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_outlet : (n_outlets, n) [m³/s].
+    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_inlet : (n,) [m³/s].
+    Q_outlet : (n_outlets, n) [m³/s].
     P_site [Pa], Q_site [m³/s], R_site [m] : (n_sites, n). At ω = 0 they are means: absolute pressure, whole radius.
     """
 
     omega: Array
     P_node: Array
+    Q_inlet: Array
     Q_outlet: Array
     P_site: Array
     Q_site: Array
@@ -68,7 +70,8 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
 def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | None = None) -> Harmonics:
     """The response of the whole network to harmonics of the inflow.
 
-    Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean where ω = 0. omega : (n,) [rad/s], not negative.
+    Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean where ω = 0; of the pressure [Pa] where that drives
+    the inlet. omega : (n,) [rad/s], not negative.
     parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.coefficients.coefficients`.
     Raises ValueError where the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
     loop is undetermined, or ω is a resonance without damping.
@@ -110,14 +113,16 @@ def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | Non
     R = R_rest * steady + P[..., at_site] * compliance[..., site] / (2.0 * np.pi * R_rest)
     P += c.P_0[:, None] * steady
     parts = P[..., :n_nodes], flow[..., n_nodes : at_site.start], P[..., at_site], flow[..., at_site], R
-    return Harmonics(omega, *(_things_first(x, batched) for x in parts))
+    P_node, *others = (_things_first(x, batched) for x in parts)
+    return Harmonics(omega, P_node, flow[..., 0] if batched else flow[0, :, 0], *others)
 
 
 def waveforms(network: Network, Q: Array, T: float, parameters: Parameters | None = None) -> dict[str, Array]:
     """The periodic waveforms for n samples of inflow, evenly spaced over one period without its end.
 
-    Q : (n,) or (B, n) [m³/s]. T : period [s]. Returns arrays (n,) or (B, n) by the FMU's names: ``inlet.P`` [Pa],
-    ``<site>.P``, ``.Q`` [m³/s] and ``.R`` [m], ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
+    Q : (n,) or (B, n) [m³/s], or the pressure [Pa] that drives the inlet. T : period [s]. Returns arrays (n,) or (B, n)
+    by the FMU's names: ``inlet.P`` [Pa] or ``inlet.Q``, ``<site>.P``, ``.Q`` [m³/s] and ``.R`` [m],
+    ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
     """
     Q = np.asarray(Q, float)
     if Q.ndim not in (1, 2) or Q.shape[-1] == 0 or not np.all(np.isfinite(Q)):
@@ -136,7 +141,8 @@ def waveforms(network: Network, Q: Array, T: float, parameters: Parameters | Non
     P_node = back(h.P_node)
     at_sites = {"P": back(h.P_site), "Q": back(h.Q_site), "R": back(h.R_site)}
     at_outlets = {"P": P_node[..., topology(network).outlets, :], "Q": back(h.Q_outlet)}
-    result = {"inlet.P": P_node[..., 0, :]}
+    at_inlet = {"inlet.P": P_node[..., 0, :], "inlet.Q": back(h.Q_inlet)}
+    result = {network.inlet.answer: at_inlet[network.inlet.answer]}
     for i, site in enumerate(network.sites):
         result |= {f"{site.name}.{key}": x[..., i, :] for key, x in at_sites.items()}
     for i, outlet in enumerate(network.outlets):
@@ -226,19 +232,23 @@ def _conditions(
 ) -> tuple[Array, Array, Array]:
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
-    Inlet: F = Z_ref Q. Junction: F = 0. Outlets: each kind's own (:mod:`solver.outlets`).
+    Inlet: F = Z_ref Q, or P' given. Junction: F = 0. Outlets: each kind's own (:mod:`solver.outlets`).
     Raises ValueError where this leaves the mean undetermined.
     """
     wall = c.wall.at(nodes.outlet_segment)
     _refuse_unreachable(network, c, wall)
     shape = (max(c.B, len(Q)), len(omega), nodes.n_nodes)
     a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)
-    r[..., 0] = Z_ref[..., 0] * Q
+    if network.inlet.causality == "flow":
+        r[..., 0] = Z_ref[..., 0] * Q
+    else:
+        a[..., 0], b[..., 0], r[..., 0] = 0.0, 1.0, Q - c.P_0 * (omega == 0.0)
     for ends in c.outlets:
         at = nodes.outlets.start + ends.index
         a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
-        _check_mean(network, c, nodes, a[..., nodes.outlets], b[..., nodes.outlets])
+        open_ends = np.r_[0, nodes.outlets]
+        _check_mean(network, c, nodes, a[..., open_ends], b[..., open_ends])
     return a, b, r
 
 
@@ -253,7 +263,7 @@ def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
 
 
 def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b: Array) -> None:
-    """a, b : of a F + b P' = r at the outlets. A closed one has b = 0, a prescribed pressure a = 0."""
+    """a, b : of a F + b P' = r at inlet and outlets. A given flow or a closed end has b = 0, a given pressure a = 0."""
     if np.any(np.all(b == 0.0, axis=-1)):
         raise ValueError(
             f"network {network.name}: all outlets are closed, so the mean pressure is undetermined; "

@@ -126,16 +126,30 @@ class Channel:
 
 @dataclass(frozen=True)
 class Inlet:
-    """Where flow enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine."""
+    """Where blood enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine.
+
+    causality : what is given there, the flow or the pressure; the other one is an output.
+    """
 
     segment: str
     Q_max: float = quantity(55e-6, "m^3/s", "peak inflow Q_max", 0.0, 1.0, nominal=1e-4, display="mL/s")
     T: float = quantity(0.5, "s", "period T", 1e-3, 100.0)
+    causality: str = "flow"
 
     @staticmethod
     def pulse(segment: str, Q_mean: float, T: float) -> Inlet:
         """The inlet whose inflow has a mean Q_mean [m³/s]."""
         return Inlet(segment, np.pi * Q_mean, T)
+
+    @property
+    def drive(self) -> str:
+        """What is given at the inlet: inlet.Q or inlet.P."""
+        return {"flow": "inlet.Q", "pressure": "inlet.P"}[self.causality]
+
+    @property
+    def answer(self) -> str:
+        """What follows there: inlet.P or inlet.Q."""
+        return {"flow": "inlet.P", "pressure": "inlet.Q"}[self.causality]
 
     @property
     def Q_mean(self) -> float:
@@ -253,8 +267,8 @@ class Network:
     # --- outputs --------------------------------------------------------------------------------------------------
 
     def output_units(self) -> dict[str, str]:
-        """SI unit of every output, by name: inlet.P, <site>.P, .Q, .R and <segment>.outlet.P, .Q."""
-        units = {"inlet.P": "Pa"}
+        """SI unit of every output, by name: inlet.P or .Q, <site>.P, .Q, .R and <segment>.outlet.P, .Q."""
+        units = {self.inlet.answer: SIGNAL_UNITS[self.inlet.answer[-1]]}
         for site in self.sites:
             units |= {f"{site.name}.{signal}": unit for signal, unit in SIGNAL_UNITS.items()}
         for outlet in self.outlets:
@@ -262,8 +276,8 @@ class Network:
         return units
 
     def channel_names(self) -> tuple[str, ...]:
-        """What a sensor may show: the outputs and ``inlet.Q``."""
-        return ("inlet.Q", *self.output_units())
+        """What a sensor may show: the outputs and what is given at the inlet."""
+        return (self.inlet.drive, *self.output_units())
 
     def segment(self, name: str) -> Segment:
         """The segment of that name (KeyError if there is none)."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .scheme.model import Model
+from .scheme.sdirk import SDIRK3
 from .scheme.step import State
 
 Array = np.ndarray
@@ -27,7 +28,7 @@ class Reporter:
 
 
 def reporter(model: Model) -> Reporter:
-    """Outputs of a network: inlet.P, <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
+    """Outputs of a network: inlet.P (inlet.Q where that is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
     stress; the nodal pressures are the multipliers H.
@@ -44,7 +45,7 @@ def reporter(model: Model) -> Reporter:
 
     def report(state: State) -> Array:
         result = np.empty((B, len(units)))
-        result[:, 0] = state.H[:, 0]
+        result[:, 0] = inlet_answer(model, state)
         A_t = state.A_t.reshape(B, -1) @ gauss
         A = state.y[:, model.layout.places["A"]] @ gauss
         P, Q, R = (result[:, 1 + i : 1 + 3 * n : 3] for i in range(3))  # at the sites
@@ -61,6 +62,20 @@ def reporter(model: Model) -> Reporter:
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
+
+
+def inlet_answer(model: Model, state: State) -> Array:
+    """The pressure [Pa] of an inlet with a given flow, the flow [m³/s] of one with a given pressure : (B,)."""
+    by_flow = model.network.inlet.causality == "flow"
+    return state.H[:, 0] if by_flow else state.Q[:, model.mesh.inlet_element, 0]
+
+
+def volume_entered(model: Model, before: State, after: State) -> Array:
+    """The volume [m³] that has flowed in in the step from one state to the next : (B,), as the areas have taken it."""
+    first, dt = (..., model.mesh.inlet_element, 0), after.dt
+    stages = before.Q[first] + dt * (SDIRK3 @ after.rates[first])
+    entered: Array = dt * (SDIRK3[-1] @ stages)
+    return entered
 
 
 def volume_weights(model: Model) -> Array:

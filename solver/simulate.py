@@ -18,6 +18,7 @@ from .scheme.model import Model, Settings, build
 from .scheme.sdirk import INFLOW_TIMES
 from .scheme.step import State, adopt, initial_state, step
 from .start import periodic_state
+from .units import SIGNAL_UNITS
 
 Array = np.ndarray
 Inflow = Callable[[Array], Array]
@@ -196,6 +197,8 @@ def _check_network(network: Any) -> None:
 
 def _run(network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float) -> _Run:
     model = build(network, parameters, settings)
+    if inflow is None and network.inlet.causality != "flow":
+        raise ValueError(f"network {network.name}: its inlet is driven by a pressure; give it as inflow, P(t) in Pa.")
     return _Run(model, reporter(model), inflow or network.inlet.Q, dt)
 
 
@@ -246,7 +249,7 @@ class _Run:
         return table, state
 
     def flow(self, t: Array) -> Array:
-        """The inflow [m³/s] at times t [s], of any shape."""
+        """The inflow [m³/s], or the pressure of the inlet [Pa], at times t [s] of any shape."""
         Q = np.asarray(self.inflow(t.ravel()), float)
         if Q.shape != t.ravel().shape:
             raise ValueError(f"inflow: for {t.size} times it gave shape {Q.shape}; it must give one value per time.")
@@ -259,10 +262,11 @@ class _Run:
         """The result of a table that ends in ``state``."""
         time = np.arange(len(table)) * self.dt
         start = (round(state.t / self.dt) - len(table) + 1) * self.dt
-        values = {"inlet.Q": self.flow(start + time)}
+        drive = self.model.network.inlet.drive
+        values = {drive: self.flow(start + time)}
         for i, name in enumerate(self.report.names):
             values[name] = table[:, :, i].T.copy() if self.model.coefficients.batched else table[:, 0, i].copy()
-        units = {"inlet.Q": "m^3/s", **dict(zip(self.report.names, self.report.units, strict=True))}
+        units = {drive: SIGNAL_UNITS[drive[-1]], **dict(zip(self.report.names, self.report.units, strict=True))}
         return Waveforms(time, values, units, beats, change, End(state, self.model.mesh, self.dt))
 
 

@@ -26,9 +26,10 @@ from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.stage import Operators, Stage, operators, operators_about, start
 from .scheme.step import State, initial_state
+from .units import SIGNAL_UNITS
 
 Array = np.ndarray
-Inflow = Callable[[Array], Array]
+Drive = Callable[[Array], Array]
 
 HARMONICS = 32
 _SAMPLES = 4 * HARMONICS  # of a period, so that products of harmonics have room
@@ -39,17 +40,18 @@ _CORRECTIONS = 6
 _SMALL = 1e-4  # a correction of this part of the waves is the last
 
 
-def periodic_state(model: Model, inflow: Inflow, T: float, t: float = 0.0, dt: float | None = None) -> State:
-    """A state at time t [s] near that of the beats which repeat under a periodic inflow.
+def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None) -> State:
+    """A state at time t [s] near that of the beats which repeat under what drives the inlet.
 
-    inflow : Q(t) [m³/s] for an array of times. T : its period [s]. dt : the step [s] to come, default the settings'.
-    Raises ValueError where the network has no steady state with the mean inflow.
+    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where inlet.causality is pressure. T : its period [s]. dt :
+    the step [s] to come, default the settings'.
+    Raises ValueError where the network has no steady state with the mean of the drive.
     """
-    samples = np.asarray(inflow(t + T / _FINE * np.arange(_FINE)), float)
-    Q_in = np.fft.rfft(samples, norm="forward")[: HARMONICS + 1]
+    samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
+    harmonics = np.fft.rfft(samples, norm="forward")[: HARMONICS + 1]
     with np.errstate(all="ignore"):
-        rest = _steady(model, float(Q_in[0].real))
-        return _state(model, _balanced(model, rest, Q_in, T), rest, t, dt or model.settings.dt)
+        rest = _steady(model, float(harmonics[0].real))
+        return _state(model, _balanced(model, rest, harmonics, T), rest, t, dt or model.settings.dt)
 
 
 class _Waves(NamedTuple):
@@ -80,25 +82,28 @@ def _amplitudes(x: Array | Sequence[Array]) -> Array:
 # --- the steady state ---------------------------------------------------------------------------------------------
 
 
-def _steady(model: Model, Q_mean: float) -> State:
-    """The steady state under a constant inflow."""
+def _steady(model: Model, mean: float) -> State:
+    """The steady state under a constant inflow [m³/s] or pressure at the inlet [Pa]."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
     # the flow that passes, and the one that P_0 drives on the way
-    flow = _SETTLED * (abs(Q_mean) + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
+    flow = _SETTLED * (
+        model.inlet.flow(np.array(mean), c.P_0[:, 0]) + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance
+    )
     small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
     try:
         for tau in _LONG:
-            stage = Stage.of(model, operators_about(model, tau, y, H), y, np.array(Q_mean), c.P_venous, 0.0)
+            stage = Stage.of(model, operators_about(model, tau, y, H), y, np.array(mean), c.P_venous, 0.0)
             # a guess of the flow that leaves the area as it is: a long step would multiply what does not
             Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
             y = stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
     except (NonPhysicalState, np.linalg.LinAlgError) as error:
         where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
+        given = model.network.inlet.drive
         raise ValueError(
-            f"network {model.network.name}: it has no steady state with a mean inflow of {Q_mean:g} m^3/s{where}; "
-            "change the inflow or the outlets, or start from rest."
+            f"network {model.network.name}: it has no steady state with {given} = {mean:g} {SIGNAL_UNITS[given[-1]]}, "
+            f"the mean{where}; change {given} or the outlets, or start from rest."
         ) from None
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
 
@@ -106,15 +111,15 @@ def _steady(model: Model, Q_mean: float) -> State:
 # --- the waves ----------------------------------------------------------------------------------------------------
 
 
-def _balanced(model: Model, rest: State, Q_in: Array, T: float) -> _Waves:
-    """The waves that an inflow with harmonics Q_in : (K+1,) [m³/s] makes about a steady state."""
-    omega = 2.0 * np.pi / T * np.arange(len(Q_in))
+def _balanced(model: Model, rest: State, drive: Array, T: float) -> _Waves:
+    """The waves about a steady state under a drive with harmonics : (K+1,) [m³/s or Pa]."""
+    omega = 2.0 * np.pi / T * np.arange(len(drive))
     # the mean is a wave so slow that everything follows it
     responses = [_Response.about(model, 1.0 / (1j * w) if w else _LONG[-1], rest) for w in omega]
     waves = _Waves(omega, _constant(rest.y, len(omega)), _constant(rest.H, len(omega)))
     before, smallest = None, np.inf
     for _ in range(_CORRECTIONS):
-        R, net = _left_over(model, waves, Q_in)
+        R, net = _left_over(model, waves, drive)
         y, H = (np.array(x) for x in zip(*map(_Response.correction, responses, R, net), strict=True))
         size = _size(model, y[1:]) / (_size(model, waves.y[1:] + y[1:]) or 1.0)
         if not size < smallest:
@@ -170,14 +175,14 @@ class _Response:
         return y, H
 
 
-def _left_over(model: Model, waves: _Waves, Q_in: Array) -> tuple[Array, Array]:
+def _left_over(model: Model, waves: _Waves, drive: Array) -> tuple[Array, Array]:
     """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
     o, P_venous = operators(model, model.settings.dt), model.coefficients.P_venous
     rates = 1j * waves.omega[:, None, None] * waves.y
     R, net = list[Array](), list[Array]()
-    for y, rate, H, inflow in zip(*map(_samples, (waves.y, rates, waves.H, Q_in)), strict=True):
+    for y, rate, H, driven in zip(*map(_samples, (waves.y, rates, waves.H, drive)), strict=True):
         # an implicit step from where it would have come from at its present rate
-        stage = Stage.of(model, o, y - o.tau * rate, inflow, P_venous, 0.0)
+        stage = Stage.of(model, o, y - o.tau * rate, driven, P_venous, 0.0)
         Q = model.layout.part(y, "Q")
         R.append(terms.residual(stage.start, Q, H))
         net.append(stage.node_residual(Q, H))

@@ -27,6 +27,7 @@ def check_network(network: Described) -> None:
         raise ValueError(f"network {network.name}: it has no segments; give at least one.")
     _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
     _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
+    _check_law("inlet.causality", network.inlet.causality, ("flow", "pressure"))
     for prefix, owner in _all_owners(network):
         for key, quantity_ in quantities_of(owner).items():
             quantity_.check(f"{prefix}.{key}", value_of(owner, key))
@@ -106,7 +107,7 @@ def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) ->
             raise ValueError(f"{kind} {name}: the name occurs {names.count(name)} times; names must be unique.")
 
 
-def _check_law(key: str, name: str, laws: Mapping[str, Any]) -> None:
+def _check_law(key: str, name: str, laws: Iterable[str]) -> None:
     if name not in laws:
         raise ValueError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
 

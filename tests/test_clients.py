@@ -54,12 +54,17 @@ def job(fmu: Path, folder: Path) -> Job:
     return Job(os.fspath(fmu), os.fspath(folder / "unzipped"), starts, inflow, outputs)
 
 
-def run_client(name: str, job: Job, folder: Path, environment: Mapping[str, str] | None = None) -> np.ndarray:
+def run_client(name: str, job: Job, folder: Path) -> np.ndarray:
     """The outputs after each step that a host in tests/clients found : (n, outputs)."""
+    return run_script(f"with_{name}", json.dumps(vars(job)), folder)
+
+
+def run_script(name: str, job: str, folder: Path) -> np.ndarray:
+    """The table that a script of tests/clients prints as its last line."""
     order = folder / f"{name}.json"
-    order.write_text(json.dumps(vars(job)))
-    line = [sys.executable, os.fspath(CLIENTS / f"with_{name}.py"), os.fspath(order)]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=300, cwd=folder, env=environment)
+    order.write_text(job)
+    line = [sys.executable, os.fspath(CLIENTS / f"{name}.py"), os.fspath(order)]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=300, cwd=folder)
     assert done.returncode == 0, done.stderr
     return np.array(json.loads(done.stdout.splitlines()[-1]))
 

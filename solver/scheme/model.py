@@ -13,6 +13,7 @@ from ..effect import Drag, Points
 from ..network import Network
 from ..validation import check_parameters
 from ..wall import Wall
+from .inlet import FlowInlet, Inlet, PressureInlet
 from .mesh import Layout, Mesh, build_mesh
 from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
 
@@ -74,6 +75,7 @@ class Model:
     end_kinetic: Array
     force: Force
     storage: Storage
+    inlet: Inlet
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array
@@ -140,6 +142,7 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         end_kinetic=node_kinetic[:, mesh.ends],
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
+        inlet=_inlet(network, wall, mesh),
         A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
@@ -147,6 +150,13 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
     )
     _refuse_unreachable_pressure(model)
     return model
+
+
+def _inlet(network: Network, wall: Wall, mesh: Mesh) -> Inlet:
+    if network.inlet.causality == "flow":
+        return FlowInlet()
+    first = (..., mesh.inlet_element, 0)
+    return PressureInlet(wall.A0[first] / (wall.rho[first] * wall.c0[first]))
 
 
 def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:

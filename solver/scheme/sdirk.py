@@ -26,4 +26,7 @@ _POWERS = np.arange(4)
 _STAGE_POWERS = np.column_stack(
     [np.ones(STAGES), *(k * SDIRK3 @ SDIRK3.sum(axis=1) ** (k - 1) for k in _POWERS[1:])]
 )  # ∫ k s^(k-1) ds = s^k, by the method: exact at the end of the step
-INFLOW_AT_STAGES = _STAGE_POWERS @ np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
+_CUBIC = np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
+INFLOW_AT_STAGES = _STAGE_POWERS @ _CUBIC
+# A pressure is a force, whose values at the stages are what the method wants.
+VALUES_AT_STAGES = SDIRK3.sum(axis=1)[:, None] ** _POWERS @ _CUBIC

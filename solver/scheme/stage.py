@@ -28,7 +28,8 @@ _KEPT = 16  # lengths of step whose operators a model keeps
 class Loads:
     """What the outlets put on the nodes at the end of a stage: :class:`~solver.outlets.Load`, scale ΣQ = flow(P - P_b).
 
-    scale : (B, n_nodes), 1 but at outlets. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
+    scale : (B, n_nodes), 1 but at outlets and at an inlet whose pressure is given. keep, give, charge : (B, n_outlets).
+    kinds : nodes, outlets, load of each.
     """
 
     scale: Array
@@ -132,6 +133,7 @@ def _loads(model: Model, tau: float) -> Loads:
     scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
     scale = scale.astype(type(tau))
     keep, give, charge = (np.zeros((c.B, len(outlet_nodes)), type(tau)) for _ in range(3))
+    scale[:, 0] *= model.inlet.scale
     kinds = []
     for ends in c.outlets:
         load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
@@ -160,6 +162,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
         response[:, 2 * e, mesh.ends[:, column]] += K_end[..., 0]
         response[:, 2 * e + 1, mesh.ends[:, column]] += K_end[..., -1]
     G = loads.scale[..., None] * (mesh.incidence @ response)
+    G[:, 0, 0] -= model.inlet.slope
     for nodes, outlets, load in loads.kinds:
         at = np.arange(mesh.n_nodes)[nodes]
         G[:, at, at] -= load.slope(H[:, nodes] - behind[:, outlets])
@@ -169,21 +172,22 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
 class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
-    behind : (B, n_outlets) [Pa] the pressures behind the outlets. inflow [m³/s]. P_venous : (B, n_outlets) [Pa].
+    behind : (B, n_outlets) [Pa] the pressures behind the outlets. drive : the inflow [m³/s], or the pressure at the
+    inlet [Pa]. P_venous : (B, n_outlets) [Pa].
     """
 
     start: Start
     operators: Operators
     behind: Array
-    inflow: Array
+    drive: Array
     P_venous: Array
     t: float
 
     @staticmethod
-    def of(model: Model, o: Operators, y: Array, inflow: Array, P_venous: Array, t: float) -> Stage:
+    def of(model: Model, o: Operators, y: Array, drive: Array, P_venous: Array, t: float) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
         s, behind = start(model, o.tau, o.inertia, o.memory, o.loads, y, P_venous)
-        return Stage(s, o, behind, inflow, P_venous, t)
+        return Stage(s, o, behind, drive, P_venous, t)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
@@ -239,11 +243,11 @@ class Stage(NamedTuple):
         return Q_free, H + dH
 
     def node_residual(self, Q: Array, H: Array) -> Array:
-        """ΣQ at the nodes; inflow at the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
+        """ΣQ at the nodes; what drives the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
         mesh, loads = self.start.model.mesh, self.operators.loads
         ends = Q[..., mesh.element.both_ends].reshape(len(Q), -1)
         net = loads.scale * (ends @ mesh.net_inflow)
-        net[:, 0] += self.inflow
+        net[:, 0] += self.start.model.inlet.surplus(self.drive, H[:, 0])
         for nodes, outlets, load in loads.kinds:
             net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])
         return net

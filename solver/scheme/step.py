@@ -23,7 +23,7 @@ import numpy as np
 from .guards import check
 from .mesh import Layout
 from .model import Model
-from .sdirk import INFLOW_AT_STAGES, SDIRK3, STAGES
+from .sdirk import SDIRK3, STAGES
 from .stage import Stage, operators
 
 Array = np.ndarray
@@ -113,36 +113,35 @@ def adopt(model: Model, state: State) -> State:
     return replace(state, y=model.layout.join(A, Q, *kept), layout=model.layout)
 
 
-def step(model: Model, state: State, dt: float, inflow: Array, P_venous: Array | None = None) -> State:
+def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
     """Advance by dt [s].
 
-    inflow : (4,) or (4, B) [m³/s] at the times t + INFLOW_TIMES dt. P_venous : (n_outlets,) or
-    (B, n_outlets) [Pa] during the step, default the parameters'. A model of one parameter set steps B states as well.
+    drive : (4,) or (4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa] of an inlet that
+    is driven by it. P_venous : (n_outlets,) or (B, n_outlets) [Pa] during the step, default the parameters'. A model
+    of one parameter set steps B states as well.
     Raises NonPhysicalState if the result is not physical.
     """
     with np.errstate(all="ignore"):
-        return _advance(model, state, dt, inflow, P_venous)
+        return _advance(model, state, dt, drive, P_venous)
 
 
-def _advance(model: Model, state: State, dt: float, inflow: Array, P_venous: Array | None) -> State:
+def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None) -> State:
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
-    Q_in = INFLOW_AT_STAGES @ inflow
+    drives = model.inlet.at_stages @ drive
     venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
-    small = _tolerances(model, state, Q_in[-1])
+    small = _tolerances(model, state, drives[-1])
     y = state.y.copy()
-    # where the inflow jumps (a held input that is set anew) the flow at the inlet starts from its new value: spread
-    # over the step, the jump would show in the inlet pressure as its inertia divided by dt
-    layout.part(y, "Q")[:, model.mesh.inlet_element, 0] = inflow[0]
+    model.inlet.begin(layout.part(y, "Q")[:, model.mesh.inlet_element, 0], drive[0])
     # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
     last, before = _at_stages_of(state, dt)
     guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
-    for a, guessed, found, Q_i in zip(SDIRK3, guesses, unknowns, Q_in, strict=True):
+    for a, guessed, found, driven in zip(SDIRK3, guesses, unknowns, drives, strict=True):
         start = y
         for a_j, k_j in zip(a, k, strict=False):
             start = start + (dt * a_j) * k_j
-        stage = Stage.of(model, o, start, Q_i, venous, state.t + dt)
+        stage = Stage.of(model, o, start, driven, venous, state.t + dt)
         Q_guess = stage.start.Q + o.tau * guess.part(guessed, "rates")
         Q, H, A_t = stage.solve(Q_guess, guessed[:, guess.places["heads"]], small)
         end = stage.end(Q, A_t)
@@ -169,9 +168,10 @@ def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
 
 
-def _tolerances(model: Model, state: State, Q_in: Array) -> tuple[Array, Array]:
+def _tolerances(model: Model, state: State, drive: Array) -> tuple[Array, Array]:
     """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
-    flow = np.maximum(np.abs(state.y[:, state.layout.places["Q"]]).max(axis=1), np.abs(Q_in))
+    driven = model.inlet.flow(drive, state.H[:, 0])
+    flow = np.maximum(np.abs(state.y[:, state.layout.places["Q"]]).max(axis=1), driven)
     pressure = np.abs(state.H - model.coefficients.P_0).max(axis=1)
     tolerance = model.settings.tolerance
     return (
