@@ -11,7 +11,8 @@ from pythonfmu import DefaultExperiment
 from solver.quantity import quantities
 
 from .base import ComponentSlave, Subject
-from .heart import INPUTS, OUTPUTS, Aorta, Chamber, Filling, Heart, HeartComponent, Pace, Valve
+from .heart import INPUTS, OUTPUTS, HeartComponent
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
 from .lumped import FLOW, FRACTION, IMPEDANCE, PRESSURE, VOLUME, input_variable, output_variable, parameters
 from .variable import Variable, with_starts
 

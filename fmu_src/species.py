@@ -5,7 +5,7 @@ from __future__ import annotations
 from solver.units import MMHG
 
 from .body import Body, Reservoir
-from .heart import Aorta, Chamber, Filling, Heart, Pace, Valve
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
 
 _ML = 1e-6
 _PER_ML = MMHG / _ML  # mmHg/mL, and mmHg s/mL

@@ -13,7 +13,7 @@ from solver.units import base_units
 
 from .body import Body
 from .cosimulation import CoSimulation
-from .heart import Heart
+from .heart_parts import Heart
 from .variable import Variable, with_starts
 from .variables import variable_table
 

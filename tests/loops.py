@@ -11,7 +11,8 @@ import numpy as np
 from fmu_src import body_slave, heart_slave
 from fmu_src.body import BodyComponent
 from fmu_src.cosimulation import CoSimulation
-from fmu_src.heart import OUTPUTS, Heart, HeartComponent
+from fmu_src.heart import OUTPUTS, HeartComponent
+from fmu_src.heart_parts import Heart
 from fmu_src.species import HUMAN_BODY, HUMAN_HEART
 from fmu_src.system import start_values
 from fmu_src.variable import Variable, with_starts
@@ -82,7 +83,8 @@ def loop(
     for i in range(n):
         t = i * h
         if port:
-            h_in |= {f"aorta.{key}": A.ports()[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0")}
+            ports = A.ports()
+            h_in |= {f"aorta.{key}": ports[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0")}
         else:
             h_in |= {"aorta.P_0": A.outputs()[inlet], "aorta.Z": 0.0, "aorta.Z_0": 0.0}
         h_in["venous.P"] = B.outputs()[0]

@@ -10,9 +10,10 @@ import pytest
 from loops import Run, loop
 from test_examples import run as run_example
 
-from fmu_src.heart import Heart
+from fmu_src.heart_parts import Heart
 from fmu_src.species import HUMAN_HEART, SHEEP_HEART
 from solver import Network, Windkessel, load
+from solver.scheme.failure import NonPhysicalState
 from solver.units import MMHG
 
 Array = np.ndarray
@@ -84,19 +85,19 @@ def test_stable(human: Network, heart: Heart, h: float, parallel: bool) -> None:
 
 
 def test_explicit_exchange_of_a_stiff_heart_fails(human: Network) -> None:
-    """Without Z the same heart rings at 1 ms: the flow changes its direction again and again."""
-    flow = loop(human, MS, 0.3, heart=STIFF, port=False, element_length=0.2)["heart.aorta.Q"]
-    assert np.sum(np.diff(np.sign(np.diff(flow))) != 0) > 50
+    """Without Z the same heart breaks the solver at 1 ms as soon as its valve opens."""
+    with pytest.raises(NonPhysicalState):
+        loop(human, MS, 0.3, heart=STIFF, port=False, element_length=0.2)
 
 
 # --- volume -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("parallel", [False, True], ids=["sequential", "parallel"])
-def test_no_volume_is_lost(human: Network, parallel: bool) -> None:
+def test_no_volume_is_lost(parallel: bool) -> None:
     """Three beats in steps of 5 ms: in order, the total stays to 1e-12 of a stroke; side by side it is known as it was
     a step ago, so it comes back to the same value in every beat, but does not drift."""
-    found = loop(human, 5 * MS, 2.7, parallel=parallel, element_length=0.2)
+    found = loop(short(), 5 * MS, 2.7, parallel=parallel, element_length=0.5)
     stroke = np.ptp(found["heart.left_ventricle.V"])
     if parallel:
         assert np.ptp(found.total) < 0.05 * stroke
@@ -130,7 +131,7 @@ def short() -> Network:
 
 def test_sheep() -> None:
     """The sheep heart on the network of the paper, whose ends only reflect: pressures are low, no volume is lost."""
-    found = loop(load("sheep"), MS, 1.0, heart=SHEEP_HEART, element_length=0.2)
+    found = loop(load("sheep"), 2 * MS, 0.5, dt=2 * MS, heart=SHEEP_HEART, element_length=0.2)
     assert np.ptp(found.total) < 1e-12 * np.ptp(found["heart.left_ventricle.V"])
     assert np.isfinite(found["arteries.inlet.P"]).all()
 

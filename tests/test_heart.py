@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fmu_src.heart import OUTPUTS, Heart, HeartComponent, HeartState, Port, initial_state, step
+from fmu_src.heart import OUTPUTS, HeartComponent
+from fmu_src.heart_parts import Heart
 from fmu_src.heart_slave import table
+from fmu_src.heart_step import HeartState, Port, initial_state, step
 from fmu_src.species import HUMAN_HEART, SHEEP_HEART
 from solver.units import MMHG
 
