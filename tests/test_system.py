@@ -26,7 +26,7 @@ import build_fmu
 from build_fmu import build_model, build_system
 from fmu_src.models import body_model, heart_model
 from fmu_src.species import HUMAN_BODY, HUMAN_HEART
-from fmu_src.system import start_values
+from fmu_src.system import first_port, start_values
 from solver import load
 
 STEP, STEPS = 2e-3, 200
@@ -72,13 +72,15 @@ def test_follows_the_standard(ssp: Path, tmp_path: Path) -> None:
     with SSP(ssp, mode="r") as package, package.system_structure as structure:
         structure.__check_compliance__()
         assert {component.name for component in structure.system.elements} == {"heart", "arteries", "body"}
+    starts = start_values(load("human"), HUMAN_HEART, HUMAN_BODY)
+    starts["heart"] |= first_port(load("human"), starts["arteries"])
     for name in ("heart", "arteries", "body"):
         file = tmp_path / f"{name}.ssv"
         file.write_bytes(read(ssp, f"resources/{name}.ssv"))
         with SSV(file, mode="r") as parameters:
             parameters.__check_compliance__()
             assert parameters.version == "1.0"
-        expected = start_values(load("human"), HUMAN_HEART, HUMAN_BODY)[name]
+        expected = starts[name]
         found = {p.name: float(p.value) for p in read_ssv(str(file)).parameters}
         assert found == {key: value for key, value in expected.items() if not isinstance(value, str)}
     assert read_ssd(str(ssp)).version == "1.0"
