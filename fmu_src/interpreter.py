@@ -58,16 +58,11 @@ class Interpreter:
         """What a host on Linux that is not Python needs around it; empty if this Python has no shared library.
 
         LD_PRELOAD: the wrapper does not name the library that it needs. PATH: the library looks for the first
-        ``python3`` there, which decides where numpy is looked for. GLIBC_TUNABLES: see "Two FMUs" in
-        docs/simulators.md.
+        ``python3`` there, which decides where numpy is looked for.
         """
         if self.library is None:
             return {}
-        return {
-            "PATH": os.path.dirname(self.executable) + ":$PATH",
-            "LD_PRELOAD": self.library,
-            "GLIBC_TUNABLES": "glibc.malloc.tcache_count=127",
-        }
+        return {"PATH": os.path.dirname(self.executable) + ":$PATH", "LD_PRELOAD": self.library}
 
     def complete(self, environment: Mapping[str, str]) -> dict[str, str]:
         """An environment with that of :meth:`environment`, to start a host in."""

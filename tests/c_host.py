@@ -84,10 +84,8 @@ class CHost:
         self.program = program
 
     def environment(self, where: Interpreter | None = None, **more: str) -> dict[str, str]:
-        """That of the doctor's command line, but for the tunable that keeps a fault of the wrapper from showing."""
-        complete = (where or interpreter()).complete(os.environ)
-        del complete["GLIBC_TUNABLES"]
-        return {**complete, **more}
+        """That of the doctor's command line."""
+        return {**(where or interpreter()).complete(os.environ), **more}
 
     def run(
         self,

@@ -120,8 +120,8 @@ def test_what_the_wrapper_does_not_offer(c_host: CHost, sheep_fmu: Unpacked) -> 
     assert run[6].log == ("error cppfmu FMI function not supported: fmi2GetDirectionalDerivative",)
 
 
-@pytest.mark.parametrize("call", ["setString 0 0 \udcff\udcfe", "write 0 7 state.bin"])
+@pytest.mark.parametrize("call", ["setString 0 0 \udcff\udcfe", "write 0 7 state.bin", "restoreNothing 0"])
 def test_calls_that_kill_the_host(c_host: CHost, sheep_fmu: Unpacked, tmp_path: Path, call: str) -> None:
-    """Text that is not UTF-8, and a null state where bytes are asked for: at that call or at the next."""
+    """Text that is not UTF-8, and a null state to restore or to write: at that call or at the next."""
     commands = [f"library 0 {sheep_fmu.library}", sheep_fmu.instantiate(0), call, "getReal 0 0"]
     assert c_host.run(commands, cwd=tmp_path).code == CRASH
