@@ -1,4 +1,4 @@
-# make demo | discover | test | test-slow | check | bench | docs | clean
+# make demo | loop | discover | test | test-slow | check | bench | docs | clean
 #
 # Everything runs in .venv, which is made when it is missing and updated when pyproject.toml changes.
 # Another Python: make demo PYTHON=/path/to/python3
@@ -12,12 +12,13 @@ ifeq ($(origin PYTHON),undefined)
 PYTHON := $(shell for p in python3.11 python3 python; do $$p -c "" 2>/dev/null && { echo $$p; break; }; done)
 endif
 
-.PHONY: help demo discover test test-slow check bench docs clean
+.PHONY: help demo loop discover test test-slow check bench docs clean
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo      build dist/sheep.fmu, run it elastic and viscoelastic, draw the figures"
+	@echo "make loop      heart, human arteries and veins in a closed loop, one minute; draw the figure"
 	@echo "make discover  find what is missing in a model: two synthetic records, one minute"
 	@echo "make test      run the tests: four minutes on two cores"
 	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"
@@ -28,6 +29,9 @@ help:
 
 demo: $(VENV)/installed-run
 	$(BIN)/python examples/demo.py
+
+loop: $(VENV)/installed-run
+	$(BIN)/python examples/closed_loop.py
 
 discover: $(VENV)/installed-run
 	$(BIN)/python examples/discover.py

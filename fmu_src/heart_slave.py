@@ -11,13 +11,14 @@ from pythonfmu import DefaultExperiment
 from solver.quantity import quantities
 
 from .base import ComponentSlave, Subject
-from .heart import INPUTS, OUTPUTS, Chamber, Filling, Heart, HeartComponent, Pace, Valve
+from .heart import INPUTS, OUTPUTS, HeartComponent
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
 from .lumped import FLOW, FRACTION, IMPEDANCE, PRESSURE, VOLUME, input_variable, output_variable, parameters
 from .variable import Variable, with_starts
 
 _KINDS = {
     "heart": Pace, "left_ventricle": Chamber, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,
-    "venous": Filling,
+    "venous": Filling, "aorta": Aorta,
 }  # fmt: skip
 _MEANINGS = {
     "aorta.Q": (FLOW, "flow from the ventricle into the aorta"),

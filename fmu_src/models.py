@@ -13,7 +13,7 @@ from solver.scheme.model import Settings
 
 from . import __version__, body_slave, document, heart_slave, lumped_document
 from .body import Body
-from .heart import Heart
+from .heart_parts import Heart
 from .species import SPECIES
 from .variable import Variable, with_starts
 from .variables import variable_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 from solver.units import MMHG
 
 from .body import Body, Reservoir
-from .heart import Chamber, Filling, Heart, Pace, Valve
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
 
 _ML = 1e-6
 _PER_ML = MMHG / _ML  # mmHg/mL, and mmHg s/mL
@@ -24,13 +24,14 @@ HUMAN_HEART = Heart(
     # R: what the ventricle itself loses in ejection
     aortic_valve=Valve(A=6.98e-4, l=0.02, R=0.05 * _PER_ML, K_open=0.12, K_close=0.12, regurgitation=0.0),
     venous=Filling(R=0.006 * _PER_ML),
-    P_venous=11.1 * MMHG,
+    aorta=Aorta(curvature=0.2),
+    P_venous=11.2 * MMHG,
     P_aorta=80.0 * MMHG,
 )
 HUMAN_BODY = Body(
     name="human_body",
     reference=f"Compliance: systemic and pulmonary veins together, {_KORAKIANITIS}. Our choice: volume and pressure.",
-    body=Reservoir(C=41.0 * _ML / MMHG, V_unstressed=2500.0 * _ML, P_start=11.1 * MMHG),
+    body=Reservoir(C=41.0 * _ML / MMHG, V_unstressed=2500.0 * _ML, P_start=11.2 * MMHG),
 )
 
 # Published values of a whole sheep heart were not found. By size: volumes and compliances as the body mass, areas as
@@ -62,6 +63,7 @@ SHEEP_HEART = Heart(
     mitral_valve=_narrower(HUMAN_HEART.mitral_valve),
     aortic_valve=_narrower(HUMAN_HEART.aortic_valve),
     venous=Filling(R=HUMAN_HEART.venous.R / _MASS),
+    aorta=HUMAN_HEART.aorta,
     P_venous=HUMAN_HEART.P_venous,
     P_aorta=HUMAN_HEART.P_aorta,
 )

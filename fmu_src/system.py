@@ -13,7 +13,7 @@ from solver.units import base_units
 
 from .body import Body
 from .cosimulation import CoSimulation
-from .heart import Heart
+from .heart_parts import Heart
 from .variable import Variable, with_starts
 from .variables import variable_table
 
@@ -42,8 +42,13 @@ class Part:
 _OUTLETS = {"human": {"C": 2.0, "R2": 1.05}}
 
 
-def start_values(network: Network, heart: Heart, body: Body) -> dict[str, dict[str, float | str]]:
-    """What each part of the system starts with, by component and variable."""
+def start_values(
+    network: Network, heart: Heart, body: Body, parallel: bool = True
+) -> dict[str, dict[str, float | str]]:
+    """What each part of the system starts with, by component and variable.
+
+    parallel : for a master that runs all side by side; else for one that runs heart, arteries and body in this order.
+    """
     P_venous = body.body.P_start
     given = network.parameters()
     factors = _OUTLETS.get(network.name, {})
@@ -55,8 +60,8 @@ def start_values(network: Network, heart: Heart, body: Body) -> dict[str, dict[s
     venous = {name: P_venous for name, q in network.parameter_quantities().items() if q.input}
     return {
         "heart": {"heart.rate": 1.0 / network.inlet.T, "aorta.P_0": network.P_0, "venous.P": P_venous},
-        "arteries": {"inlet.interpolation": "smooth", **venous, **outlets},
-        "body": {"body.exchange": "start", "body.P_start": P_venous},
+        "arteries": {"inlet.interpolation": "smooth" if parallel else "linear", **venous, **outlets},
+        "body": {"body.exchange": "start" if parallel else "end", "body.P_start": P_venous},
     }
 
 

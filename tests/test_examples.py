@@ -59,7 +59,7 @@ def run(script: str, folder: Path, out: Path | None = None) -> Outcome:
 
 def test_every_example_is_tested() -> None:
     """A new example must be added here."""
-    tested = {"demo.py", "python_api.py", "own_network.py", "fit_and_check.py", "discover.py"}
+    tested = {"demo.py", "python_api.py", "own_network.py", "fit_and_check.py", "discover.py", "closed_loop.py"}
     assert {path.name for path in EXAMPLES.glob("*.py")} == tested
 
 

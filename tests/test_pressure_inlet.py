@@ -13,6 +13,9 @@ import pytest
 from compare import relative_error
 from fmus import COARSE, mixed
 
+from fitting.calibrate import calibrate
+from fitting.inference.network import network_problem
+from fitting.records.beats import Beats
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.run import run_fmu
 from fmu_src.variables import variable_table
@@ -117,6 +120,16 @@ def test_file() -> None:
         simulate(network)
 
 
+def test_records_drive_by_flow(tmp_path: Path) -> None:
+    """A fit, whose records hold inlet.Q, refuses a network that wants a pressure."""
+    network, t = driven_by_pressure(load("sheep")), np.arange(50) / 100.0
+    beats = Beats("r.csv", "", 0.5, {"inlet.Q": np.tile(1e-5 * np.sin(4 * np.pi * t) ** 2, (2, 1))}, np.zeros(2))
+    with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure, but records"):
+        calibrate(beats, network, ["all.E"])
+    with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure, but records"):
+        network_problem(beats, network)
+
+
 # --- the FMU ------------------------------------------------------------------------------------------------------
 
 
@@ -164,7 +177,7 @@ def test_port(interpolation: str) -> None:
     h, (made, values) = 2e-3, component(driven_by_pressure(mixed()), **{"inlet.interpolation": interpolation})
     for i in range(100):
         made.step(h * i, h, {**values, "inlet.P": 10e3 + float(pulse(h * i))})
-    said, before = made.ports(), made.shown.Q
+    said, before = made.ports(), made.shown.drive
     assert list(said)[:3] == ["inlet.Q_0", "inlet.Y", "inlet.Y_0"]
     P = before + 100.0
     if interpolation == "smooth":  # P(t) as extrapolated, and then P(t + h)

@@ -1,0 +1,197 @@
+"""Heart, arteries and body as one system: SSP and SSV that others read, and the same answers in three masters."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.ssp.ssd import read_ssd, read_ssv
+from fmpy.validation import validate_fmu
+from loops import loop
+from pyssp_standard.ssp import SSP
+from pyssp_standard.ssv import SSV
+from test_clients import run_script
+
+import build_fmu
+from build_fmu import build_model, build_system
+from fmu_src.models import body_model, heart_model
+from fmu_src.species import HUMAN_BODY, HUMAN_HEART
+from fmu_src.system import first_port, start_values
+from solver import load
+
+STEP, STEPS = 2e-3, 200
+OUTPUTS = (
+    "arteries.inlet.P",
+    "arteries.AB2.P",
+    "arteries.venous.V",
+    "heart.aorta.Q",
+    "heart.left_ventricle.V",
+    "body.P",
+)
+
+
+@pytest.fixture(scope="module")
+def ssp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The system of the human network."""
+    return build_system(load("human"), "human", tmp_path_factory.mktemp("system"))
+
+
+def read(ssp: Path, file: str) -> bytes:
+    with zipfile.ZipFile(ssp) as archive:
+        return archive.read(file)
+
+
+# --- the archive --------------------------------------------------------------------------------------------------
+
+
+def test_contents(ssp: Path, tmp_path: Path) -> None:
+    """The structure, three FMUs and their parameters; the same bytes again, and all FMUs valid."""
+    assert build_system(load("human"), "human", tmp_path / "again").read_bytes() == ssp.read_bytes()
+    with zipfile.ZipFile(ssp) as archive:
+        names = set(archive.namelist())
+        archive.extractall(tmp_path)
+    fmus = {"resources/human.fmu", "resources/human_heart.fmu", "resources/human_body.fmu"}
+    parameters = {f"resources/{name}.ssv" for name in ("heart", "arteries", "body")}
+    assert names == {"SystemStructure.ssd", *fmus, *parameters}
+    for fmu in fmus:
+        assert validate_fmu(str(tmp_path / fmu)) == []
+
+
+def test_follows_the_standard(ssp: Path, tmp_path: Path) -> None:
+    """SSD and SSV are valid SSP 1.0 by the schemas of pyssp_standard and by FMPy's, and say what was meant."""
+    with SSP(ssp, mode="r") as package, package.system_structure as structure:
+        structure.__check_compliance__()
+        assert {component.name for component in structure.system.elements} == {"heart", "arteries", "body"}
+    starts = start_values(load("human"), HUMAN_HEART, HUMAN_BODY)
+    starts["heart"] |= first_port(load("human"), starts["arteries"])
+    for name in ("heart", "arteries", "body"):
+        file = tmp_path / f"{name}.ssv"
+        file.write_bytes(read(ssp, f"resources/{name}.ssv"))
+        with SSV(file, mode="r") as parameters:
+            parameters.__check_compliance__()
+            assert parameters.version == "1.0"
+        expected = starts[name]
+        found = {p.name: float(p.value) for p in read_ssv(str(file)).parameters}
+        assert found == {key: value for key, value in expected.items() if not isinstance(value, str)}
+    assert read_ssd(str(ssp)).version == "1.0"
+    experiment = ElementTree.fromstring(read(ssp, "SystemStructure.ssd")).find("{*}DefaultExperiment")
+    assert experiment is not None and float(experiment.attrib["stopTime"]) == 10 * load("human").inlet.T
+
+
+def test_connections(ssp: Path) -> None:
+    """Every input of every component is connected once, to an output of the same unit."""
+    units = {}
+    inputs = set()
+    with zipfile.ZipFile(ssp) as archive:
+        for name, fmu in {"heart": "human_heart", "arteries": "human", "body": "human_body"}.items():
+            description = fmpy.read_model_description(io.BytesIO(archive.read(f"resources/{fmu}.fmu")))
+            units |= {(name, v.name): (v.causality, v.unit) for v in description.modelVariables}
+            inputs |= {(name, v.name) for v in description.modelVariables if v.causality == "input"}
+    ends = []
+    for wire in read_ssd(str(ssp)).system.connections:
+        start, end = (wire.startElement, wire.startConnector), (wire.endElement, wire.endConnector)
+        assert units[start] == ("output", units[end][1])
+        ends.append(end)
+    assert sorted(ends) == sorted(inputs)
+
+
+def test_start_values_are_inside_the_fmus(ssp: Path) -> None:
+    """What libcosim cannot set, as it is an Enumeration, is what the FMU starts with."""
+    for fmu, name, item in (("human", "inlet.interpolation", "smooth"), ("human_body", "body.exchange", "start")):
+        with zipfile.ZipFile(io.BytesIO(read(ssp, f"resources/{fmu}.fmu"))) as archive:
+            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        variable = next(v for v in root.iter("ScalarVariable") if v.attrib["name"] == name)
+        kind = next(t for t in root.iter("SimpleType") if t.attrib["name"] == variable[0].attrib["declaredType"])
+        items = {i.attrib["value"]: i.attrib["name"] for i in kind.iter("Item")}
+        assert items[variable[0].attrib["start"]] == item
+
+
+# --- the masters --------------------------------------------------------------------------------------------------
+
+
+def test_same_as_in_python(ssp: Path, tmp_path: Path) -> None:
+    """0.4 s with an ejection, in steps of 2 ms, in FMPy: as the components in Python, to 1e-11 of the range.
+
+    FMPy sets every input to 0 before the first step; heart and arteries take that for nothing received.
+    """
+    expected = loop(load("human"), STEP, STEP * STEPS, parallel=True)
+    job = {"ssp": os.fspath(ssp), "step": STEP, "steps": STEPS, "outputs": OUTPUTS}
+    found = run_script("ssp_with_fmpy", json.dumps(job), tmp_path)
+    assert found.shape == (STEPS, len(OUTPUTS))
+    for i, name in enumerate(OUTPUTS):
+        assert np.abs(found[:, i] - expected[name]).max() < 1e-11 * np.ptp(expected[name])
+
+
+# --- the command and its failures ---------------------------------------------------------------------------------
+
+
+def command(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, build_fmu.__file__, *arguments]
+    return subprocess.run(line, capture_output=True, text=True, cwd=cwd, env={**os.environ, "COLUMNS": "80"})
+
+
+def test_commands(tmp_path: Path) -> None:
+    """heart, body and system write their files and say so; --species sheep as well."""
+    for arguments, file in (
+        (["heart"], "human_heart.fmu"),
+        (["body", "--species", "sheep"], "sheep_body.fmu"),
+        (["system", "sheep", "--species", "sheep", "--out", "dist"], "sheep.ssp"),
+    ):
+        done = command(*arguments, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert re.fullmatch(rf"wrote dist/{re.escape(file)} \(\d+ kB\)\n", done.stdout)
+
+
+def test_refused(tmp_path: Path) -> None:
+    """An unknown species or network and a directory that is a file give one sentence and exit code 2, and no file."""
+    (tmp_path / "taken").write_text("")
+    for arguments, sentence in (
+        (["heart", "--species", "cow"], r"species 'cow': there is none of this name; use one of human, sheep\."),
+        (["system", "humn"], r"humn: neither a file nor a bundled network; .*"),
+        (["body", "--out", "taken"], r"taken/human_body\.fmu: cannot be written \(.*\); check .*"),
+        (["system", "--out", "taken"], r"taken/human\.ssp: cannot be written \(.*\); check .*"),
+    ):
+        done = command(*arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert re.fullmatch(f"Error: {sentence}\n", done.stderr)
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_full_disk_leaves_the_old_system(ssp: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the last move fails, the file from before stays and nothing lies beside it."""
+    old = tmp_path / "human.ssp"
+    old.write_bytes(b"the system from before")
+    real = os.replace
+
+    def full(source: object, target: object) -> None:
+        if str(target).endswith(".ssp"):
+            raise OSError(28, "No space left on device")
+        real(source, target)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(ValueError, match=r"human\.ssp: cannot be written \(No space left on device\); check"):
+        build_system(load("human"), "human", tmp_path)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"the system from before"]
+
+
+def test_fmus_of_heart_and_body(tmp_path: Path) -> None:
+    """Both species are valid FMUs without the arteries' code, below 300 kB."""
+    for species in ("human", "sheep"):
+        for model in (heart_model(species), body_model(species)):
+            fmu = build_model(model, tmp_path)
+            assert validate_fmu(str(fmu)) == []
+            assert fmu.stat().st_size < 300_000
+            with zipfile.ZipFile(fmu) as archive:
+                assert not [name for name in archive.namelist() if name.endswith(("network.py", "mesh.py"))]
+                page = archive.read("documentation/index.html").decode()
+            assert model.name in page and "Korakianitis" in page
