@@ -134,22 +134,22 @@ class CoSimulation(Component):
         first = self.interpolation == "smooth" and self.known is self.shown
         if first and not any(values[name] for name in (self.drive, *self.venous)):
             pressures = dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))
-            return {**values, **pressures, **({"inlet.P": self.known.Q} if self.drive == "inlet.P" else {})}
+            return {**values, **pressures, **({"inlet.P": self.known.drive} if self.drive == "inlet.P" else {})}
         return values
 
     def _driven(self, stretch: Stretch, Q: float) -> tuple[Position, Position, float]:
         """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlet at Q."""
         if self.interpolation == "smooth":
-            known, slope = replace(self.known, Q=Q), 0.0
+            known, slope = replace(self.known, drive=Q), 0.0
             if self.known is not self.shown:
-                slope = (Q - self.known.Q) / self.last.h
-                known = self.shown if Q == self.shown.Q else self.last.run(self.known, self.known.Q, Q)
+                slope = (Q - self.known.drive) / self.last.h
+                known = self.shown if Q == self.shown.drive else self.last.run(self.known, self.known.drive, Q)
             known = known.under(stretch.model)
             try:
                 return known, stretch.run(known, Q, Q + slope * stretch.h), slope
             except NonPhysicalState:  # of a flow that was only extrapolated: without that
                 return known, stretch.run(known, Q, Q), 0.0
-        Q_start = Q if self.interpolation == "hold" else self.known.Q
+        Q_start = Q if self.interpolation == "hold" else self.known.drive
         after = stretch.run(self.known.under(stretch.model), Q_start, Q)
         return after, after, (Q - Q_start) / stretch.h
 
@@ -160,10 +160,19 @@ class CoSimulation(Component):
     def ports(self) -> dict[str, float]:
         """The ports by name, over the next communication step, which is taken to be as long as the last one."""
         if self.found is None:
-            self.found = impedances(self.basis, self.interpolation)
+            self.found = self._impedances()
         stretch = replace(self.last, model=self.model)
         values = port_values(stretch, self.shown, self.slope, self.interpolation, self.found)
         return dict(zip(self.port_names, values, strict=True))
+
+    def _impedances(self) -> Impedances:
+        """About the basis, or about rest where the arteries break down there."""
+        try:
+            return impedances(self.basis, self.interpolation)
+        except NonPhysicalState:
+            state = initial_state(self.model)
+            rest = Position(state, 0.0 if self.drive == "inlet.Q" else float(state.H[0, 0]), 0.0)
+            return impedances((rest, rest, replace(self.last, model=self.model)), self.interpolation)
 
     def venous_flows(self) -> Array:
         """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""

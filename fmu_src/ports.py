@@ -64,7 +64,7 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
     Raises NonPhysicalState where the network breaks down in the next communication step.
     """
     known, shown, stretch = basis
-    model, hold, Q, n = stretch.model, interpolation == "hold", shown.Q, len(stretch.P_venous)
+    model, hold, Q, n = stretch.model, interpolation == "hold", shown.drive, len(stretch.P_venous)
     small = _SMALL * _size_of_drive(model)
     changes = _SMALL * (model.outlet_wall.rho * model.outlet_wall.c0**2)[0]
     # side by side: no change, the flow changed, and each P_venous changed
@@ -73,7 +73,7 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
     Z, Z_0 = np.diff(inlet_answer(model, tried.state)[:2])[0] / small, 0.0
     if interpolation == "smooth":  # the flow at the start of the step is not known yet, nor the end of the one before
         ends = Q + np.array([0.0, small])
-        after = stretch.run(stretch.run(known.copies(2), known.Q, ends), ends, Q)
+        after = stretch.run(stretch.run(known.copies(2), known.drive, ends), ends, Q)
         Z_0 = np.diff(inlet_answer(model, after.state))[0] / small
     flows = venous_flow(model, tried.state, P_venous)
     less = flows[0] - flows[2:].diagonal()
@@ -85,13 +85,13 @@ def port_values(stretch: Stretch, at: Position, slope: float, interpolation: str
 
     slope : of the inflow before it [m³/s²]. Where the trial breaks down, the pressures of the position are taken.
     """
-    Q = at.Q + slope * stretch.h
-    Q_start = Q if interpolation == "hold" else at.Q
+    Q = at.drive + slope * stretch.h
+    Q_start = Q if interpolation == "hold" else at.drive
     try:
         tried = stretch.run(at, Q_start, Q)
     except NonPhysicalState:
         tried = at
-    inlet = float(inlet_answer(stretch.model, tried.state)[0]) - found.Z * tried.Q - found.Z_0 * at.Q
+    inlet = float(inlet_answer(stretch.model, tried.state)[0]) - found.Z * tried.drive - found.Z_0 * at.drive
     outlets = stretch.P_venous + found.outlets * venous_flow(stretch.model, tried.state, stretch.P_venous)[0]
     return [inlet, found.Z, found.Z_0, *np.column_stack([outlets, found.outlets]).ravel().tolist()]
 

@@ -13,21 +13,20 @@ from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import State, adopt, step
 
 Array = np.ndarray
-Flow = Any  # a number, or (n,)
+Number = Any  # one, or (n,)
 
 
 @dataclass(frozen=True)
 class Position:
-    """Where the arteries stand: their state, the inflow Q [m³/s] there, and the volume V_in [m³] that came in.
+    """Where the arteries stand: their state, what drives the inlet there, and the volume V_in [m³] that came in.
 
-    Q is what drives the inlet: where its causality is pressure, that pressure [Pa].
-
-    Or several of one model: then Q and V_in are (n,), if they differ.
+    drive : the flow [m³/s], or where the inlet's causality is pressure, that [Pa]. A position may be several of one
+    model: then drive and V_in are (n,), if they differ.
     """
 
     state: State
-    Q: Flow
-    V_in: Flow
+    drive: Number
+    V_in: Number
 
     def copies(self, n: int) -> Position:
         """n of it."""
@@ -53,18 +52,18 @@ class Stretch:
         """Whether another one has the same internal steps of the same model."""
         return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
 
-    def run(self, at: Position, Q_start: Flow, Q_end: Flow) -> Position:
-        """The position at its end, with the inlet driven along the straight line from Q_start to Q_end [m³/s or Pa].
+    def run(self, at: Position, start: Number, end: Number) -> Position:
+        """The position at its end, with the inlet driven along a straight line [m³/s or Pa].
 
         Raises NonPhysicalState.
         """
-        state, rise = at.state, (Q_end - Q_start) / self.steps
+        state, rise = at.state, (end - start) / self.steps
         by_flow = self.model.network.inlet.causality == "flow"
-        entered = 0.5 * self.steps * self.dt * (Q_start + Q_end) if by_flow else 0.0
+        entered = 0.5 * self.steps * self.dt * (start + end) if by_flow else 0.0
         for i in range(self.steps):
-            before, drive = state, Q_start + np.multiply.outer(i + INFLOW_TIMES, rise)
+            before, drive = state, start + np.multiply.outer(i + INFLOW_TIMES, rise)
             state = step(self.model, state, self.dt, drive, self.P_venous)
             if not by_flow:
                 V = volume_entered(self.model, before, state)
                 entered = entered + (V if len(V) > 1 else float(V[0]))
-        return Position(state, Q_end, at.V_in + entered)
+        return Position(state, end, at.V_in + entered)

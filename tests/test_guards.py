@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from solver import Network, NonPhysicalState, simulate
+from solver.scheme.model import build
+from solver.scheme.step import initial_state, step
 
 
 def test_supercritical_flow(sheep: Network) -> None:
@@ -67,6 +69,17 @@ def test_batch_member_is_named(sheep: Network) -> None:
     """The second of two parameter sets breaks down: the sentence says which."""
     with pytest.raises(NonPhysicalState, match="in parameter set 1 of the batch"):
         simulate(sheep, lambda t: 4 * sheep.inlet.Q(t), parameters={"AA.E": np.array([1.5e6, 3e3])})
+
+
+def test_several_states_with_one_parameter_set(sheep: Network) -> None:
+    """Three states are stepped side by side; that of the third breaks down: the sentence is that of it alone."""
+    model = build(sheep)
+    start, inflow = initial_state(model), np.full((4, 3), 1e-5) * [1.0, 1.0, 5e4]
+    with pytest.raises(NonPhysicalState) as alone:
+        step(model, start, 1e-3, inflow[:, 2])
+    with pytest.raises(NonPhysicalState) as together:
+        step(model, start.members(np.zeros(3, int)), 1e-3, inflow)
+    assert str(together.value) == str(alone.value)
 
 
 def test_unreachable_start_pressure(sheep: Network) -> None:

@@ -164,7 +164,7 @@ def test_port(interpolation: str) -> None:
     h, (made, values) = 2e-3, component(driven_by_pressure(mixed()), **{"inlet.interpolation": interpolation})
     for i in range(100):
         made.step(h * i, h, {**values, "inlet.P": 10e3 + float(pulse(h * i))})
-    said, before = made.ports(), made.shown.Q
+    said, before = made.ports(), made.shown.drive
     assert list(said)[:3] == ["inlet.Q_0", "inlet.Y", "inlet.Y_0"]
     P = before + 100.0
     if interpolation == "smooth":  # P(t) as extrapolated, and then P(t + h)

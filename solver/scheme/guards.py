@@ -38,7 +38,7 @@ def refuse(
             raise NonPhysicalState(
                 "the wall at the outlet cannot carry the pressure P - P_venous" + _member(model, int(b)),
                 name,
-                float(model.coefficients.L[b, s]),
+                _length(model, int(b), s),
                 t,
                 f"check {name}.outlet.P_venous and the elastic law",
             )
@@ -74,9 +74,14 @@ def _member(model: Model, b: int) -> str:
     return f" in parameter set {b} of the batch" if model.coefficients.batched else ""
 
 
+def _length(model: Model, b: int, s: int) -> float:
+    """Of a segment [m]; several states may be stepped with one parameter set."""
+    return float(model.coefficients.L[b if model.coefficients.batched else 0, s])
+
+
 def _fail(model: Model, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
     """Raise NonPhysicalState at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
-    b, e, g = np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape)
-    s = model.mesh.segment[e]
-    x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g] * model.coefficients.L[b, s])
-    raise NonPhysicalState(reason + _member(model, int(b)), model.network.segments[s].name, x, t, remedy)
+    b, e, g = map(int, np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape))
+    s = int(model.mesh.segment[e])
+    x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g]) * _length(model, b, s)
+    raise NonPhysicalState(reason + _member(model, b), model.network.segments[s].name, x, t, remedy)

@@ -1,0 +1,38 @@
+"""Random calls kill no host and change no other instance. ``python -m benchmarks.fuzz`` makes 100 000 of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MACHINE = Path(__file__).with_name("fuzz_machine.py")
+
+
+def fuzz(fmus: dict[str, Path], folder: Path, examples: int, steps: int, seed: int) -> dict[str, int]:
+    """What one process did; it must have ended well."""
+    line = [sys.executable, MACHINE, folder, examples, steps, seed, fmus["coarse sheep"], fmus["mixed"]]
+    done = subprocess.run([os.fspath(str(part)) for part in line], capture_output=True, text=True, cwd=folder)
+    last = (folder / "calls").read_text() if (folder / "calls").exists() else "before the first call"
+    assert done.returncode == 0, f"{last}\n{done.stdout}\n{done.stderr[-3000:]}"
+    found: dict[str, int] = json.loads(done.stdout.splitlines()[-1])
+    print(f"{found['calls']} calls, {found['refused']} refused")
+    return found
+
+
+def test_fuzz(fmus: dict[str, Path], tmp_path: Path) -> None:
+    """Some 3000 calls: the process ends well, each refusal is one sentence, and bystanders give their bits."""
+    found = fuzz(fmus, tmp_path, examples=60, steps=60, seed=1)
+    assert found["calls"] > 2000
+    assert 0.1 < found["refused"] / found["calls"] < 0.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_fuzz_longer(fmus: dict[str, Path], tmp_path: Path, seed: int) -> None:
+    """The same with other calls, ten thousand."""
+    assert fuzz(fmus, tmp_path, examples=45, steps=100, seed=seed)["calls"] > 4000
