@@ -32,7 +32,14 @@ from .inference.unknown import Unknown, parameter_intervals, parameter_values, q
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
 from .records.beats import Beats
-from .records.noise import MAX_HARMONICS, degrees_of_freedom, harmonics_above_noise, pulses, solver_error
+from .records.noise import (
+    MAX_HARMONICS,
+    check_flow_driven,
+    degrees_of_freedom,
+    harmonics_above_noise,
+    pulses,
+    solver_error,
+)
 from .threads import single_threaded
 
 Array = np.ndarray
@@ -137,6 +144,7 @@ def calibrate(
     started = time.perf_counter()
     settings = settings or Settings()
     found = parse_unknowns(unknowns, network)
+    check_flow_driven(network)
     names = _channels(beats, network, channels)
     K = _harmonics(beats, names, settings)
     told = _Stages(progress)

@@ -148,7 +148,7 @@ def _run(
             table = np.loadtxt(file, delimiter=",", ndmin=2)
     if len(table) != beats * n + 1 or abs(table[-1, 0] - stop) > 1e-9 * stop:
         raise RunFailed(f"{fmu.path}: the run stopped at {table[-1, 0]:g} s instead of {stop:g} s.")
-    columns = {name: table[:, names.index(name)] for name in fmu.outputs}
+    columns = {name: table[:, names.index(name)] for name in fmu.outputs if name in names}  # the ports are left out
     start = (beats - 1) * n
     before = {name: column[start - n : start] for name, column in columns.items()}
     return before, {name: column[start:-1] for name, column in columns.items()}

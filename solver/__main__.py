@@ -27,8 +27,9 @@ def main(
         list[str] | None, typer.Option("--set", help='Change a parameter, e.g. --set "CA.phi0=0 kPa*s"; repeatable.')
     ] = None,
     duration: Annotated[
-        str | None, typer.Option(help='Run this long from rest, e.g. "2 s"; default: beats until they repeat.')
+        str | None, typer.Option(help='Run this long, e.g. "2 s"; default: beats until they repeat.')
     ] = None,
+    start: Annotated[str, typer.Option(help="rest, or periodic: near the beats that repeat.")] = "rest",
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
     element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
@@ -42,7 +43,7 @@ def main(
             dt=parse_quantity(dt, "s", "--dt"), element_length=parse_quantity(element_length, "m", "--element-length")
         )
         model = model.with_parameters(_assignments(model, set_ or []))
-        result = _run(model, settings, duration, tolerance, max_beats, quiet)
+        result = _run(model, settings, duration, start, tolerance, max_beats, quiet)
         if out is not None:
             result.to_csv(out)
     if not quiet:
@@ -64,20 +65,30 @@ def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
 
 
 def _run(
-    network: Network, settings: Settings, duration: str | None, tolerance: float, max_beats: int, quiet: bool
+    network: Network,
+    settings: Settings,
+    duration: str | None,
+    start: str,
+    tolerance: float,
+    max_beats: int,
+    quiet: bool,
 ) -> Waveforms:
     with bar(quiet, network.name) as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
-            return simulate(network, duration=seconds, settings=settings, progress=progress)
+            return simulate(network, duration=seconds, settings=settings, start=start, progress=progress)
         return simulate_periodic(
-            network, settings=settings, tolerance=tolerance, max_beats=max_beats, progress=progress
+            network, settings=settings, tolerance=tolerance, max_beats=max_beats, start=start, progress=progress
         )
 
 
 def _show(network: Network, result: Waveforms) -> None:
     periodic = result.change == result.change
-    how = f"{result.beats} beats, last change {result.change:.1e}" if periodic else f"{result.time[-1]:g} s from rest"
+    how = (
+        f"{result.beats} beats, last change {result.change:.1e}"
+        if periodic
+        else f"{result.time[-1]:g} s from the start"
+    )
     headings = ("P min, mmHg", "P max, mmHg", "Q max, mL/s", "R mean, mm")
     table = Table("site", *map(right, headings), title=f"{network.name}: {how}")
     for site in network.sites:

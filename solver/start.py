@@ -10,6 +10,8 @@ All of it with the equations of the scheme itself, so that everything a network 
 
 Where the corrections grow, what was there before them stands. Waves so large that the state would not be physical are
 left out: it is then the steady one.
+
+Harmonic balance: M. S. Nakhla, J. Vlach, IEEE Trans. Circuits Syst. 23 (1976) 85; here with fixed Jacobians.
 """
 
 from __future__ import annotations

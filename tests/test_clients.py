@@ -39,7 +39,7 @@ class Job:
 
     fmu: str
     folder: str
-    starts: Mapping[str, tuple[str, Any]]
+    starts: dict[str, tuple[str, Any]]
     inflow: Sequence[float]
     outputs: Sequence[str]
     step: float = STEP
@@ -149,3 +149,19 @@ def test_fmutool_finds_nothing(built: dict[str, Path]) -> None:
     assert "This FMU seems to be compliant with FMI-2.0." in said
     assert "No semantic error" in said
     assert "ERROR" not in said and "WARNING" not in said
+
+
+def test_within_a_container(sheep: Network, reference: dict[str, np.ndarray], tmp_path: Path) -> None:
+    """fmucontainer's host in C steps the FMU, inside FMPy: the same answers. Its parameters are built in."""
+    tool = shutil.which("fmucontainer", path=sysconfig.get_path("scripts"))
+    if tool is None:
+        pytest.skip("fmu-manipulation-toolbox is not installed")
+    build(sheep, tmp_path, starts={"inlet.interpolation": "smooth", "CA.phi0": 2e3})
+    (tmp_path / "box.csv").write_text("rule;from_fmu;from_port;to_fmu;to_port\nFMU;sheep.fmu;;;\n")
+    line = [tool, "-fmu-directory", ".", "-container", f"box.csv:{STEP}"]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, timeout=120)
+    assert done.returncode == 0, done.stderr
+    task = job(tmp_path / "box.fmu", tmp_path)
+    del task.starts["CA.phi0"]
+    found = run_client("fmpy", task, tmp_path)
+    np.testing.assert_allclose(found, reference["smooth"], rtol=1e-12, atol=1e-18)

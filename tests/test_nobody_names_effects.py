@@ -32,6 +32,8 @@ OWN = {
     "solver/wall.py": {f.name for f in fields(Wall)},
     "solver/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
     "solver/units.py": {"k"},  # kilo
+    "fmu_src/state.py": {"C"},  # the order of an array's numbers
+    "fmu_src/system.py": {"C", "R2"},  # of the outlets of one network, made for one heart
 }
 
 

@@ -13,6 +13,9 @@ import pytest
 from compare import relative_error
 from fmus import COARSE, mixed
 
+from fitting.calibrate import calibrate
+from fitting.inference.network import network_problem
+from fitting.records.beats import Beats
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.run import run_fmu
 from fmu_src.variables import variable_table
@@ -115,6 +118,16 @@ def test_file() -> None:
         loads(text, "text")
     with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure; give it as inflow"):
         simulate(network)
+
+
+def test_records_drive_by_flow(tmp_path: Path) -> None:
+    """A fit, whose records hold inlet.Q, refuses a network that wants a pressure."""
+    network, t = driven_by_pressure(load("sheep")), np.arange(50) / 100.0
+    beats = Beats("r.csv", "", 0.5, {"inlet.Q": np.tile(1e-5 * np.sin(4 * np.pi * t) ** 2, (2, 1))}, np.zeros(2))
+    with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure, but records"):
+        calibrate(beats, network, ["all.E"])
+    with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure, but records"):
+        network_problem(beats, network)
 
 
 # --- the FMU ------------------------------------------------------------------------------------------------------

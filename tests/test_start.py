@@ -16,9 +16,12 @@ from fmu_src.cosimulation import CoSimulation
 from fmu_src.variables import variable_table
 from solver import (
     Inlet,
+    Junction,
     Network,
     Reflection,
+    Segment,
     Settings,
+    Site,
     Waveforms,
     Windkessel,
     linear,
@@ -36,6 +39,16 @@ from solver.units import MMHG
 T = 0.5
 REMEMBERING = {"CA.tau": 0.02, "MD.tau": 0.05, "fluid.unsteady_scale": 1.0}
 VARYING = {"AA.taper": -0.1, "PD.leak": 1e-9, "CA.K": 30.0, "FA.P_ext": 500.0}
+
+
+def loop() -> Network:
+    """An aorta that forks into two arteries, one longer, which meet again."""
+    parts = {"A": 0.1, "B": 0.15, "C": 0.25, "D": 0.2}
+    segments = tuple(Segment(name, L, 8e-3 if name in "AD" else 6e-3, 1e-3, 5e5, 5e3) for name, L in parts.items())
+    joined = (Junction(("A",), ("B", "C")), Junction(("B", "C"), ("D",)))
+    ends = (Windkessel("D", 3e7, 5e-9, 2e8),)
+    sites = tuple(Site(name, name) for name in parts)
+    return Network("loop", segments, Inlet.pulse("A", 4e-5, 0.8), joined, ends, sites, P_ref=10e3, P_0=10e3)
 
 
 def elastic() -> Network:
@@ -58,6 +71,7 @@ def error(run: Waveforms, exact: Waveforms, beat: int) -> float:
         pytest.param(lambda: load("human"), 0.003, 1e-5, id="human"),  # 0.0016, 4e-6; 0.070; 15
         pytest.param(lambda: load("sheep_nonlinear"), 0.006, 1e-6, id="nonlinear viscosity"),  # 0.0050, 2e-7; 0.0067; 5
         pytest.param(mixed, 0.006, 1e-6, id="every outlet"),  # 0.0045, 3e-7; 0.057; 7
+        pytest.param(loop, 0.006, 5e-5, id="loop"),  # 0.0047, 1.3e-5; 1.15; 23
         pytest.param(elastic, 0.03, 2e-4, id="elastic"),  # 0.018, 8e-5; 0.0017; 5: the kinks of the inflow travel on
         pytest.param(
             lambda: load("sheep").with_terms(REMEMBERING), 0.006, 3e-5, id="memory"

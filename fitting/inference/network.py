@@ -20,6 +20,7 @@ from ..records.beats import Beats
 from ..records.noise import (
     MAX_HARMONICS,
     Target,
+    check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
     inflow,
@@ -338,8 +339,8 @@ def network_problem(
 
     Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
     """
-    runs = runs or Runs()
-    known = network.output_units()
+    check_flow_driven(network)
+    runs, known = runs or Runs(), network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
     settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))

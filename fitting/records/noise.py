@@ -156,6 +156,15 @@ def inflow(beats: Beats, dt: float) -> Callable[[Array], Array]:
     return flow
 
 
+def check_flow_driven(network: Network) -> None:
+    """Raise ValueError unless the flow is given at the inlet: records drive a network by their inlet.Q."""
+    if network.inlet.causality != "flow":
+        raise ValueError(
+            f"network {network.name}: its inlet is driven by a pressure, but records are compared with {INFLOW} given; "
+            'write causality = "flow" in [inlet].'
+        )
+
+
 def response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
     """H_k : (K+1, m), the linearised network's channels per unit of inflow at harmonic k.
 
