@@ -240,6 +240,31 @@ def test_contraction_must_fit_into_a_beat() -> None:
         HUMAN_HEART.with_values({**values, "left_ventricle.fall": 0.41})
 
 
+def test_any_parameters() -> None:
+    """Random values within their ranges and random steps: a step with finite outputs, or one sentence."""
+    random = np.random.default_rng(11)
+    numbers = [v for v in table(HUMAN_HEART) if v.start is not None and v.quantity is not None]
+
+    def anything(low: float, high: float) -> float:
+        if not math.isfinite(low):
+            return float(random.choice([-1.0, 0.0, 1.0]) * 10 ** random.uniform(-3, 12))
+        return float(np.exp(random.uniform(*np.log([low, high]))) if low > 0.0 else random.uniform(low, high))
+
+    for _ in range(100):
+        chosen = [v for v in numbers if random.random() < 0.3 and v.quantity is not None]
+        values = {v.name: v.start for v in numbers}
+        values |= {v.name: anything(v.quantity.low, v.quantity.high) for v in chosen if v.quantity is not None}
+        heart = HeartComponent(HUMAN_HEART)
+        try:
+            heart.initialize(0.0, values)
+            for i in range(20):
+                heart.step(i * MS, MS, values)
+        except ValueError as error:
+            assert str(error).endswith(".")
+        if hasattr(heart, "state"):
+            assert np.isfinite(heart.outputs()).all()
+
+
 def test_outputs_are_those_of_the_table() -> None:
     """One value for each output, in order; each parameter has a unit, a range and its start value in it."""
     heart, _ = component()
