@@ -9,9 +9,7 @@ then renamed, so that no partly written FMU is ever seen.
 from __future__ import annotations
 
 import ast
-import hashlib
 import io
-import json
 import os
 import re
 import sys
@@ -28,7 +26,7 @@ import typer
 import typer.core
 from rich.console import Console
 
-from fmu_src import __version__, doctor, models, system
+from fmu_src import __version__, content, doctor, models, system
 from fmu_src.models import Model
 from solver.console import sentences
 from solver.files import find_network, parse_quantity, read_network, write_whole
@@ -60,17 +58,17 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
     """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content."""
     target = Path(out) / f"{model.name}.fmu"
     resources = model.resources | _code(ROOT / "fmu_src" / f"{model.slave}.py")
-    content = [sorted(resources.items()), _SCRIPT, model.slave, model.kind, execution_tool, version("pythonfmu")]
-    pages = b"".join(model.documents[path] for path in sorted(model.documents))
-    digest = hashlib.sha256(json.dumps(content).encode() + pages).hexdigest()
-    name = f"arterial_{digest[:8]}"
+    files = {f"resources/{path}": text.encode() for path, text in resources.items()} | model.documents
+    files[content.SCRIPT] = _SCRIPT.format(model=model, name=content.NAME, guid=content.GUID).encode()
+    digest = content.digest(files, execution_tool, version("pythonfmu"))
+    name = content.name(digest)
     try:
         with tempfile.TemporaryDirectory(prefix="arterial_build_") as folder:
             stage = Path(folder)
             for path, text in resources.items():
-                _write_text(stage / path.replace("PACKAGE", f"_{name}"), text)
+                _write_text(stage / path.replace(content.PACKAGE, f"_{name}"), text)
             script = stage / f"{name}.py"
-            _write_text(script, _SCRIPT.format(model=model, name=name, guid=f"{{{digest[:32]}}}"))
+            _write_text(script, _SCRIPT.format(model=model, name=name, guid=content.guid(digest)))
             archive = _pack(script, stage, execution_tool, model.documents)
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, archive)
@@ -117,13 +115,13 @@ def build_system(
 
 def _code(slave: Path) -> dict[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
-    files = {"PACKAGE/__init__.py": "", "PACKAGE/solver/__init__.py": "", "PACKAGE/fmu_src/__init__.py": ""}
+    files = {f"{content.PACKAGE}{folder}/__init__.py": "" for folder in ("", "/solver", "/fmu_src")}
     first = [ROOT / "fmu_src" / f"{module}.py" for module in ("host", "wrapper")]  # that the script imports itself
     for module in sorted([*_needed(slave), *first]):
         text = module.read_text(encoding="utf-8")
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
-        files[f"PACKAGE/{module.relative_to(ROOT).as_posix()}"] = text
+        files[f"{content.PACKAGE}/{module.relative_to(ROOT).as_posix()}"] = text
     return files
 
 
@@ -202,11 +200,11 @@ def _archive(files: dict[str, bytes]) -> bytes:
     """A ZIP archive as bytes, with fixed order and dates."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
-        for item, content in sorted(files.items()):
+        for item, data in sorted(files.items()):
             info = zipfile.ZipInfo(item, _EPOCH)
             info.compress_type = zipfile.ZIP_DEFLATED
             info.external_attr = 0o755 << 16 if item.startswith("binaries/") else 0o644 << 16
-            packed.writestr(info, content, compresslevel=9)
+            packed.writestr(info, data, compresslevel=9)
     return buffer.getvalue()
 
 

@@ -202,6 +202,7 @@ def beat_table(records: Records, n: int) -> Table:
 
 SHOWN_PRESSURES = tuple(f"arteries.{site}.P" for site in SITES)
 QUANTITIES = ("flow from the heart", "flow, ascending aorta", "pressure, abdominal aorta")
+MARKS = "osv"
 
 
 def order_table(errors: Mapping[bool, Array]) -> Table:
@@ -249,19 +250,17 @@ def draw(records: Records, n: int, errors: Mapping[bool, Array]) -> Figure:
         wave.plot(t, beat[f"arteries.{site}.P"] / MMHG, color=colour, label=f"{text} ({site})")
     _label(wave, "Pulse along the aorta", "time [s]", "pressure [mmHg]")
     steps = 1e3 * np.array(STEPS)
-    for port, colour, text in (
-        (False, COLOURS[1], "flow and pressure exchanged"),
-        (True, COLOURS[0], "with Z and P_0"),
-    ):
-        for j, (quantity, mark) in enumerate(zip(QUANTITIES, "osv", strict=True)):
-            label = quantity if port else None
-            order.loglog(steps, errors[port][:, j], mark + "-", color=colour, label=label, markersize=5)
-        top = errors[port][:, 0]
-        order.annotate(text, (1.05 * steps[-1], 2.0 * top[-1]), color=colour, fontsize=9)
-        slope = 2 if port else 1
-        order.loglog(steps, 0.5 * errors[port][0].min() * (steps / steps[0]) ** slope, ":", color="0.4", linewidth=1.2)
-        beside = (1.2 * steps[1], 0.22 * errors[port][0].min() / 2**slope)
-        order.annotate(f"order {slope}", beside, fontsize=9, color="0.3")
+    for port, colour, slope in ((True, COLOURS[0], 2), (False, COLOURS[1], 1)):
+        for j, mark in enumerate(MARKS):
+            order.loglog(steps, errors[port][:, j], mark + "-", color=colour, markersize=5)
+        line = 0.5 * errors[port][0].min() * (steps / steps[0]) ** slope
+        order.loglog(steps, line, ":", color="0.4", linewidth=1.2)
+        order.annotate(f"order {slope}", (1.05 * steps[-1], 0.4 * line[-1]), fontsize=9, color="0.3")
+    for colour, text in ((COLOURS[1], "flow and pressure exchanged"), (COLOURS[0], "with Z and P_0")):
+        order.plot([], [], color=colour, label=text)
+    for mark, quantity in zip(MARKS, QUANTITIES, strict=True):
+        order.plot([], [], mark, color="0.3", markersize=5, label=quantity)
+    order.set_ylim(bottom=0.02 * errors[True].min())  # room for the legend
     order.set_xticks(steps, [f"{h:g}" for h in steps])
     order.minorticks_off()
     _label(order, "Error against the communication step", "communication step [ms]", "relative error")

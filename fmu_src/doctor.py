@@ -19,7 +19,7 @@ import sys
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated
@@ -27,19 +27,23 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from . import trial
+from solver.console import say, show
+
+from . import content, trial
 from .interpreter import TESTED, Interpreter, interpreter
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
+_ANEW = "build it anew with build_fmu.py, or copy it once more"
+_START = "start them with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
 _PATIENCE = 120.0  # s for the trial
 # what zipfile raises for archives that are damaged, encrypted or packed in ways of their own
 _UNREADABLE = (zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError,
+               LookupError,
                MemoryError, struct.error)  # fmt: skip
 
 
@@ -72,7 +76,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     except _NoFMU as reason:
         return [Finding("file", FATAL, *reason.args)]
     findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
-    findings += _made_here(path, archive)
+    findings.append(_made_here(path, archive))
     findings += _binaries(archive)
     if archive.execution_tool:
         remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
@@ -83,7 +87,8 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         return [*findings, Finding("Python", PROBLEM, str(error))]
     findings += [*_python(where), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
-        findings.append(_trial(path, where))
+        known = any(finding.state == PROBLEM for finding in findings)
+        findings.append(_trial(path, where, "mend what is said above" if known else "report it, with this table"))
     return findings
 
 
@@ -98,12 +103,13 @@ def state(findings: list[Finding]) -> str:
 class _NoFMU(Exception):
     """What was found instead of an FMU, and what to do."""
 
-    def __init__(self, found: str, remedy: str = "build it anew with build_fmu.py, or copy it once more") -> None:
+    def __init__(self, found: str, remedy: str = _ANEW) -> None:
         super().__init__(found, remedy)
 
 
 def _archive(path: Path) -> Archive:
     """The FMU's contents. Raises _NoFMU."""
+    names: tuple[str, ...] = ()
     try:
         with zipfile.ZipFile(path) as file:
             unpacked = sum(info.file_size for info in file.infolist())
@@ -124,6 +130,8 @@ def _archive(path: Path) -> Archive:
     except zipfile.BadZipFile:
         raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
     except KeyError:
+        if "SystemStructure.ssd" in names:
+            raise _NoFMU("is a system of FMUs (SSP)", "unpack it, and ask about each FMU in its resources") from None
         raise _NoFMU("is no FMU (no modelDescription.xml)") from None
     except ElementTree.ParseError as error:
         raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None
@@ -139,44 +147,39 @@ def _archive(path: Path) -> Archive:
     return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool)
 
 
-def _made_here(path: Path, archive: Archive) -> Iterator[Finding]:
-    """The names that carry the hash of the content agree: module, package and GUID."""
-    what, remedy = "contents", "build it anew with build_fmu.py"
+def _made_here(path: Path, archive: Archive) -> Finding:
+    """The code and data of the FMU are those from which its GUID was made, and all of them are there."""
     with zipfile.ZipFile(path) as file:
-        try:
-            module = file.read("resources/slavemodule.txt").decode("utf-8", "replace").strip()
-            script = file.read(f"resources/{module}.py").decode("utf-8", "replace")
-        except KeyError as error:
-            yield Finding(what, FATAL, f"is none of this project: {str(error.args[0])}", remedy)
-            return
-    hashed = re.fullmatch(r"arterial_([0-9a-f]{8})", module)
-    if not hashed or f"_{module}" not in script:
-        yield Finding(what, FATAL, f"is none of this project (slave {module!r})", remedy)
-    elif not archive.guid.strip("{}").startswith(hashed[1]) or archive.guid not in script:
-        yield Finding(what, FATAL, "the GUID is not that of the code: the file was changed after it was built", remedy)
-    else:
-        missing = _missing(path, archive.names, module)
-        if missing:
-            yield Finding(what, FATAL, f"{missing} is missing", remedy)
-        else:
-            yield Finding(what, OK, f"{archive.model}, built by this project, content {hashed[1]}")
+        files = {name: file.read(name) for name in archive.names if not name.startswith("binaries/")}
+    module = files.get("resources/slavemodule.txt", b"").decode("utf-8", "replace").strip()
+    if not re.fullmatch(r"arterial_[0-9a-f]{8}", module):
+        return Finding("contents", FATAL, "is none of this project", "build one with build_fmu.py")
+    missing = _missing(files, module)
+    if missing:
+        return Finding("contents", FATAL, f"{missing} is missing", _ANEW)
+    wrapper = re.search(rb'"(.*)"', files["resources/pythonfmu/_version.py"])
+    version = wrapper[1].decode("utf-8", "replace") if wrapper else ""
+    inside = content.without_names(files, module, archive.guid)
+    # the flag is also a matter of taste of the importer: whoever changed it by hand has the same FMU
+    digests = [content.digest(inside, flag, version) for flag in (True, False)]
+    if not any(archive.guid == content.guid(digest) and module == content.name(digest) for digest in digests):
+        return Finding("contents", FATAL, "code or data were changed after the FMU was built (GUID)", _ANEW)
+    return Finding("contents", OK, f"{archive.model}, built by this project; code and data are those of the GUID")
 
 
-def _missing(path: Path, names: tuple[str, ...], module: str) -> str | None:
-    """The first file that the FMU's code needs and has not: a module that another imports, or the data."""
+def _missing(files: Mapping[str, bytes], module: str) -> str | None:
+    """The first file that the FMU's code needs and has not: the script, a module that another imports."""
     package = f"resources/_{module}"
-    with zipfile.ZipFile(path) as file:
-        for name in [f"{package}/__init__.py", "resources/pythonfmu/__init__.py"]:
-            if name not in names:
-                return name
-        for name in names:
-            if not (name.startswith(package) and name.endswith(".py")):
-                continue
-            text = file.read(name).decode("utf-8", "replace")
-            for dots, inside in re.findall(r"^from (\.+)([\w.]+) import", text, flags=re.MULTILINE):
-                module_path = PurePosixPath(name).parents[len(dots) - 1] / inside.replace(".", "/")
-                if f"{module_path}.py" not in names and f"{module_path}/__init__.py" not in names:
-                    return f"{module_path}.py"
+    for name in (f"resources/{module}.py", f"{package}/__init__.py", "resources/pythonfmu/_version.py"):
+        if name not in files:
+            return name
+    for name, text in files.items():
+        if not (name.startswith(package) and name.endswith(".py")):
+            continue
+        for dots, inside in re.findall(rb"^from (\.+)([\w.]+) import", text, flags=re.MULTILINE):
+            needed = PurePosixPath(name).parents[len(dots) - 1] / inside.decode("ascii", "replace").replace(".", "/")
+            if f"{needed}.py" not in files and f"{needed}/__init__.py" not in files:
+                return f"{needed}.py"
     return None
 
 
@@ -228,7 +231,7 @@ def _host(where: Interpreter) -> Iterator[Finding]:
         yield Finding(what, PROBLEM, "this Python has no libpython to load; hosts in Python run", remedy)
     else:
         line = " ".join(f"{name}={_shell(value)}" for name, value in where.environment().items())
-        yield Finding(what, OK, f"libpython: {where.library}", f"start them with: {line} HOST")
+        yield Finding(what, OK, f"libpython: {where.library}", f"{_START}{line} HOST")
 
 
 def _shell(value: str) -> str:
@@ -267,8 +270,8 @@ def undecoded(path: str | os.PathLike[str]) -> str:
     return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
 
 
-def _trial(path: Path, where: Interpreter) -> Finding:
-    """One step in a process of its own."""
+def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
+    """One step in a process of its own; remedy : what to do if it fails."""
     what = "one step"
     try:
         with tempfile.TemporaryDirectory(prefix="doctor_", ignore_cleanup_errors=True) as folder:
@@ -277,7 +280,7 @@ def _trial(path: Path, where: Interpreter) -> Finding:
             line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
             done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
-        return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", "report it with the network file")
+        return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)
     except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, ValueError) as error:
         return Finding(what, PROBLEM, f"could not be tried ({error})", "check the temporary folder, or set TMPDIR")
     told = _told(done.stdout)
@@ -287,7 +290,7 @@ def _trial(path: Path, where: Interpreter) -> Finding:
     said = [line["said"].splitlines()[-1] for line in told if line.get("said", "").strip()]
     reason = said[-1] if said else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
     ended = f"process killed by signal {-done.returncode}" if done.returncode < 0 else reason
-    return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", "see above")
+    return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
 
 
 def _told(output: bytes) -> list[dict[str, str]]:
@@ -322,10 +325,16 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
     for heading in ("", "found", "what to do"):
         table.add_column(heading, overflow="fold")
     style = {OK: "green", NOTE: "yellow", PROBLEM: "red", FATAL: "bold red"}
+    lines = []
     for finding in findings:
+        remedy = finding.remedy
+        if remedy.startswith(_START):  # to be copied, so on a line of its own
+            lines, remedy = [f"Start hosts in C, C++, … with: {remedy.removeprefix(_START)}"], "see below"
         mark = f"[{style[finding.state]}]{finding.what}: {finding.state}[/]"
-        table.add_row(mark, _plain(finding.found), _plain(finding.remedy))
-    Console().print(table)
+        table.add_row(mark, _plain(finding.found), _plain(remedy))
+    show(table)
+    for line in lines:
+        say(line)
 
 
 def _plain(text: str) -> str:

@@ -33,8 +33,9 @@ from .units import SIGNAL_UNITS
 Array = np.ndarray
 Drive = Callable[[Array], Array]
 
-HARMONICS = 32
-_SAMPLES = 4 * HARMONICS  # of a period, so that products of harmonics have room
+_MOST, _FEWEST = 32, 4  # harmonics
+_STORAGE = 5e8  # bytes of the Jacobians of all harmonics; a large mesh or batch has fewer of them
+_SAMPLES = 4  # of a period for each harmonic, so that products of harmonics have room
 _FINE = 4096  # samples of the inflow, whose mean counts
 _LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
@@ -50,10 +51,17 @@ def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: flo
     Raises ValueError where the network has no steady state with the mean of the drive.
     """
     samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
-    harmonics = np.fft.rfft(samples, norm="forward")[: HARMONICS + 1]
+    harmonics = np.fft.rfft(samples, norm="forward")[: _kept(model) + 1]
     with np.errstate(all="ignore"):
         rest = _steady(model, float(harmonics[0].real))
         return _state(model, _balanced(model, rest, harmonics, T), rest, t, dt or model.settings.dt)
+
+
+def _kept(model: Model) -> int:
+    """How many harmonics are kept."""
+    mesh = model.mesh
+    numbers = model.coefficients.B * (mesh.n_nodes**2 + mesh.n_elements * (mesh.element.N + 1) ** 2)
+    return int(np.clip(_STORAGE / (16.0 * numbers), _FEWEST, _MOST))
 
 
 class _Waves(NamedTuple):
@@ -72,13 +80,13 @@ class _Waves(NamedTuple):
 
 
 def _samples(x: Array) -> Array:
-    """Values over a period : (_SAMPLES, …) of amplitudes x : (K+1, …)."""
-    return np.fft.irfft(x, _SAMPLES, axis=0, norm="forward")
+    """Values over a period : (4 K, …) of amplitudes x : (K+1, …)."""
+    return np.fft.irfft(x, _SAMPLES * (len(x) - 1), axis=0, norm="forward")
 
 
 def _amplitudes(x: Array | Sequence[Array]) -> Array:
-    """Amplitudes : (K+1, …) of values over a period : (_SAMPLES, …)."""
-    return np.fft.rfft(x, axis=0, norm="forward")[: HARMONICS + 1]
+    """Amplitudes : (K+1, …) of values over a period : (4 K, …)."""
+    return np.fft.rfft(x, axis=0, norm="forward")[: len(x) // _SAMPLES + 1]
 
 
 # --- the steady state ---------------------------------------------------------------------------------------------

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from fmus import Instance
 from scipy.integrate import solve_ivp
 
+from build_fmu import build_model
 from fmu_src.heart import OUTPUTS, HeartComponent
 from fmu_src.heart_parts import Heart
 from fmu_src.heart_slave import table
 from fmu_src.heart_step import HeartState, Port, initial_state, step
+from fmu_src.models import heart_model
 from fmu_src.species import HUMAN_HEART, SHEEP_HEART
 from solver.units import MMHG
 
@@ -236,6 +240,31 @@ def test_contraction_must_fit_into_a_beat() -> None:
         HUMAN_HEART.with_values({**values, "left_ventricle.fall": 0.41})
 
 
+def test_any_parameters() -> None:
+    """Random values within their ranges and random steps: a step with finite outputs, or one sentence."""
+    random = np.random.default_rng(11)
+    numbers = [v for v in table(HUMAN_HEART) if v.start is not None and v.quantity is not None]
+
+    def anything(low: float, high: float) -> float:
+        if not math.isfinite(low):
+            return float(random.choice([-1.0, 0.0, 1.0]) * 10 ** random.uniform(-3, 12))
+        return float(np.exp(random.uniform(*np.log([low, high]))) if low > 0.0 else random.uniform(low, high))
+
+    for _ in range(100):
+        chosen = [v for v in numbers if random.random() < 0.3 and v.quantity is not None]
+        values = {v.name: v.start for v in numbers}
+        values |= {v.name: anything(v.quantity.low, v.quantity.high) for v in chosen if v.quantity is not None}
+        heart = HeartComponent(HUMAN_HEART)
+        try:
+            heart.initialize(0.0, values)
+            for i in range(20):
+                heart.step(i * MS, MS, values)
+        except ValueError as error:
+            assert str(error).endswith(".")
+        if hasattr(heart, "state"):
+            assert np.isfinite(heart.outputs()).all()
+
+
 def test_outputs_are_those_of_the_table() -> None:
     """One value for each output, in order; each parameter has a unit, a range and its start value in it."""
     heart, _ = component()
@@ -244,3 +273,34 @@ def test_outputs_are_those_of_the_table() -> None:
     for variable in (*table(HUMAN_HEART), *table(SHEEP_HEART)):
         if variable.start is not None:
             variable.check(variable.start)
+
+
+# --- the FMU ------------------------------------------------------------------------------------------------------
+
+
+def test_saved_state(tmp_path: Path) -> None:
+    """In the middle of ejection and after a change of the heart rate, from the FMU to bytes and back: equal bits."""
+    instance = Instance(build_model(heart_model(), tmp_path), tmp_path / "heart")
+    instance.initialize()
+    load = {"aorta.P_0": 78 * MMHG, "aorta.Z": 0.2 * MMHG / ML}
+
+    def run(first: int, last: int) -> list[list[float]]:
+        found = []
+        for i in range(first, last):
+            instance.set(load)
+            instance.slave.doStep(i * MS, MS)
+            found.append(instance.get())
+        return found
+
+    run(0, 150)
+    instance.set({"heart.rate": 1.5})
+    run(150, 160)
+    state = instance.slave.getFMUState()
+    expected = run(160, 400)
+    blob = instance.slave.serializeFMUState(state)
+    instance.set({"heart.rate": 1.0, "heart.contractility": 2.0})
+    run(400, 420)
+    instance.slave.setFMUState(instance.slave.deSerializeFMUstate(blob))
+    assert run(160, 400) == expected
+    instance.slave.terminate()
+    instance.slave.freeInstance()

@@ -27,6 +27,7 @@ DOCUMENTS = {
     "CONTRIBUTING.md": (1, 0),
     "docs/fmu.md": (2, 1),
     "docs/coupling.md": (1, 0),
+    "docs/closed-loop.md": (0, 1),
     "docs/simulators.md": (0, 3),
     "docs/effects.md": (1, 0),
     "docs/fitting.md": (2, 2),
