@@ -27,8 +27,9 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 import typer
-from rich.console import Console
 from rich.table import Table
+
+from solver.console import say, show
 
 from . import content, trial
 from .interpreter import TESTED, Interpreter, interpreter
@@ -37,10 +38,12 @@ OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
 _ANEW = "build it anew with build_fmu.py, or copy it once more"
+_START = "start them with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
 _PATIENCE = 120.0  # s for the trial
 # what zipfile raises for archives that are damaged, encrypted or packed in ways of their own
 _UNREADABLE = (zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, ValueError, OverflowError,
+               LookupError,
                MemoryError, struct.error)  # fmt: skip
 
 
@@ -84,7 +87,8 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         return [*findings, Finding("Python", PROBLEM, str(error))]
     findings += [*_python(where), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
-        findings.append(_trial(path, where))
+        known = any(finding.state == PROBLEM for finding in findings)
+        findings.append(_trial(path, where, "mend what is said above" if known else "report it, with this table"))
     return findings
 
 
@@ -105,6 +109,7 @@ class _NoFMU(Exception):
 
 def _archive(path: Path) -> Archive:
     """The FMU's contents. Raises _NoFMU."""
+    names: tuple[str, ...] = ()
     try:
         with zipfile.ZipFile(path) as file:
             unpacked = sum(info.file_size for info in file.infolist())
@@ -125,6 +130,8 @@ def _archive(path: Path) -> Archive:
     except zipfile.BadZipFile:
         raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
     except KeyError:
+        if "SystemStructure.ssd" in names:
+            raise _NoFMU("is a system of FMUs (SSP)", "unpack it, and ask about each FMU in its resources") from None
         raise _NoFMU("is no FMU (no modelDescription.xml)") from None
     except ElementTree.ParseError as error:
         raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None
@@ -224,7 +231,7 @@ def _host(where: Interpreter) -> Iterator[Finding]:
         yield Finding(what, PROBLEM, "this Python has no libpython to load; hosts in Python run", remedy)
     else:
         line = " ".join(f"{name}={_shell(value)}" for name, value in where.environment().items())
-        yield Finding(what, OK, f"libpython: {where.library}", f"start them with: {line} HOST")
+        yield Finding(what, OK, f"libpython: {where.library}", f"{_START}{line} HOST")
 
 
 def _shell(value: str) -> str:
@@ -263,8 +270,8 @@ def undecoded(path: str | os.PathLike[str]) -> str:
     return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
 
 
-def _trial(path: Path, where: Interpreter) -> Finding:
-    """One step in a process of its own."""
+def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
+    """One step in a process of its own; remedy : what to do if it fails."""
     what = "one step"
     try:
         with tempfile.TemporaryDirectory(prefix="doctor_", ignore_cleanup_errors=True) as folder:
@@ -273,7 +280,7 @@ def _trial(path: Path, where: Interpreter) -> Finding:
             line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
             done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
-        return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", "report it with the network file")
+        return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)
     except (OSError, zipfile.BadZipFile, zlib.error, RuntimeError, ValueError) as error:
         return Finding(what, PROBLEM, f"could not be tried ({error})", "check the temporary folder, or set TMPDIR")
     told = _told(done.stdout)
@@ -283,7 +290,7 @@ def _trial(path: Path, where: Interpreter) -> Finding:
     said = [line["said"].splitlines()[-1] for line in told if line.get("said", "").strip()]
     reason = said[-1] if said else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
     ended = f"process killed by signal {-done.returncode}" if done.returncode < 0 else reason
-    return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", "see above")
+    return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
 
 
 def _told(output: bytes) -> list[dict[str, str]]:
@@ -318,10 +325,16 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
     for heading in ("", "found", "what to do"):
         table.add_column(heading, overflow="fold")
     style = {OK: "green", NOTE: "yellow", PROBLEM: "red", FATAL: "bold red"}
+    lines = []
     for finding in findings:
+        remedy = finding.remedy
+        if remedy.startswith(_START):  # to be copied, so on a line of its own
+            lines, remedy = [f"Start hosts in C, C++, … with: {remedy.removeprefix(_START)}"], "see below"
         mark = f"[{style[finding.state]}]{finding.what}: {finding.state}[/]"
-        table.add_row(mark, _plain(finding.found), _plain(finding.remedy))
-    Console().print(table)
+        table.add_row(mark, _plain(finding.found), _plain(remedy))
+    show(table)
+    for line in lines:
+        say(line)
 
 
 def _plain(text: str) -> str:

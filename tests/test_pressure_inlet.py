@@ -22,7 +22,10 @@ from fmu_src.variables import variable_table
 from solver import Network, Reflection, Settings, linear, load, sampled_inflow, simulate, simulate_periodic
 from solver.files import dumps, loads
 from solver.outputs import inlet_answer
+from solver.scheme import terms
 from solver.scheme.model import build
+from solver.scheme.stage import Stage, operators
+from solver.scheme.step import initial_state
 from solver.start import periodic_state
 
 Array = np.ndarray
@@ -85,6 +88,28 @@ def test_small_amplitude() -> None:
     assert "inlet.P" not in exact
     errors = {name: relative_error(name, beat[name][:-1], exact[name]) for name in exact}
     assert max(errors.values()) <= 1e-5, errors
+
+
+@pytest.mark.parametrize("causality", ["flow", "pressure"])
+def test_jacobian_of_the_nodes(causality: str) -> None:
+    """The condensed Jacobian is the derivative of the nodes' conditions with respect to their pressures: to 1e-7.
+
+    Case: every kind of outlet, at rest, with the flows that the momentum equation makes of the pressures.
+    """
+    network = replace(mixed(), inlet=replace(mixed().inlet, causality=causality))
+    model = build(network, settings=COARSE)
+    state, o = initial_state(model), operators(model, COARSE.dt)
+    drive = np.array({"flow": 0.0, "pressure": network.P_0}[causality])
+    stage = Stage.of(model, o, state.y, drive, model.coefficients.P_venous, 0.0)
+
+    def conditions(H: Array) -> Array:
+        R = terms.residual(stage.start, state.Q, H)
+        return stage.node_residual(state.Q - np.einsum("beij,bej->bei", o.at_rest.K_inverse, R), H)[0]
+
+    G = -np.linalg.inv(o.at_rest.minus_G_inverse[0])
+    changes = 1e-2 * np.eye(model.mesh.n_nodes)  # Pa
+    slopes = [(conditions(state.H + change) - conditions(state.H - change)) / 2e-2 for change in changes]
+    np.testing.assert_allclose(np.transpose(slopes), G, rtol=0.0, atol=1e-7 * np.abs(G).max())
 
 
 def test_steady_pressure() -> None:
