@@ -21,40 +21,22 @@ from __future__ import annotations
 import json
 import math
 import sys
-import weakref
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 from xml.etree.ElementTree import Element
 
-from pythonfmu import DefaultExperiment, Fmi2Slave
+from pythonfmu import DefaultExperiment
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 from pythonfmu.variables import Integer, Real, ScalarVariable
 
 from .component import Component
 from .description import complete
-from .refusal import compensate, sentence
-from .state import from_bytes, to_bytes
+from .refusal import sentence
+from .saving import INITIALIZING, INSTANTIATED, STEPPING, TERMINATED, SavingSlave
 from .variable import Variable
-
-INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
-
-T = TypeVar("T")
-
-_KEPT = ("values", "phase", "t0", "stop_time", "outdated", "late_due", "changed")  # attributes of a slave in a state
-_INSTANCES: weakref.WeakSet[ComponentSlave] = weakref.WeakSet()  # that the host has not freed
-
-
-@dataclass
-class Snapshot:
-    """A saved state: what ``_KEPT`` names of the slave, and the component's attributes. blob : the same in bytes."""
-
-    guid: str
-    slave: dict[str, Any]
-    component: dict[str, Any]
-    blob: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -72,14 +54,13 @@ class Subject:
     make: Callable[[], Component]
 
 
-class ComponentSlave(Fmi2Slave):
+class ComponentSlave(SavingSlave):
     """The slave of a component. ``code_name`` and ``content_hash`` are set by the build: see ``build_fmu.py``."""
 
     author = "arterial-fmu contributors"
     license = "MIT"
     copyright = "© 2026 arterial-fmu contributors"
     code_name = ""  # module name that carries the hash of all content
-    content_hash = ""
     data_file = ""  # JSON in the FMU's resources
     # read once: a class belongs to one content, and a reset works after the host has deleted the FMU's folder
     about: ClassVar[Subject | None] = None
@@ -111,7 +92,6 @@ class ComponentSlave(Fmi2Slave):
         self.first_late = next((i for i, v in enumerate(self.table) if v.late), len(self.table))
         self.at_hand = frozenset(i for i in self.numbers if i < self.first_late)
         self.component = about.make()
-        _INSTANCES.add(self)
         self.phase, self.t0 = INSTANTIATED, 0.0
         self.stop_time: float | None = None
         self.outdated = True  # the outputs, before initialization ends
@@ -265,7 +245,14 @@ class ComponentSlave(Fmi2Slave):
         self.outdated = False
 
     def _show(self) -> None:
-        self.values[self.first_output : self.first_late] = self.component.outputs()
+        outputs = self.component.outputs()
+        if not all(map(math.isfinite, outputs)):
+            i = next(i for i, value in enumerate(outputs) if not math.isfinite(value))
+            raise ValueError(
+                f"{self.names[self.first_output + i]} would be {outputs[i]:g}: must be finite; check the values of "
+                "inputs and parameters, and their units."
+            )
+        self.values[self.first_output : self.first_late] = outputs
         self.late_due = True
 
     def _settle(self) -> None:
@@ -281,90 +268,20 @@ class ComponentSlave(Fmi2Slave):
                 f"this process runs module {self.code_name} instead of {expected.read_text().strip()}; rebuild the FMU."
             )
 
-    # --- saved states ---------------------------------------------------------------------------------------------
-    # The two hooks that the wrapper calls on the class know no instance, hence no log; see _refused.
-
-    def _get_fmu_state(self) -> Snapshot:
-        return self._guarded("saving the state", self._snapshot)
-
-    def _snapshot(self) -> Snapshot:
-        slave = {**{name: getattr(self, name) for name in _KEPT}, "values": tuple(self.values)}
-        return Snapshot(self.content_hash, slave, self.component.__dict__.copy())
-
-    def _set_fmu_state(self, state: Any) -> None:
-        def restore() -> None:
-            _check_state(state, self.content_hash)
-            if self.phase == INSTANTIATED:
-                self._settle()
-            self.__dict__ |= {**state.slave, "values": list(state.slave["values"])}
-            self.component.__dict__ = state.component.copy()
-
-        self._guarded("restoring the state", restore)
-
-    @classmethod
-    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
-        def write() -> bytes:
-            _check_state(state, cls.content_hash)
-            if state.blob is None:  # the wrapper asks twice: for the size and for the bytes
-                component = cls._new()
-                component.__dict__ |= state.component
-                held = {name: value for name, value in state.component.items() if name not in component.remade}
-                state.blob = to_bytes(cls.content_hash, {"slave": state.slave, "component": held}, component.kinds())
-            return state.blob
-
-        return cls._refused("writing a state", write)
-
-    @classmethod
-    def _fmu_state_from_bytes(cls, blob: bytes) -> Snapshot:
-        def read() -> Snapshot:
-            component = cls._new()
-            held = from_bytes(blob, cls.content_hash, component.kinds())
-            component.__dict__ |= held["component"]
-            component.resumed()
-            return Snapshot(cls.content_hash, held["slave"], component.__dict__, blob)
-
-        return cls._refused("reading a state", read)
-
     @classmethod
     def _new(cls) -> Component:
         assert cls.about is not None
         return cls.about.make()
 
-    # --- errors ---------------------------------------------------------------------------------------------------
-
-    def _guarded(self, what: str, action: Callable[[], T]) -> T:
-        try:
-            return action()
-        except BaseException as error:
-            message = sentence(self.instance_name, error, what)
-        compensate(self)
-        raise ValueError(message)
-
     @classmethod
-    def _refused(cls, what: str, action: Callable[[], T]) -> T:
-        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called.
-
-        The others stay in memory after the host has freed them, a quarter of a megabyte each.
-        """
-        try:
-            return action()
-        except BaseException as error:
-            message = sentence(cls.about.name if cls.about else cls.code_name, error, what)
-        for instance in list(_INSTANCES):
-            if type(instance) is cls:
-                compensate(instance)
-        raise ValueError(message)
+    def _title(cls) -> str:
+        return cls.about.name if cls.about else cls.code_name
 
     # --- description ----------------------------------------------------------------------------------------------
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
         """modelDescription with units, ranges, InitialUnknowns and dependencies."""
         return complete(super().to_xml(model_options or {}), self.table, self.version)
-
-
-def _check_state(state: Any, guid: str) -> None:
-    if not isinstance(state, Snapshot) or state.guid != guid:
-        raise ValueError("the state is not one of this FMU; give one that this FMU saved.")
 
 
 def _read(subject: Callable[[Any], Subject], file: Path) -> Subject:

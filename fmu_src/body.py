@@ -9,14 +9,13 @@ order in which a master runs the components.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from solver.quantity import quantity
 
-from .component import Component
+from .component import Component, check_time
 from .lumped import with_values
 from .state import Kind, dataclasses
 
@@ -91,17 +90,17 @@ class BodyComponent(Component):
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
         """Take over the volumes."""
-        if not (math.isfinite(h) and h > 0.0):
-            raise ValueError(f"communication step of {h:g} s: must be positive.")
         s = self.state
+        check_time(t, h, s.t)
         net = values["arteries.V"] - values["heart.V"]
         self.state = BodyState(t + h, s.V_start, t if self.extrapolates else t + h, net, s.known, s.net)
 
     @property
     def V(self) -> float:
-        """Volume at the present time [m³]."""
+        """Volume at the present time [m³]; not extrapolated over a step of more than twice the one before."""
         s = self.state
         ahead = (s.t - s.known) / (s.known - s.known_before) if s.known > s.known_before else 0.0
+        ahead = ahead if ahead <= 2.0 else 0.0
         return s.V_start + s.net + ahead * (s.net - s.net_before)
 
     def outputs(self) -> list[float]:

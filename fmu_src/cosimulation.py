@@ -17,7 +17,7 @@ from solver.scheme.model import Model, Settings, build
 from solver.scheme.step import State, initial_state
 from solver.start import periodic_state
 
-from .component import Component
+from .component import Component, check_time
 from .ports import Impedances, impedances, port_names, port_values
 from .state import Kind, dataclasses
 from .stretch import Position, Stretch
@@ -191,14 +191,9 @@ class CoSimulation(Component):
         return Stretch(self.model, h, steps, dt, P_venous)
 
     def _check_time(self, t: float, h: float) -> None:
-        if not (math.isfinite(h) and h > 0.0):
-            raise ValueError(f"communication step of {h:g} s: must be positive.")
+        check_time(t, h, self.time, 2 * _ON_GRID * self.dt)
         if h > _MOST_STEPS * self.dt:
             raise ValueError(
                 f"communication step of {h:g} s: more than {_MOST_STEPS} internal steps of {self.dt:g} s; "
                 "take shorter communication steps."
-            )
-        if not abs(t - self.time) <= 2 * _ON_GRID * self.dt + 1e-12 * abs(t):
-            raise ValueError(
-                f"step from t = {t:.9g} s, but the component stands at {self.time:.9g} s; step on from there or reset."
             )

@@ -4,6 +4,9 @@ Chambers (Suga, Sagawa, Shoukas, Circ. Res. 32, 314 (1973)), with an activation 
 
     P = P_0 + E(t) (V - V_0),     E(t) = E_min + (contractility E_max - E_min) e(t)
 
+In the ventricle less R Q, Q its flow into the aorta: a ventricle that ejects develops less pressure than one that does
+not, at the same volume.
+
 Valves (Mynard, Davidson, Penny, Smolich, Int. J. Numer. Meth. Biomed. Eng. 28, 626 (2012), doi:10.1002/cnm.1466), with
 the open part s = r + (1 - r) ζ of the area A, r the part that never closes; a resistance R lies in series:
 
@@ -21,8 +24,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from .component import Component
-from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
+from .component import Component, check_time
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
 from .heart_step import HeartState, Port, ValveState, initial_state, step
 from .state import Kind, dataclasses
 
@@ -43,7 +46,7 @@ class HeartComponent(Component):
 
     def kinds(self) -> dict[type, Kind]:
         """What a saved state holds."""
-        return dataclasses(Heart, Pace, Chamber, Valve, Filling, Aorta, HeartState, ValveState)
+        return dataclasses(Heart, Pace, Chamber, Ventricle, Valve, Filling, Aorta, HeartState, ValveState)
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
         """Begin at the end of filling; raises ValueError if the parameters do not fit together."""
@@ -56,12 +59,12 @@ class HeartComponent(Component):
         self.heart = self.heart.with_values(changed)
 
     def step(self, t: float, h: float, values: Mapping[str, Any]) -> None:
-        """Advance from t to t + h. Where P_0, Z and Z_0 are 0 nothing has been received: the inputs before count."""
-        known = {name: values[name] for name in INPUTS}
-        if not (known["aorta.P_0"] or known["aorta.Z"] or known["aorta.Z_0"]):
-            known = self.known
+        """Advance from t to t + h. P_0, Z and Z_0 of 0 in the first step: nothing received, the start values count."""
+        check_time(t, h, self.state.t)
+        received = any(values[f"aorta.{key}"] for key in ("P_0", "Z", "Z_0"))
+        known = values if received or self.state.h_before else self.known
         port = Port(known["aorta.P_0"], known["aorta.Z"], known["aorta.Z_0"])
-        self.state, self.known = step(self.heart, replace(self.state, t=t), h, port, known["venous.P"]), known
+        self.state = step(self.heart, replace(self.state, t=t), h, port, known["venous.P"])
 
     def outputs(self) -> list[float]:
         """In the order of ``OUTPUTS``."""

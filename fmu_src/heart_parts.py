@@ -36,6 +36,16 @@ class Chamber:
 
 
 @dataclass(frozen=True)
+class Ventricle(Chamber):
+    """A chamber that ejects, with the pressure P_0 + E (V - V_0) - R Q at the outflow Q."""
+
+    R: float = quantity(
+        None, "Pa.s/m^3", "resistance of the ejecting ventricle (source resistance)", 0.0, 1e9, nominal=1e6,
+        display="mmHg.s/mL",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Valve:
     """A heart valve."""
 
@@ -79,7 +89,7 @@ class Heart:
     name: str
     reference: str
     heart: Pace
-    left_ventricle: Chamber
+    left_ventricle: Ventricle
     left_atrium: Chamber
     mitral_valve: Valve
     aortic_valve: Valve

@@ -12,12 +12,12 @@ from solver.quantity import quantities
 
 from .base import ComponentSlave, Subject
 from .heart import INPUTS, OUTPUTS, HeartComponent
-from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
-from .lumped import FLOW, FRACTION, IMPEDANCE, PRESSURE, VOLUME, input_variable, output_variable, parameters
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
+from .lumped import FLOW, FRACTION, IMPEDANCE, MEMORY, PRESSURE, VOLUME, input_variable, output_variable, parameters
 from .variable import Variable, with_starts
 
 _KINDS = {
-    "heart": Pace, "left_ventricle": Chamber, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,
+    "heart": Pace, "left_ventricle": Ventricle, "left_atrium": Chamber, "mitral_valve": Valve, "aortic_valve": Valve,
     "venous": Filling, "aorta": Aorta,
 }  # fmt: skip
 _MEANINGS = {
@@ -83,7 +83,7 @@ def table(heart: Heart) -> tuple[Variable, ...]:
             heart.P_aorta,
         ),
         "aorta.Z": (IMPEDANCE, "Z of the arteries' port; 0 means that their pressure is held at P_0", 0.0),
-        "aorta.Z_0": (IMPEDANCE, "Z_0 of the arteries' port", 0.0),
+        "aorta.Z_0": (MEMORY, "Z_0 of the arteries' port", 0.0),
         "venous.P": (PRESSURE, "pressure of the veins, or of the source that fills the heart", heart.P_venous),
     }
     return (

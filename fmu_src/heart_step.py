@@ -68,12 +68,12 @@ class HeartState:
 def initial_state(heart: Heart, t0: float, P_venous: float, P_aorta: float) -> HeartState:
     """At the end of filling: both chambers at the venous pressure, valves closed, no flow."""
 
-    def filled(chamber: Chamber) -> float:
-        return chamber.V_0 + (P_venous - chamber.P_0) / chamber.elastance(0.0, heart.heart.contractility)
+    def filled(chamber: Chamber, contractility: float = 1.0) -> float:
+        return chamber.V_0 + (P_venous - chamber.P_0) / chamber.elastance(0.0, contractility)
 
     ventricle, atrium = heart.left_ventricle, heart.left_atrium
     return HeartState(
-        t0, 0.0, filled(ventricle), filled(atrium), ValveState(0.0, 0.0, 0.0, 0.0),
+        t0, 0.0, filled(ventricle, heart.heart.contractility), filled(atrium), ValveState(0.0, 0.0, 0.0, 0.0),
         ValveState(0.0, 0.0, 0.0, P_venous - P_aorta), 0.0, P_venous, P_venous, P_aorta, P_venous, 0.0, 0.0, 0.0,
     )  # fmt: skip
 
@@ -104,10 +104,10 @@ class _Trial:
         self.E_ventricle = heart.left_ventricle.elastance(self.phase, heart.heart.contractility)
         self.E_atrium = heart.left_atrium.elastance(self.phase)
         ahead = h / state.h_before if state.h_before else 0.0
-        self.P_venous_now = P_venous
-        self.P_venous = P_venous + ahead * (P_venous - state.P_venous)
-        # the second backward difference of the flows; of first order at the start and after a step that was far shorter
+        # of second order, but of first order at the start and after a step that was far shorter
         ratio = ahead if ahead <= 2.0 else 0.0
+        self.P_venous_now = P_venous
+        self.P_venous = P_venous + ratio * (P_venous - state.P_venous)
         self.c_end = (1.0 + 2.0 * ratio) / (1.0 + ratio) / h
         self.beta = heart.aorta.curvature if ratio else 0.0
         self.Q_straight = state.aortic.Q + ratio * (state.aortic.Q - state.aortic.Q_before)
@@ -127,7 +127,7 @@ class _Trial:
         V = s.V_ventricle + 0.5 * self.h * (s.mitral.Q + Q_m - s.aortic.Q - Q_a)
         return (
             atrium.P_0 + self.E_atrium * (self.atrium(Q_m)[1] - atrium.V_0),
-            ventricle.P_0 + self.E_ventricle * (V - ventricle.V_0),
+            ventricle.P_0 + self.E_ventricle * (V - ventricle.V_0) - ventricle.R * Q_a,
             self.port.P_0 + self.port.Z_0 * s.aortic.Q + self.port.Z * (Q_a + self.beta * (Q_a - self.Q_straight)),
         )
 
@@ -180,13 +180,14 @@ class _Trial:
         """Newton's iterations, with steps cut where they lead away; None where they do not converge."""
         half, R_in = 0.5 * self.h, self.heart.venous.R
         by_ventricle = half * self.E_ventricle
+        by_ejected = by_ventricle + self.heart.left_ventricle.R
         by_atrium = -half * self.E_atrium * R_in / (R_in + half * self.E_atrium)
         x = (self.state.mitral.Q, self.state.aortic.Q)
         now = self.equations(*x)
         for _ in range(_ITERATIONS):
             F, F_Q, F_drop, G, G_Q, G_drop = now
-            a, b = F_Q + F_drop * (by_atrium - by_ventricle), F_drop * by_ventricle
-            c, d = G_drop * by_ventricle, G_Q - G_drop * (by_ventricle + (1.0 + self.beta) * self.port.Z)
+            a, b = F_Q + F_drop * (by_atrium - by_ventricle), F_drop * by_ejected
+            c, d = G_drop * by_ventricle, G_Q - G_drop * (by_ejected + (1.0 + self.beta) * self.port.Z)
             det = a * d - b * c
             dx = ((b * G - d * F) / det, (c * F - a * G) / det) if det else (math.nan, math.nan)
             if not math.isfinite(dx[0] + dx[1]):

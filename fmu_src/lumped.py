@@ -13,17 +13,21 @@ from .variable import Variable
 T = TypeVar("T")
 Groups = Mapping[str, Any]  # dataclass of quantities by the first word of its variables' names
 
-ANY = (float("-inf"), float("inf"))
+ANY = (float("-inf"), float("inf"))  # what an output may be
 PRESSURE = Quantity("Pa", "pressure", *ANY, nominal=1e4, display="mmHg")
 FLOW = Quantity("m^3/s", "flow", *ANY, nominal=1e-4, display="mL/s")
 VOLUME = Quantity("m^3", "volume", *ANY, nominal=1e-4, display="mL")
-IMPEDANCE = Quantity("Pa.s/m^3", "impedance", *ANY, nominal=1e7, display="mmHg.s/mL")
+IMPEDANCE = Quantity("Pa.s/m^3", "impedance", 0.0, 1e15, nominal=1e7, display="mmHg.s/mL")
 FRACTION = Quantity("1", "fraction", 0.0, 1.0)
+MEMORY = replace(IMPEDANCE, low=-1e15)  # of what a flow at the start of a step does to the pressure at its end
+_GIVEN = {PRESSURE.unit: (-1e5, 1e6), VOLUME.unit: (-1e6, 1e6)}  # ranges of inputs that have none of their own
 
 
 def input_variable(name: str, quantity: Quantity, description: str, start: float) -> Variable:
     """An input."""
-    return Variable(name, "input", "continuous", description, start, replace(quantity, description=description))
+    low, high = _GIVEN.get(quantity.unit, (quantity.low, quantity.high))
+    quantity = replace(quantity, description=description, low=low, high=high)
+    return Variable(name, "input", "continuous", description, start, quantity)
 
 
 def output_variable(name: str, quantity: Quantity, description: str, sources: Iterable[str] = ()) -> Variable:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from solver.units import MMHG
 
 from .body import Body, Reservoir
-from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve
+from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
 
 _ML = 1e-6
 _PER_ML = MMHG / _ML  # mmHg/mL, and mmHg s/mL
@@ -15,14 +17,16 @@ _KORAKIANITIS = "T. Korakianitis, Y. Shi, J. Biomech. 39, 1964 (2006), doi:10.10
 HUMAN_HEART = Heart(
     name="human_heart",
     reference=f"Chambers, their timing as parts of a beat, areas of the valves and venous resistance: {_KORAKIANITIS}. "
-    "Our choice: heart rate, filling pressure; lengths, resistances and rates of the valves.",
+    "Our choice: heart rate, filling pressure; lengths and rates of the valves; the resistance of the ejecting "
+    "ventricle, of the kind that J.-W. Lankhaar et al., Ann. Biomed. Eng. 37, 1710 (2009) fit to sheep after Shroff.",
     heart=Pace(rate=1.0 / 0.9),  # as network human: 67 beats a minute
-    left_ventricle=Chamber(2.5 * _PER_ML, 0.1 * _PER_ML, 5.0 * _ML, 1.0 * MMHG, begin=0.0, rise=0.3, fall=0.15),
+    left_ventricle=Ventricle(
+        2.5 * _PER_ML, 0.1 * _PER_ML, 5.0 * _ML, 1.0 * MMHG, begin=0.0, rise=0.3, fall=0.15, R=0.05 * _PER_ML
+    ),
     left_atrium=Chamber(0.25 * _PER_ML, 0.15 * _PER_ML, 4.0 * _ML, 1.0 * MMHG, begin=0.92, rise=0.045, fall=0.045),
     # areas of the orifice flow Q = C sqrt(ΔP) with C = 400 and 350 mL/s/sqrt(mmHg): A = C sqrt(ρ/2)
     mitral_valve=Valve(A=7.98e-4, l=0.02, R=0.0, K_open=0.3, K_close=0.3, regurgitation=0.0),
-    # R: what the ventricle itself loses in ejection
-    aortic_valve=Valve(A=6.98e-4, l=0.02, R=0.05 * _PER_ML, K_open=0.12, K_close=0.12, regurgitation=0.0),
+    aortic_valve=Valve(A=6.98e-4, l=0.02, R=0.0, K_open=0.12, K_close=0.12, regurgitation=0.0),
     venous=Filling(R=0.006 * _PER_ML),
     aorta=Aorta(curvature=0.2),
     P_venous=11.2 * MMHG,
@@ -58,7 +62,7 @@ SHEEP_HEART = Heart(
     name="sheep_heart",
     reference=_SCALED + HUMAN_HEART.reference,
     heart=Pace(rate=2.0),
-    left_ventricle=_smaller(HUMAN_HEART.left_ventricle),
+    left_ventricle=Ventricle(**asdict(_smaller(HUMAN_HEART.left_ventricle)), R=HUMAN_HEART.left_ventricle.R / _MASS),
     left_atrium=_smaller(HUMAN_HEART.left_atrium),
     mitral_valve=_narrower(HUMAN_HEART.mitral_valve),
     aortic_valve=_narrower(HUMAN_HEART.aortic_valve),

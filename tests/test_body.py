@@ -55,6 +55,27 @@ def test_extrapolates_what_is_not_known_yet() -> None:
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.05)
 
 
+def test_extrapolation_after_a_short_step() -> None:
+    """1 mL came in 1e-6 s: over the 1 ms that follows the volume is held, not led on by a litre."""
+    body, values = component(body__exchange="start")
+    V = body.outputs()[1]
+    body.step(0.0, 1e-6, values)
+    body.step(1e-6, 1e-6, {**values, "arteries.V": ML})
+    body.step(2e-6, MS, {**values, "arteries.V": 2 * ML})
+    assert body.outputs()[1] - V == pytest.approx(2 * ML, rel=1e-9)
+
+
+@pytest.mark.parametrize("t", [0.0, 5.0])
+def test_time_is_that_of_the_component(t: float) -> None:
+    """A step from another time than that where the body stands is refused and changes nothing."""
+    body, values = component()
+    body.step(0.0, MS, values)
+    before = body.state
+    with pytest.raises(ValueError, match=r"step from t = .* s, but the component stands at 0\.001 s; step on from"):
+        body.step(t, MS, values)
+    assert body.state is before
+
+
 def test_nothing_is_lost_over_many_steps() -> None:
     """80 mL in and out in each of a thousand steps: the volume stays to 1e-15 m³, as no flows are added up."""
     body, values = component()

@@ -23,7 +23,8 @@ SITES = tuple(f"arteries.{site.name}.{kind}" for site in load("human").sites for
 # no inertance, a valve resistance of 0.05 mmHg s/mL alone, and valves that open and close at once
 STIFF = replace(
     HUMAN_HEART,
-    aortic_valve=replace(HUMAN_HEART.aortic_valve, A=0.05, l=0.0, K_open=100.0, K_close=100.0),
+    left_ventricle=replace(HUMAN_HEART.left_ventricle, R=0.0),
+    aortic_valve=replace(HUMAN_HEART.aortic_valve, A=0.05, l=0.0, R=0.05 * MMHG / ML, K_open=100.0, K_close=100.0),
     mitral_valve=replace(HUMAN_HEART.mitral_valve, l=0.0),
 )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,14 @@ from fmus import Instance
 from scipy.integrate import solve_ivp
 
 from build_fmu import build_model
+from fmu_src import body_slave
+from fmu_src.base import Subject
 from fmu_src.heart import OUTPUTS, HeartComponent
 from fmu_src.heart_parts import Heart
-from fmu_src.heart_slave import table
+from fmu_src.heart_slave import HeartSlave, table, to_data
 from fmu_src.heart_step import HeartState, Port, initial_state, step
 from fmu_src.models import heart_model
-from fmu_src.species import HUMAN_HEART, SHEEP_HEART
+from fmu_src.species import HUMAN_BODY, HUMAN_HEART, SHEEP_HEART
 from solver.units import MMHG
 
 Array = np.ndarray
@@ -61,7 +64,7 @@ def integrated(heart: Heart, time: Array) -> Array:
         V, V_a, Q_m, Q_a, z_m, z_a, P_C = y.tolist()
         phase = t * heart.heart.rate % 1.0
         ventricle, atrium = heart.left_ventricle, heart.left_atrium
-        P = ventricle.P_0 + ventricle.elastance(phase) * (V - ventricle.V_0)
+        P = ventricle.P_0 + ventricle.elastance(phase) * (V - ventricle.V_0) - ventricle.R * Q_a
         P_a = atrium.P_0 + atrium.elastance(phase) * (V_a - atrium.V_0)
         dQ_m, dz_m = flow(heart.mitral_valve, Q_m, z_m, P_a - P)
         dQ_a, dz_a = flow(heart.aortic_valve, Q_a, z_a, P - P_C - R1 * Q_a)
@@ -114,20 +117,20 @@ def test_mitral_valve_does_not_leak(h: float) -> None:
 
 
 def test_against_an_independent_integration() -> None:
-    """A heart with leaky valves on a Windkessel: two beats by Radau. Error of order 2 in the step: 2e-4 at 1 ms.
+    """A heart with leaky valves on a Windkessel: two beats by Radau. Error of order 2 in the step: 9e-5 at 1 ms.
 
     (Valves that close fully make the equations singular, which only the step itself can handle.)
     """
     errors = []
-    for h in (2 * MS, MS, 0.5 * MS):
+    for h in (MS, 0.5 * MS, 0.25 * MS):
         states = windkessel(LEAKY, np.full(round(1.8 / h), h))
         expected = integrated(LEAKY, np.arange(1, len(states) + 1) * h)
         found = np.array([[s.V_ventricle, s.V_atrium, s.aortic.Q] for s in states])
         off = np.sqrt(np.mean((found - expected[:, :3]) ** 2, axis=0)) / np.ptp(expected[:, :3], axis=0)
         errors.append(off.max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert errors[1] < 6e-4
-    assert (orders > 1.85).all() and (orders < 2.2).all()
+    assert errors[0] < 1.2e-4
+    assert (orders > 1.9).all() and (orders < 2.1).all()
 
 
 def test_volumes_are_counted_exactly() -> None:
@@ -142,16 +145,17 @@ def test_volumes_are_counted_exactly() -> None:
 
 
 def test_steps_of_any_length() -> None:
-    """Steps of 0.2 to 3 ms in random order give the same beat as 1 ms: pressure and volume to 3e-3 of their range."""
+    """Steps of 0.2 to 3 ms in random order give the same beat as 1 ms: volume and pressure of the ventricle to 2.4e-3
+    and 1.9e-3 of their range, that of the aorta to 7e-3."""
     random = np.random.default_rng(3)
     steps = random.uniform(0.2 * MS, 3 * MS, 1200)
     uneven, even = windkessel(HUMAN_HEART, steps), windkessel(HUMAN_HEART, np.full(2000, MS))
-    for key in ("V_ventricle", "P_ventricle", "P_aorta"):
+    for key, most in {"V_ventricle": 3e-3, "P_ventricle": 2.5e-3, "P_aorta": 8e-3}.items():
         expected = [getattr(s, key) for s in even]
         t = np.array([s.t for s in uneven])
         inside = t < 1.9
         off = np.interp(t, [s.t for s in even], expected) - [getattr(s, key) for s in uneven]
-        assert np.abs(off[inside]).max() < 3e-3 * np.ptp(expected) * 4
+        assert np.abs(off[inside]).max() < most * np.ptp(expected)
 
 
 @pytest.mark.parametrize("heart", [HUMAN_HEART, SHEEP_HEART], ids=lambda heart: heart.name)
@@ -222,12 +226,74 @@ def test_nothing_received_yet() -> None:
     assert heart.outputs() == other.outputs()
 
 
+def test_zero_pressure_is_a_pressure() -> None:
+    """After the first step zeros at the port are what they say: an aorta without pressure."""
+    heart, values = component()
+    heart.step(0.0, MS, values)
+    heart.step(MS, MS, {**values, **dict.fromkeys(("aorta.P_0", "aorta.Z", "aorta.Z_0"), 0.0)})
+    assert heart.state.P_aorta == 0.0
+
+
+def test_extrapolation_after_a_short_step() -> None:
+    """venous.P rises by 10 Pa after a step of 1e-6 s: over the 1 ms that follows it is held, not led on to 10 kPa."""
+    heart, values = component()
+    heart.step(0.0, 1e-6, values)
+    heart.step(1e-6, MS, {**values, "venous.P": values["venous.P"] + 10.0})
+    held = heart.state.Q_venous
+    assert 10 * ML < held < 50 * ML
+
+
+def test_contractility_of_the_ventricle_alone() -> None:
+    """In the first 0.1 ms nothing happens in the atrium, whatever the contractility: 2.6 mL/s from the veins."""
+    flows = []
+    for factor in (1.0, 2.0):
+        heart, values = component(heart__contractility=factor)
+        heart.step(0.0, 0.1 * MS, values)
+        assert heart.state.P_atrium == pytest.approx(11.2 * MMHG, rel=1e-2)
+        flows.append(heart.state.Q_venous)
+    assert flows[0] == pytest.approx(2.6 * ML, rel=0.05)
+    assert flows[1] == pytest.approx(flows[0], rel=1e-6)
+
+
+def test_resistance_of_the_ejecting_ventricle() -> None:
+    """P = P_0 + E (V - V_0) - R Q in the ventricle, so an open valve has little drop: at the largest flow 4 mmHg.
+
+    Without R in the ventricle but in the valve the same flow leaves it.
+    """
+    ventricle, valve = HUMAN_HEART.left_ventricle, HUMAN_HEART.aortic_valve
+    states = windkessel(HUMAN_HEART, np.full(900, MS))
+    s = max(states, key=lambda s: s.aortic.Q)
+    E = ventricle.elastance(s.phase)
+    P = ventricle.P_0 + E * (s.V_ventricle - ventricle.V_0) - ventricle.R * s.aortic.Q
+    assert s.P_ventricle == pytest.approx(P, rel=1e-12)
+    assert ventricle.R * s.aortic.Q > 20 * MMHG
+    assert s.P_ventricle - s.P_aorta < 6 * MMHG
+    quick = replace(valve, K_open=1.0, K_close=1.0)
+    inside = replace(HUMAN_HEART, aortic_valve=quick)
+    outside = replace(HUMAN_HEART, left_ventricle=replace(ventricle, R=0.0), aortic_valve=replace(quick, R=ventricle.R))
+    strokes = [windkessel(heart, np.full(900, MS))[-1].ejected for heart in (inside, outside)]
+    assert strokes[0] == pytest.approx(strokes[1], rel=0.03)
+
+
+@pytest.mark.parametrize("t", [0.0, 5.0, float("nan")])
+def test_time_is_that_of_the_component(t: float) -> None:
+    """A step from another time than that where the heart stands, 1 ms, is refused and changes nothing."""
+    heart, values = component()
+    heart.step(0.0, MS, values)
+    before = heart.state
+    with pytest.raises(ValueError, match=r"step from t = .* s, but the component stands at 0\.001 s; step on from"):
+        heart.step(t, MS, values)
+    assert heart.state is before
+
+
 def test_steps_that_are_too_long() -> None:
     """More than a twentieth of a beat, none or a negative one is refused in a sentence, and nothing has changed."""
     heart, values = component()
     for h in (0.0, -MS, 0.046, 1e9, float("nan")):
         before = heart.state
-        with pytest.raises(ValueError, match=r"communication step of .* a heart of 1\.11111 beats per second needs .*"):
+        with pytest.raises(
+            ValueError, match=r"communication step of .*(must be positive|a heart of 1\.11111 beats per second)"
+        ):
             heart.step(0.0, h, values)
         assert heart.state is before
 
@@ -246,8 +312,8 @@ def test_any_parameters() -> None:
     numbers = [v for v in table(HUMAN_HEART) if v.start is not None and v.quantity is not None]
 
     def anything(low: float, high: float) -> float:
-        if not math.isfinite(low):
-            return float(random.choice([-1.0, 0.0, 1.0]) * 10 ** random.uniform(-3, 12))
+        if low < 0.0 or high > 1e12:
+            return float(np.clip(random.choice([-1.0, 0.0, 1.0]) * 10 ** random.uniform(-3, 12), low, high))
         return float(np.exp(random.uniform(*np.log([low, high]))) if low > 0.0 else random.uniform(low, high))
 
     for _ in range(100):
@@ -275,7 +341,50 @@ def test_outputs_are_those_of_the_table() -> None:
             variable.check(variable.start)
 
 
+def test_ranges_of_inputs() -> None:
+    """Every input has a finite range: an impedance of the arteries is not negative, but its memory may be."""
+    inputs = {v.name: v for v in (*table(HUMAN_HEART), *body_slave.table(HUMAN_BODY)) if v.causality == "input"}
+    for variable in inputs.values():
+        for value in (1e300, -1e300, float("inf")):
+            with pytest.raises(ValueError, match="must lie in"):
+                variable.check(value)
+    with pytest.raises(ValueError, match=r"aorta\.Z = -1 Pa\.s/m\^3 is not allowed"):
+        inputs["aorta.Z"].check(-1.0)
+    inputs["aorta.Z_0"].check(-2.7e7)  # of network human with ``smooth``
+
+
 # --- the FMU ------------------------------------------------------------------------------------------------------
+
+
+class Overflowing(HeartComponent):
+    """A heart of which an output is infinite after the second step."""
+
+    def outputs(self) -> list[float]:
+        found = super().outputs()
+        return [*found[:4], float("inf"), *found[5:]] if self.state.t > 1.5 * MS else found
+
+
+class OverflowingSlave(HeartSlave):
+    """Its slave."""
+
+    @classmethod
+    def subject(cls, data: Any) -> Subject:
+        return replace(super().subject(data), make=lambda: Overflowing(HUMAN_HEART))
+
+
+def test_no_output_is_infinite(tmp_path: Path) -> None:
+    """A step after which an output is not finite is refused with its name, and nothing has changed."""
+    data = {"heart": to_data(HUMAN_HEART), "version": "1", "starts": {}}
+    (tmp_path / "heart.json").write_text(json.dumps(data))
+    slave = OverflowingSlave(instance_name="heart", resources=str(tmp_path))
+    slave.setup_experiment(0.0)
+    slave.enter_initialization_mode()
+    slave.exit_initialization_mode()
+    assert slave.do_step(0.0, MS)
+    values, state = list(slave.values), slave.component.state
+    assert not slave.do_step(MS, MS)
+    assert slave.values == values and slave.component.state is state
+    assert "venous.Q would be inf: must be finite; check the values" in slave.log_queue[-1].msg
 
 
 def test_saved_state(tmp_path: Path) -> None:
