@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -150,10 +151,14 @@ def test_reference_with_any_characters(tmp_path: Path) -> None:
     assert loads(read(fmu, "resources/network.toml"), "tube.fmu") == network
 
 
-def test_build_leaves_nothing_behind(sheep: Network, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_build_leaves_nothing_behind(
+    sheep: Network, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Module path and modules, the directory of the FMU, the temporary folder and the terminal are as before."""
     build(TUBE, tmp_path / "first")  # what a first build imports for good: pythonfmu, matplotlib
-    temporary = Path(os.environ.get("TMPDIR", "/tmp"))
+    temporary = tmp_path / "temporary"  # other tests build as well
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     before = list(sys.path), set(sys.modules), sys.dont_write_bytecode, set(temporary.glob("arterial_*"))
     build(replace(sheep, name="other"), tmp_path / "second")
     assert before == (list(sys.path), set(sys.modules), sys.dont_write_bytecode, set(temporary.glob("arterial_*")))
