@@ -19,7 +19,8 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from build_fmu import build
+from build_fmu import build, build_model
+from fmu_src.models import body_model, heart_model
 from solver import Settings, load
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,6 +46,7 @@ def main(
     folder = ROOT / "build" / "fuzz"
     # on a coarse grid: what is tried is the FMU, not the solver
     fmus = [build(load(name), folder, Settings(dt=2e-3, element_length=0.1)) for name in ("sheep", "sheep_nonlinear")]
+    fmus += [build_model(heart_model("human"), folder), build_model(body_model("human"), folder)]
     made = refused = died = processes = 0
     with Progress(console=Console(stderr=True)) as progress, ThreadPoolExecutor(jobs) as pool:
         bar = progress.add_task("calls", total=calls)

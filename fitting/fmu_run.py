@@ -36,7 +36,10 @@ class RunFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class FMU:
-    """What modelDescription.xml says. inputs, parameters, outputs : names. dt : internal time step [s]."""
+    """What modelDescription.xml says. inputs, parameters : names. dt : internal time step [s].
+
+    outputs : names of pressures, flows and radii, not of ports, nor of volumes, which count up from beat to beat.
+    """
 
     path: str
     name: str
@@ -81,7 +84,7 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
         description.guid,
         names["input"],
         names["parameter"],
-        names["output"],
+        tuple(name for name in names["output"] if name.endswith((".P", ".Q", ".R")) and not name.startswith("venous.")),
         float(variables["solver.dt"].start),
     )
 
@@ -148,7 +151,7 @@ def _run(
             table = np.loadtxt(file, delimiter=",", ndmin=2)
     if len(table) != beats * n + 1 or abs(table[-1, 0] - stop) > 1e-9 * stop:
         raise RunFailed(f"{fmu.path}: the run stopped at {table[-1, 0]:g} s instead of {stop:g} s.")
-    columns = {name: table[:, names.index(name)] for name in fmu.outputs if name in names}  # the ports are left out
+    columns = {name: table[:, names.index(name)] for name in fmu.outputs}
     start = (beats - 1) * n
     before = {name: column[start - n : start] for name, column in columns.items()}
     return before, {name: column[start:-1] for name, column in columns.items()}

@@ -24,11 +24,22 @@ def mend() -> None:
     """Mend both, for every library of the wrapper that the process has loaded."""
     if sys.platform != "linux":
         return
-    loaded = Path("/proc/self/maps").read_text(encoding="utf-8", errors="surrogateescape")
-    for library in set(re.findall(r"/\S.*/binaries/linux64/.*\.so$", loaded, flags=re.MULTILINE)):
+    for library in _loaded():
         _end_in_time(library)
     if not getattr(sys, "orig_argv", True) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        ctypes.CDLL(None).signal(signal.SIGINT, ctypes.c_void_p(0))  # SIG_DFL; Python's own call needs its main thread
+        try:  # a host that embeds Python itself keeps what it has
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        except ValueError:  # this is not Python's main thread, which the wrapper made for itself
+            ctypes.CDLL(None).signal(signal.SIGINT, ctypes.c_void_p(0))  # SIG_DFL
+
+
+def _loaded() -> set[str]:
+    """The paths of the wrapper's libraries in this process."""
+    try:
+        maps = Path("/proc/self/maps").read_text(encoding="utf-8", errors="surrogateescape")
+    except OSError:
+        return set()
+    return set(re.findall(r"/\S.*/binaries/linux64/.*\.so$", maps, flags=re.MULTILINE))
 
 
 @lru_cache(maxsize=None)  # noqa: UP033, older Pythons get as far as the sentence that refuses them

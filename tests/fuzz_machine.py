@@ -1,12 +1,12 @@
-"""Random calls into instances of two FMUs, by FMPy, in a process of its own: what the host may do, and what it may not.
+"""Random calls into instances of several FMUs, by FMPy, in a process of its own: what a host may do and may not.
 
-    python fuzz_machine.py FOLDER EXAMPLES STEPS SEED FMU FMU
+    python fuzz_machine.py FOLDER EXAMPLES STEPS SEED FMU ...
 
 Calls come in any order and with any arguments but those which the wrapper of pythonfmu takes without a look (see
 docs/simulators.md): states that are null, foreign to Python or freed, text that is not UTF-8, an instance that was
-freed. After each sequence two bystanders, which nothing is done to, are stepped: their outputs must be the same bits
-as in a quiet process. Prints the number of calls, by kind. Where the process dies, the last line of FOLDER/calls says
-in which call.
+freed. After each sequence a bystander of each FMU, which nothing is done to, is stepped: its outputs must be the same
+bits as in a quiet process. Prints the number of calls, by kind. Where the process dies, the last line of FOLDER/calls
+says in which call.
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ class Unit:
         variables = description.modelVariables
         self.outputs = [v.valueReference for v in variables if v.causality == "output"]
         self.numbers = [v.valueReference for v in variables if v.type == "Real"]
-        self.choices = [v.valueReference for v in variables if v.type == "Enumeration"]
-        self.inlet = next(v.valueReference for v in variables if v.name == "inlet.Q")
+        self.choices = [v.valueReference for v in variables if v.type == "Enumeration"] or [0]
+        first = next(v for v in variables if v.causality == "input")  # inlet.Q of arteries
+        self.inlet, self.size = first.valueReference, float(first.start) or 1e-5
 
     def instantiate(self) -> fmi2.FMU2Slave:
         slave = fmi2.FMU2Slave(**self.options)
@@ -83,7 +84,7 @@ class Bystander:
         quiet.freeInstance()
 
     def _step(self, slave: Any, i: int) -> list[float]:
-        slave.setReal([self.unit.inlet], [1e-5 * math.sin(0.1 * i) ** 2])
+        slave.setReal([self.unit.inlet], [self.unit.size * (1.0 + 0.1 * math.sin(0.1 * i))])
         slave.doStep(i * 2e-3, 2e-3)
         return slave.getReal(self.unit.outputs)
 
@@ -196,7 +197,7 @@ class Host(RuleBasedStateMachine):
     def drive(self, data: st.DataObject) -> None:
         """An ordinary step."""
         k, slave, unit = self.slave(data)
-        self.call("setReal", slave.setReal, [unit.inlet], [data.draw(st.floats(-1e-5, 5e-5))])
+        self.call("setReal", slave.setReal, [unit.inlet], [unit.size * data.draw(st.floats(-1.0, 5.0))])
         before = REFUSED["doStep"]
         self.call("doStep", slave.doStep, self.times[k], 2e-3)
         if REFUSED["doStep"] == before:

@@ -24,7 +24,9 @@ import numpy as np
 import pytest
 from c_host import CHost, unpack
 
-from build_fmu import build
+from build_fmu import build, build_model
+from fmu_src import doctor
+from fmu_src.models import body_model, heart_model
 from fmu_src.variables import INTERPOLATIONS
 from solver import Network, load
 
@@ -138,17 +140,31 @@ def test_same_answers(
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance * 1e-6)
 
 
-def test_fmutool_finds_nothing(built: dict[str, Path]) -> None:
+@pytest.fixture(scope="module")
+def fmus_of_all_kinds(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Arteries, a heart and a body."""
+    folder = tmp_path_factory.mktemp("kinds")
+    return [built["hold"], build_model(heart_model(), folder), build_model(body_model(), folder)]
+
+
+def test_fmutool_finds_nothing(fmus_of_all_kinds: list[Path]) -> None:
     """The checks of fmu-manipulation-toolbox: the description's schema, and the rules of the standard beside it."""
     tool = shutil.which("fmutool", path=sysconfig.get_path("scripts"))
     if tool is None:
         pytest.skip("fmu-manipulation-toolbox is not installed")
-    done = subprocess.run([tool, "-input", built["hold"], "-check"], capture_output=True, text=True, timeout=60)
-    said = done.stdout + done.stderr
-    assert done.returncode == 0
-    assert "This FMU seems to be compliant with FMI-2.0." in said
-    assert "No semantic error" in said
-    assert "ERROR" not in said and "WARNING" not in said
+    for fmu in fmus_of_all_kinds:
+        done = subprocess.run([tool, "-input", fmu, "-check"], capture_output=True, text=True, timeout=60)
+        said = done.stdout + done.stderr
+        assert done.returncode == 0
+        assert "This FMU seems to be compliant with FMI-2.0." in said
+        assert "No semantic error" in said
+        assert "ERROR" not in said and "WARNING" not in said
+
+
+def test_doctor_finds_nothing(fmus_of_all_kinds: list[Path]) -> None:
+    """Every kind of FMU is found whole, and takes a step."""
+    for fmu in fmus_of_all_kinds:
+        assert doctor.state(doctor.examine(fmu)) in (doctor.OK, doctor.NOTE), fmu
 
 
 def test_within_a_container(sheep: Network, reference: dict[str, np.ndarray], tmp_path: Path) -> None:
