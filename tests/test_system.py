@@ -29,7 +29,7 @@ from fmu_src.species import HUMAN_BODY, HUMAN_HEART
 from fmu_src.system import first_port, start_values
 from solver import load
 
-STEP, STEPS = 2e-3, 200
+STEP, STEPS = 5e-3, 80
 OUTPUTS = (
     "arteries.inlet.P",
     "arteries.AB2.P",
@@ -120,7 +120,7 @@ def test_start_values_are_inside_the_fmus(ssp: Path) -> None:
 
 
 def test_same_as_in_python(ssp: Path, tmp_path: Path) -> None:
-    """0.4 s with an ejection, in steps of 2 ms, in FMPy: as the components in Python, to 1e-11 of the range.
+    """0.4 s with an ejection, in steps of 5 ms, in FMPy: as the components in Python, to 1e-11 of the range.
 
     FMPy sets every input to 0 before the first step; heart and arteries take that for nothing received.
     """
@@ -159,7 +159,6 @@ def test_refused(tmp_path: Path) -> None:
         (["heart", "--species", "cow"], r"species 'cow': there is none of this name; use one of human, sheep\."),
         (["system", "humn"], r"humn: neither a file nor a bundled network; .*"),
         (["body", "--out", "taken"], r"taken/human_body\.fmu: cannot be written \(.*\); check .*"),
-        (["system", "--out", "taken"], r"taken/human\.ssp: cannot be written \(.*\); check .*"),
     ):
         done = command(*arguments, cwd=tmp_path)
         assert done.returncode == 2
