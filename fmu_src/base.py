@@ -342,7 +342,10 @@ class ComponentSlave(Fmi2Slave):
 
     @classmethod
     def _refused(cls, what: str, action: Callable[[], T]) -> T:
-        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called."""
+        """As ``_guarded``, where the instance is not known: any of this class may be the one that is called.
+
+        The others stay in memory after the host has freed them, a quarter of a megabyte each.
+        """
         try:
             return action()
         except BaseException as error:
