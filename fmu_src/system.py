@@ -39,7 +39,7 @@ class Part:
 
 
 # The outlets of network human are made for another inflow; with these factors the heart keeps 120/80 mmHg
-_OUTLETS = {"human": {"C": 2.0, "R2": 1.05}}
+_OUTLETS = {"human": {"C": 2.0, "R2": 1.03}}
 
 
 def start_values(
