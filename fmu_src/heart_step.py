@@ -96,7 +96,10 @@ def step(heart: Heart, state: HeartState, h: float, port: Port, P_venous: float)
 
 
 class _Trial:
-    """The equations of one step for the flows at its end."""
+    """The equations of one step h [s] for the flows [m³/s] at its end.
+
+    E [Pa/m³] : elastances at the end. c [1/s] : of the difference of the flows. P_venous [Pa] : at the end.
+    """
 
     def __init__(self, heart: Heart, state: HeartState, h: float, port: Port, P_venous: float) -> None:
         self.heart, self.state, self.h, self.port = heart, state, h, port
@@ -114,7 +117,7 @@ class _Trial:
         self.c_now, self.c_before = -(1.0 + ratio) / h, ratio * ratio / (1.0 + ratio) / h
 
     def atrium(self, Q_m: float) -> tuple[float, float]:
-        """Venous inflow [m³/s] and volume [m³] at the end."""
+        """Venous inflow [m³/s] and volume [m³] of the atrium at the end, Q_m [m³/s] through the mitral valve."""
         chamber, s, half = self.heart.left_atrium, self.state, 0.5 * self.h
         V = s.V_atrium + half * (s.Q_venous - s.mitral.Q - Q_m)
         P = chamber.P_0 + self.E_atrium * (V - chamber.V_0)
@@ -122,7 +125,7 @@ class _Trial:
         return Q_venous, V + half * Q_venous
 
     def pressures(self, Q_m: float, Q_a: float) -> tuple[float, float, float]:
-        """In the atrium, in the ventricle and in the aorta at the end [Pa]."""
+        """In the atrium, in the ventricle and in the aorta [Pa] at the end, Q_m, Q_a [m³/s] through the valves."""
         s, ventricle, atrium = self.state, self.heart.left_ventricle, self.heart.left_atrium
         V = s.V_ventricle + 0.5 * self.h * (s.mitral.Q + Q_m - s.aortic.Q - Q_a)
         return (
@@ -132,7 +135,7 @@ class _Trial:
         )
 
     def opening(self, valve: Valve, before: ValveState, drop: float) -> tuple[float, float]:
-        """ζ at the end, and its derivative by the pressure difference at the end."""
+        """ζ [-] at the end, and its derivative [1/Pa] by the pressure difference at the end, ``drop`` [Pa]."""
         half = 0.5 * self.h
         opens = half * valve.K_open * (max(before.drop, 0.0) + max(drop, 0.0))
         closes = half * valve.K_close * (max(-before.drop, 0.0) + max(-drop, 0.0))
@@ -145,7 +148,7 @@ class _Trial:
         return opening, (opens * slope - before.opening * kept) * (d_opens + d_closes) + d_opens * reached
 
     def law(self, valve: Valve, before: ValveState, Q: float, drop: float) -> tuple[float, float, float]:
-        """The equation of a valve times s² [Pa], which is to be 0, and its derivatives by Q and by the drop."""
+        """The equation of a valve times s² [Pa], which is to be 0, its derivative by Q [Pa·s/m³] and by the drop [-]."""
         zeta, d_zeta = self.opening(valve, before, drop)
         s, d_s = valve.regurgitation + (1.0 - valve.regurgitation) * zeta, (1.0 - valve.regurgitation) * d_zeta
         L, B = self.heart.heart.rho * valve.l / valve.A, 0.5 * self.heart.heart.rho / valve.A**2
@@ -157,7 +160,7 @@ class _Trial:
         return value, by_Q, d_s * (L * rate - 2.0 * s * left) - s * s
 
     def equations(self, Q_m: float, Q_a: float) -> tuple[float, ...]:
-        """The laws of the mitral and of the aortic valve: see :meth:`law`."""
+        """The laws of the mitral and of the aortic valve, of Q_m, Q_a [m³/s]: see :meth:`law`."""
         heart, s = self.heart, self.state
         P_atrium, P_ventricle, P_aorta = self.pressures(Q_m, Q_a)
         return (
@@ -166,7 +169,7 @@ class _Trial:
         )
 
     def solve(self) -> tuple[float, float]:
-        """The flows at the end. Raises ValueError."""
+        """The flows [m³/s] through the mitral and the aortic valve at the end. Raises ValueError."""
         found = self._newton() or self._one_by_one()
         if found is None:
             raise ValueError(
@@ -222,7 +225,7 @@ class _Trial:
         return self.equations(Q_m, Q_a)[3]
 
     def end(self, Q_m: float, Q_a: float) -> HeartState:
-        """The state with these flows at the end."""
+        """The state with these flows [m³/s] at the end."""
         heart, s, half = self.heart, self.state, 0.5 * self.h
         P_atrium, P_ventricle, P_aorta = self.pressures(Q_m, Q_a)
         Q_venous, V_atrium = self.atrium(Q_m)

@@ -104,15 +104,20 @@ def test_explicit_exchange_of_a_stiff_heart_fails(human: Network) -> None:
 
 @pytest.mark.parametrize("parallel", [False, True], ids=["sequential", "parallel"])
 def test_no_volume_is_lost(parallel: bool) -> None:
-    """Three beats in steps of 5 ms: in order, the total stays to 1e-12 of a stroke; side by side it is known as it was
-    a step ago, so it comes back to the same value in every beat, but does not drift."""
+    """Three beats in steps of 5 ms: the total stays to 1e-12 of a stroke (measured 1e-14).
+
+    Side by side that is the total without what is only extrapolated at the newest time: the volume of the body, against
+    what has come and gone by then, and the inflow of the arteries, h (2 Q(t) - Q(t-h) - Q(t+h))/2.
+    """
     found = loop(short(), 5 * MS, 2.7, dt=5 * MS, parallel=parallel, element_length=0.5)
     stroke = np.ptp(found["heart.left_ventricle.V"])
+    total = found.total
     if parallel:
-        assert np.ptp(found.total) < 0.05 * stroke
-        assert abs(found.total[-1] - found.total[-181]) < 1e-3 * stroke
-    else:
-        assert np.ptp(found.total) < 1e-12 * stroke
+        assert np.ptp(total) < 0.05 * stroke
+        Q = np.array([0.0, 0.0, *found["heart.aorta.Q"]])
+        net = found["arteries.venous.V"] - found["heart.venous.V"]
+        total = total - found["body.V"] + net - 2.5 * MS * (2.0 * Q[1:-1] - Q[:-2] - Q[2:])
+    assert np.ptp(total) < 1e-12 * stroke
 
 
 @pytest.mark.slow

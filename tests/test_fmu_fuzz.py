@@ -34,5 +34,5 @@ def test_fuzz(fmus: dict[str, Path], tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_fuzz_longer(fmus: dict[str, Path], tmp_path: Path, seed: int) -> None:
-    """The same with other calls, ten thousand."""
+    """The same with other calls, some 5000."""
     assert fuzz(fmus, tmp_path, examples=45, steps=100, seed=seed)["calls"] > 4000

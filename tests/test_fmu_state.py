@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -209,29 +208,6 @@ def test_other_models(tmp_path: Path, model: str) -> None:
     assert onwards(instance) == expected
     for each in (instance, other):
         each.slave.freeInstance()
-
-
-def test_speed(instantiate: Make) -> None:
-    """Prints what it takes to save and restore (measured 0.006 ms), and to write and read bytes (1 and 6 ms)."""
-    instance, _ = prepared(instantiate, "smooth")
-    slave, n = instance.slave, 200
-    state = slave.getFMUState()
-
-    def each(action: Callable[[], Any], n: int) -> float:
-        began = time.perf_counter()
-        for _ in range(n):
-            action()
-        return 1e3 * (time.perf_counter() - began) / n
-
-    def save_and_restore() -> None:
-        saved = slave.getFMUState()
-        slave.setFMUState(saved)
-        slave.freeFMUState(saved)
-
-    blob = slave.serializeFMUState(state)
-    print(f"save and restore {each(save_and_restore, n):.4f} ms, {len(blob)} bytes,", end=" ")
-    print(f"written in {each(lambda: slave.serializeFMUState(slave.getFMUState()), 20):.2f} ms,", end=" ")
-    print(f"read in {each(lambda: slave.deSerializeFMUstate(blob), 20):.2f} ms")
 
 
 # --- what is refused ----------------------------------------------------------------------------------------------
