@@ -265,7 +265,7 @@ def main(
     ] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "inlet.interpolation=linear".'),
+        typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
     ] = None,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
