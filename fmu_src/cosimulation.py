@@ -18,7 +18,7 @@ from solver.scheme.step import State, initial_state
 from solver.start import periodic_state
 
 from .component import Component
-from .ports import Impedances, impedances, port_names, port_values
+from .ports import Impedances, endless, impedances, port_names, port_values
 from .state import Kind, dataclasses
 from .stretch import Position, Stretch
 
@@ -26,6 +26,7 @@ Array = np.ndarray
 
 _ON_GRID = 1e-6  # a communication step nearer to a multiple of dt than this part of dt counts as one
 _LONGEST = 4.0 / 3.0  # internal step, in dt, where the communication step is no multiple of dt
+_FURTHEST = 2.0  # communication steps, of the length of the last one, over which the inflow is extrapolated
 _RENEWED = 9.9e-3  # s after which the impedances of the ports are made anew
 _MOST_STEPS = 1_000_000  # internal steps in one communication step
 
@@ -66,7 +67,7 @@ class CoSimulation(Component):
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(self._start(t0, values), values[self.drive], 0.0)
+        self.known = self.shown = Position(self.model, self._start(t0, values), values[self.drive], 0.0)
         self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
@@ -86,10 +87,11 @@ class CoSimulation(Component):
 
         Of the inputs those that are parameters too (P_venous) matter: the Jacobian at rest is made with them.
         """
-        before = self._volume()
+        fresh = self.known is self.shown
         self._use(self.model.with_parameters({name: v for name, v in changed.items() if name in self.parameters}))
         self.shown = self.shown.under(self.model)
-        self.V_0 += self._volume() - before  # another compliance at the same pressure is no flow
+        if fresh:  # else what is known is still to be taken to where the outputs are, by the old parameters
+            self.known = self.shown
 
     def _built(self, laws: Mapping[str, str], settings: Mapping[str, Any], parameters: Mapping[str, float]) -> Model:
         return build(replace(self.network, **laws), parameters, Settings(**settings))  # type: ignore[arg-type]
@@ -144,6 +146,8 @@ class CoSimulation(Component):
             if self.known is not self.shown:
                 slope = (Q - self.known.drive) / self.last.h
                 known = self.shown if Q == self.shown.drive else self.last.run(self.known, self.known.drive, Q)
+                if stretch.h > _FURTHEST * self.last.h:
+                    slope = 0.0
             known = known.under(stretch.model)
             try:
                 return known, stretch.run(known, Q, Q + slope * stretch.h), slope
@@ -166,13 +170,11 @@ class CoSimulation(Component):
         return dict(zip(self.port_names, values, strict=True))
 
     def _impedances(self) -> Impedances:
-        """About the basis, or about rest where the arteries break down there."""
+        """About the basis, or those of endless tubes where the arteries break down there."""
         try:
             return impedances(self.basis, self.interpolation)
         except NonPhysicalState:
-            state = initial_state(self.model)
-            rest = Position(state, 0.0 if self.drive == "inlet.Q" else float(state.H[0, 0]), 0.0)
-            return impedances((rest, rest, replace(self.last, model=self.model)), self.interpolation)
+            return endless(self.model)
 
     def venous_flows(self) -> Array:
         """The flow of each outlet to its P_venous : (n_outlets,) [m³/s]."""

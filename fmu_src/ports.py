@@ -32,7 +32,7 @@ Array = np.ndarray
 
 INLET_PORTS = {"flow": ("P_0", "Z", "Z_0"), "pressure": ("Q_0", "Y", "Y_0")}  # by its causality
 _SMALL = 1e-3  # of A0 c0 and ρ c0², flow and pressure at the wave speed: small, yet far above round-off
-# what the impedances are made about: where the inflow is known up to, where the outputs are, and the next step
+# what impedances are made about: the last position whose inflow is known, that of the outputs, the next stretch
 Basis = tuple[Position, Position, Stretch]
 
 _CLOSED = 1e15  # Pa·s/m³, of an outlet that no pressure opens
@@ -80,10 +80,19 @@ def impedances(basis: Basis, interpolation: str) -> Impedances:
     return Impedances(float(Z), float(Z_0), changes / np.maximum(less, changes / _CLOSED))
 
 
+def endless(model: Model) -> Impedances:
+    """Those of endless elastic tubes, ρ c0/A0 [Pa·s/m³], or for a given pressure the inverse; outlets closed."""
+    wall, at = model.wall, (0, model.mesh.inlet_element, 0)
+    Z = float(wall.rho[at] * wall.c0[at] / wall.A0[at])
+    outlets = np.full(len(model.mesh.topology.outlet_segment), _CLOSED)
+    return Impedances(Z if model.network.inlet.causality == "flow" else 1.0 / Z, 0.0, outlets)
+
+
 def port_values(stretch: Stretch, at: Position, slope: float, interpolation: str, found: Impedances) -> list[float]:
     """The values of :func:`port_names` over a communication step from a position.
 
-    slope : of the inflow before it [m³/s²]. Where the trial breaks down, the pressures of the position are taken.
+    slope : of what drives the inlet, in the step before [m³/s² or Pa/s]. Where the trial breaks down, the pressures of
+    the position are taken.
     """
     Q = at.drive + slope * stretch.h
     Q_start = Q if interpolation == "hold" else at.drive

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.outputs import volume_entered
+from solver.outputs import volume_entered, volume_weights
 from solver.scheme.model import Model
 from solver.scheme.sdirk import INFLOW_TIMES
 from solver.scheme.step import State, adopt, step
@@ -18,12 +18,13 @@ Number = Any  # one, or (n,)
 
 @dataclass(frozen=True)
 class Position:
-    """Where the arteries stand: their state, what drives the inlet there, and the volume V_in [m³] that came in.
+    """Where the arteries stand: a state of a model, what drives the inlet there, and the volume V_in [m³] that came in.
 
     drive : the flow [m³/s], or where the inlet's causality is pressure, that [Pa]. A position may be several of one
     model: then drive and V_in are (n,), if they differ.
     """
 
+    model: Model
     state: State
     drive: Number
     V_in: Number
@@ -33,8 +34,15 @@ class Position:
         return replace(self, state=self.state.members(np.zeros(n, int)))
 
     def under(self, model: Model) -> Position:
-        """The same under other parameters."""
-        return self if self.state.layout is model.layout else replace(self, state=adopt(model, self.state))
+        """The same under other parameters. What another compliance holds at the same pressure counts as come in."""
+        if model is self.model:
+            return self
+        after = replace(self, model=model, state=adopt(model, self.state))
+        return replace(after, V_in=self.V_in + after.volume() - self.volume())
+
+    def volume(self) -> float:
+        """Blood in the arteries and Windkessels [m³]."""
+        return float(volume_weights(self.model)[0] @ self.state.y[0])
 
 
 @dataclass(frozen=True)
@@ -66,4 +74,4 @@ class Stretch:
             if not by_flow:
                 V = volume_entered(self.model, before, state)
                 entered = entered + (V if len(V) > 1 else float(V[0]))
-        return Position(state, end, at.V_in + entered)
+        return Position(self.model, state, end, at.V_in + entered)

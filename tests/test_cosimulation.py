@@ -15,7 +15,7 @@ from compare import elastic
 
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.variables import variable_table
-from solver import Network, NonPhysicalState, Settings, sampled_inflow, simulate
+from solver import Network, NonPhysicalState, Settings, load, sampled_inflow, simulate
 from solver.outputs import reporter
 from solver.scheme.model import build
 from solver.scheme.step import initial_state, step
@@ -316,6 +316,47 @@ def test_retuned_parameters(sheep: Network) -> None:
         state = step(model, state, MS, np.full(4, 20e-6))
     n = len(sheep.output_units())
     assert component.outputs()[1:n] == pytest.approx(reporter(model)(state)[0, 1:], rel=1e-12)
+
+
+@pytest.mark.parametrize("at", [0, 10])
+def test_retuned_volume(at: int) -> None:
+    """Windkessels three times as compliant, before the first step or after ten: no volume comes or goes by it.
+
+    The inflow alternates by 5 mL/s, so ``smooth`` has always extrapolated wrongly. It knows one step less: its volumes
+    after the next step are those of ``linear`` with a last flow that is extrapolated, to 1e-15 of a litre.
+    """
+    human = load("human")
+    changed = {name: 3.0 * C for name, C in human.parameters().items() if name.endswith(".outlet.C")}
+    found = []
+    for kind in ("linear", "smooth"):
+        component, values = start(human, inlet__interpolation=kind)
+        Q = [100e-6 * np.sin(0.1 * i) + 5e-6 * (i % 2) * (i > 0) for i in range(22)]
+        for i in range(20 if kind == "linear" else 21):
+            if i == at:
+                component.retune({**values, **changed})
+            component.step(i * MS, MS, {**values, "inlet.Q": Q[i if kind == "smooth" else i + 1]})
+        found.append((component.known.V_in, component.known.volume()))
+    assert found[1] == pytest.approx(found[0], abs=1e-18)
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-8, 1e-12])
+@pytest.mark.parametrize("interpolation", ["hold", "smooth"])
+def test_a_very_short_step_among_others(interpolation: str, h: float) -> None:
+    """Steps of 1 ms with one of h [s] between: as without it, to 1e-3 of the pulse."""
+    human = load("human")
+    n, found = len(human.output_units()), []
+    for short in (False, True):
+        component, values = start(human, inlet__interpolation=interpolation)
+        t = 0.0
+        for i in range(40):
+            if short and i == 20:
+                component.step(t, h, {**values, "inlet.Q": smooth(t)})
+                t += h
+            component.step(t, MS, {**values, "inlet.Q": smooth(t)})
+            t += MS
+        found.append(np.array(component.outputs()[:n]))
+    pressures = [i for i, name in enumerate(human.output_units()) if name.endswith(".P")]
+    assert np.abs(found[1] - found[0])[pressures].max() <= 1e-3 * np.ptp(found[0][pressures])
 
 
 def test_refused_parameters_change_nothing(sheep: Network) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmus import mixed
 from scipy.integrate import quad
 from tubes import artery, impedance, tube
 
@@ -105,6 +106,15 @@ def test_where_the_arteries_break_down(sheep: Network) -> None:
         component.step(5 * MS, 5 * MS, {**values, "inlet.Q": -16e-4})
     assert said["inlet.P_0"] == pytest.approx(P + said["inlet.Z"] * 8e-4, rel=1e-12)
     assert said["inlet.Z"] > 0.0
+
+
+def test_where_even_rest_breaks_down() -> None:
+    """Pressures behind the outlets that no artery survives: the port is that of endless tubes, and can be read."""
+    network = mixed()
+    component, _ = start(network, **{f"{o.segment}.outlet.P_venous": 1e5 for o in network.outlets})
+    said = component.ports()
+    assert said["inlet.Z"] == pytest.approx(1.6e7, rel=0.6)
+    assert np.isfinite(list(said.values())).all()
 
 
 def step_response(t: float, tau: float) -> float:

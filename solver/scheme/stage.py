@@ -68,7 +68,7 @@ def operators(model: Model, dt: float) -> Operators:
     """The operators for steps of length dt [s]; made once per dt and kept."""
     if dt not in model.memo:
         if len(model.memo) >= _KEPT:
-            model.memo.clear()
+            model.memo.pop(next(iter(model.memo)))
         c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         model.memo[dt] = operators_about(model, GAMMA * dt, model.at_rest(), H)

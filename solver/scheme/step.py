@@ -28,6 +28,7 @@ from .stage import Stage, operators
 
 Array = np.ndarray
 
+_FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
 _PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
 
 
@@ -163,6 +164,9 @@ def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     last, before = state.unknowns, state.unknowns_before
     if dt == state.dt or state.dt == 0.0:
         return last, before
+    if dt > _FURTHEST * state.dt:  # the line through two near points leads anywhere
+        last = np.broadcast_to(last[-1], last.shape)
+        return last, last
     slope = (last[-1] - before[-1]) * (dt / state.dt)
     stages = SDIRK3.sum(axis=1)
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
