@@ -171,4 +171,5 @@ def test_example(tmp_path_factory: pytest.TempPathFactory) -> None:
     exchanged = [float(row[5]) for row in numbers if row[5]]
     assert np.mean(with_port) > 1.9 and min(with_port) > 1.8
     assert 0.9 < min(exchanged) and max(exchanged) < 1.1
+    assert [path.name for path in done.out.iterdir()] == ["closed_loop.png"]
     assert (done.out / "closed_loop.png").stat().st_size > 50_000
