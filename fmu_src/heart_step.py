@@ -148,7 +148,7 @@ class _Trial:
         return opening, (opens * slope - before.opening * kept) * (d_opens + d_closes) + d_opens * reached
 
     def law(self, valve: Valve, before: ValveState, Q: float, drop: float) -> tuple[float, float, float]:
-        """The equation of a valve times s² [Pa], which is to be 0, its derivative by Q [Pa·s/m³] and by the drop [-]."""
+        """The equation of a valve times s² [Pa], which is to be 0, and its derivatives by Q [Pa·s/m³] and drop [-]."""
         zeta, d_zeta = self.opening(valve, before, drop)
         s, d_s = valve.regurgitation + (1.0 - valve.regurgitation) * zeta, (1.0 - valve.regurgitation) * d_zeta
         L, B = self.heart.heart.rho * valve.l / valve.A, 0.5 * self.heart.heart.rho / valve.A**2

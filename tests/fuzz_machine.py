@@ -4,9 +4,9 @@
 
 Calls come in any order and with any arguments but those which the wrapper of pythonfmu takes without a look (see
 docs/simulators.md): states that are null, foreign to Python or freed, text that is not UTF-8, an instance that was
-freed. After each sequence a bystander of each FMU, an instance that gets none of these calls, is stepped: its outputs must
-be the same bits as in a quiet process. Prints the number of calls, by kind. Where the process dies, the last line of FOLDER/calls
-says in which call.
+freed. After each sequence a bystander of each FMU, an instance that gets none of these calls, is stepped: its outputs
+must be the same bits as in a quiet process. Prints the number of calls, by kind. Where the process dies, the last line
+of FOLDER/calls says in which call.
 """
 
 from __future__ import annotations
