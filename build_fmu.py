@@ -15,7 +15,7 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
 from importlib.metadata import version
@@ -28,6 +28,8 @@ from rich.console import Console
 
 from fmu_src import __version__, content, doctor, models, system
 from fmu_src.models import Model
+from fmu_src.species import SPECIES
+from fmu_src.variable import Variable
 from solver.console import sentences
 from solver.files import find_network, parse_quantity, read_network, write_whole
 from solver.network import Network
@@ -78,18 +80,28 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
 
 
 def _unwritable(target: Path, error: OSError) -> ValueError:
+    for folder in target.parents:
+        if folder.exists() and not folder.is_dir():
+            return ValueError(f"{folder}: is a file, not a directory; choose another directory for {target.name}.")
     return ValueError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
 
 
 def build_system(
-    network: Network, species: str = "human", out: str | os.PathLike[str] = "dist", execution_tool: bool = True
+    network: Network,
+    species: str | None = None,
+    out: str | os.PathLike[str] = "dist",
+    execution_tool: bool = True,
 ) -> Path:
     """Build ``<out>/<network.name>.ssp``: heart, arteries and body, for masters that run them side by side.
 
+    species : of heart and body; may be left out where the network has the name of one.
     Raises ValueError for an unknown species, and if the directory cannot be written.
     """
     if network.inlet.causality != "flow":
         raise ValueError(f"network {network.name}: a heart drives it by its flow; take inlet.causality = flow.")
+    if species is None and network.name not in SPECIES:
+        raise ValueError(f"network {network.name}: whose heart and body? Say --species {' or '.join(SPECIES)}.")
+    species = species or network.name
     starts = system.start_values(network, *models.of(species))
     starts["heart"] |= system.first_port(network, starts["arteries"])
     made = {
@@ -233,7 +245,11 @@ class _Commands(typer.core.TyperGroup):
 
 app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
 NetworkName = Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")]
-SpeciesName = Annotated[str, typer.Option("--species", help="human or sheep.")]
+_SPECIES = "|".join(SPECIES)
+SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Whose heart or body.")]
+Changes = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "heart.rate=80/min".')
+]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]
 
@@ -244,51 +260,74 @@ def main(
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
     inlet: Annotated[
-        str | None, typer.Option(help="What drives the inlet, flow or pressure; default as in the network file.")
+        str | None,
+        typer.Option(metavar="flow|pressure", help="What drives the inlet; default as in the network file."),
     ] = None,
     change: Annotated[
-        list[str] | None, typer.Option("--set", help='Another start value: "inlet.interpolation=linear".')
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
     ] = None,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError):
+        if inlet not in (None, "flow", "pressure"):
+            raise ValueError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
-        starts = _start_values(arteries, change or [])
+        starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
         _report(build(arteries, out, execution_tool=execution_tool, starts=starts))
 
 
-def _start_values(network: Network, changes: Sequence[str]) -> dict[str, float | str]:
+def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str, float | str]:
     """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
-    table = models.arteries_model(network, Settings()).table
     units = {v.name: v.quantity.unit for v in table if v.quantity is not None}
     starts: dict[str, float | str] = {}
     for text in changes:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
-            raise ValueError(f'{text!r}: not a start value; write --set "inlet.interpolation=linear".')
+            raise ValueError(f'{text!r}: not a start value; write --set "NAME=VALUE".')
         starts[name] = parse_quantity(value, units[name], name) if name in units else value
     return starts
 
 
 @app.command()
-def heart(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
+def heart(
+    species: SpeciesName = "human",
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
+    change: Changes = None,
+) -> None:
     """Build the FMU of a left heart."""
-    with sentences(ValueError):
-        _report(build_model(models.heart_model(species), out, execution_tool))
+    _build_lumped(models.heart_model, species, out, execution_tool, change or [])
 
 
 @app.command()
-def body(species: SpeciesName = "human", out: Out = Path("dist"), execution_tool: ExecutionTool = True) -> None:
+def body(
+    species: SpeciesName = "human",
+    out: Out = Path("dist"),
+    execution_tool: ExecutionTool = True,
+    change: Changes = None,
+) -> None:
     """Build the FMU of the veins, which close the volume between arteries and heart."""
+    _build_lumped(models.body_model, species, out, execution_tool, change or [])
+
+
+def _build_lumped(
+    model: Callable[..., Model], species: str, out: Path, execution_tool: bool, changes: list[str]
+) -> None:
+    """A heart or a body with other start values."""
     with sentences(ValueError):
-        _report(build_model(models.body_model(species), out, execution_tool))
+        starts = _start_values(model(species).table, changes)
+        _report(build_model(model(species, starts), out, execution_tool))
 
 
 @app.command("system")
 def system_command(
     network: NetworkName = "human",
-    species: SpeciesName = "human",
+    species: Annotated[
+        str | None,
+        typer.Option(metavar=_SPECIES, help="Whose heart and body; default as the network is called."),
+    ] = None,
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
 ) -> None:

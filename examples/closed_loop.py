@@ -27,6 +27,7 @@ from rich.table import Table
 
 from build_fmu import build_model
 from fmu_src.models import arteries_model, body_model, heart_model, of
+from fmu_src.ports import INLET_PORTS
 from fmu_src.system import start_values
 from solver import Settings, load
 from solver.console import bar, sentences
@@ -117,7 +118,7 @@ def run(
                 break
             t = i * h
             if port:
-                load = {f"aorta.{key}": arteries[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0")}
+                load = {f"aorta.{key}": arteries[f"inlet.{key}"] for key in INLET_PORTS["flow"]}
             else:
                 load = {"aorta.P_0": arteries["inlet.P"], "aorta.Z": 0.0, "aorta.Z_0": 0.0}
             heart.step(t, h, {**load, "venous.P": body["P"]})
@@ -129,7 +130,7 @@ def run(
 
 
 def build(out: Path) -> dict[str, Path]:
-    """The three FMUs in ``out``, with the start values of the loop."""
+    """The three FMUs in ``out``, with the start values of the loop: not those of build_fmu.py."""
     network = load("human")
     starts = start_values(network, *of("human"), parallel=False)
     models = {
@@ -281,14 +282,24 @@ def _label(axes: Axes, title: str, x: str, y: str) -> None:
 # --- the example --------------------------------------------------------------------------------------------------
 
 
+def _make(out: Path) -> None:
+    """Make the directory before a minute of work, not after it."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"{out}: no directory can be made here ({error.strerror}); choose another one.") from None
+
+
 def main(
-    out: Annotated[Path, typer.Option(help="Directory of the FMUs and the figure.")] = Path("dist"),
+    out: Annotated[Path, typer.Option(help="Directory of the figure.")] = Path("dist"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Run heart, arteries and veins in a closed loop until the beats repeat, and show that the coupling converges."""
     console, began = Console(), time.perf_counter()
-    with sentences(ValueError):
-        fmus = build(out)
+    picture = out / "closed_loop.png"
+    with sentences(ValueError), TemporaryDirectory(prefix="loop_") as folder:
+        _make(out)
+        fmus = build(Path(folder))
         n = round(load("human").inlet.T / STEP)
         with bar(quiet) as progress:
             records = run(
@@ -297,11 +308,10 @@ def main(
             errors = study(fmus, lambda part: progress(0.5 + 0.5 * part, "order of convergence"))
         buffer = io.BytesIO()
         draw(records, n, errors).savefig(buffer, format="png", dpi=150)
-        picture = out / "closed_loop.png"
         write_whole(picture, buffer.getvalue())
     console.print(beat_table(records, n))
     console.print(order_table(errors))
-    console.print(*(f"FMU      {fmu}" for fmu in fmus.values()), f"figure   {picture}", sep="\n", markup=False)
+    console.print(f"figure   {picture}", markup=False)
     console.print(f"The example took {time.perf_counter() - began:.0f} s.")
 
 

@@ -131,7 +131,7 @@ def _archive(path: Path) -> Archive:
         raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
     except KeyError:
         if "SystemStructure.ssd" in names:
-            raise _NoFMU("is a system of FMUs (SSP)", "unpack it, and ask about each FMU in its resources") from None
+            raise _NoFMU("is a system of FMUs (SSP)", "unpack it and ask about resources/*.fmu") from None
         raise _NoFMU("is no FMU (no modelDescription.xml)") from None
     except ElementTree.ParseError as error:
         raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None

@@ -45,29 +45,47 @@ _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1d1f22; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }
 h1, h2 { line-height: 1.2; } h2 { margin-top: 2.2rem; } p, ul { max-width: 46rem; }
 code { font: 0.88em ui-monospace, monospace; background: #f2f3f5; padding: 0.1em 0.3em; border-radius: 3px; }
-figure { margin: 1.5rem 0; overflow-x: auto; } figcaption { color: #6b7078; font-size: 0.9em; }
+figure { margin: 1.5rem 0; } figure svg { max-width: 100%; height: auto; }
+figcaption { color: #6b7078; font-size: 0.9em; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 0.88em; }
 th, td { text-align: left; padding: 0.25rem 0.8rem 0.25rem 0; border-bottom: 1px solid #e3e5e8; vertical-align: top; }
 td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
 """
 
+# {drive} is what the host gives, {answer} what it gets back, {letter} and {back} their letters
 _USE = """
 <h2>How to use it</h2>
 <ul>
-<li><strong>Inlet.</strong> The input <code>inlet.Q</code> drives the network. With
-<code>inlet.interpolation</code> = <code>hold</code> its value is kept during a communication step. That acts like a
-delay of half a step, and its jumps show in the pressure at the inlet: use steps of 1 ms or less. With
-<code>linear</code> the inflow goes in a straight line from the value of the step before to the present one. That is
-right, and far more accurate, for a master that sets Q(t + h) before the step from t to t + h; a master that sets Q(t)
-gets a delay of a whole step.</li>
-<li><strong>Communication steps</strong> may have any length. Inside, the FMU steps on its own grid of
-<code>solver.dt</code>; between grid points the outputs come from a short step that is then discarded.</li>
+<li><strong>Inlet.</strong> The input <code>{drive}</code> drives the network, and <code>{answer}</code> answers.
+<code>inlet.interpolation</code> says what the input means between two communication points:
+<ul>
+<li><code>hold</code> (the default): it is kept during the communication step that follows. That acts like a delay of
+half a step, and its jumps show in <code>{answer}</code>: use steps of 1 ms or less.</li>
+<li><code>linear</code>: it is {letter}(t + h), set before the step from t to t + h, and goes in a straight line from
+the value of the step before. That is right, and far more accurate, for a master that knows it; a master that sets
+{letter}(t) gets a delay of a whole step.</li>
+<li><code>smooth</code>: it is {letter}(t), set before the step from t to t + h, as FMPy, ecos, libcosim and most other
+masters do. The FMU extrapolates it over the step, and repeats the step with the straight line when the next value is
+there.</li>
+</ul></li>
+<li><strong>A partner that reads <code>{answer}</code> back</strong> uses the port of the inlet: after the next
+communication step, as long as the last one,<br>
+{port}<br>
+The partner puts this in place of its {back} and solves it together with its own law; then the pair does not ring.
+{early} is not 0 with <code>smooth</code> only. At an outlet the veins see
+P_venous(t + h) = P_0 − Z Q_venous(t + h) with <code>&lt;outlet&gt;.outlet.P_0</code> and <code>.Z</code>. Reading a
+port costs one more step; not reading it costs nothing.</li>
+<li><strong>Volumes.</strong> <code>network.V</code> is the blood inside, <code>venous.V</code> what has left to the
+veins since the start. Partners that exchange counted volumes lose nothing.</li>
+<li><strong>Communication steps</strong> may have any length. Each communication step is cut into equal internal steps
+of at most 4/3 <code>solver.dt</code>.</li>
 <li><strong>Parameters.</strong> Fixed ones are set before initialization ends. Tunable ones may change between steps.
-Input pressures (<code>P_venous</code>) are held.</li>
+Input pressures (<code>P_venous</code>) are held. Enumerations are set by number.</li>
 <li><strong>Signs and units.</strong> Everything is in SI; display units are given beside. Flow counts from the upstream
 to the downstream end of a segment. The pressure is the whole one, elastic and viscous.</li>
-<li><strong>Start.</strong> The fluid is at rest under the pressure <code>network.P_0</code>; a periodic inflow needs a
-few beats until the beats repeat.</li>
+<li><strong>Start.</strong> With <code>network.start</code> = <code>rest</code> the fluid is at rest under the pressure
+<code>network.P_0</code>; a periodic drive needs some beats until the beats repeat. With <code>periodic</code> it starts
+{periodic}.</li>
 <li><strong>Switch logging on to read error sentences.</strong> A value that is not allowed, or a step that fails, gives
 a failed status; the log says in one sentence what was wrong, where and what to do. Without logging the host sees the
 status only (FMPy: <code>simulate_fmu(..., debug_logging=True)</code>). When a step fails, FMPy returns a shortened
@@ -76,15 +94,43 @@ result without an error: compare the last time with the stop time.</li>
 instance, another one or a new process; what follows is the same to the last bit. Bytes that are damaged or those of
 another FMU are refused. A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
 it.</li>
-<li><strong>Reading it back.</strong> <code>resources/network.toml</code> is the network file of this FMU.</li>
+<li><strong>Reading it back.</strong> <code>resources/network.toml</code> is the network file that this FMU was built
+from; values that were set at the build are in the model description only.</li>
 </ul>
+"""
+_DRIVES = {
+    "flow": {
+        "drive": "inlet.Q",
+        "answer": "inlet.P",
+        "letter": "Q",
+        "back": "pressure",
+        "port": "P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h) with <code>inlet.P_0</code>, <code>inlet.Z_0</code> and "
+        "<code>inlet.Z</code>.",
+        "early": "Z_0",
+        "periodic": "where beats of a half-sine inflow with the mean <code>inlet.Q_mean</code> and the period "
+        "<code>inlet.T</code> would have led to",
+    },
+    "pressure": {
+        "drive": "inlet.P",
+        "answer": "inlet.Q",
+        "letter": "P",
+        "back": "flow",
+        "port": "Q(t + h) = Q_0 + Y_0 P(t) + Y P(t + h) with <code>inlet.Q_0</code>, <code>inlet.Y_0</code> and "
+        "<code>inlet.Y</code>.",
+        "early": "Y_0",
+        "periodic": "in the steady state under the pressure <code>inlet.P_mean</code>",
+    },
+}
+
+HOST = """
 <h2>What the host needs</h2>
 <ul>
 <li>Python 3.10 to 3.13 with numpy, and nothing else.</li>
 <li>On Linux, hosts that are not Python load libpython first, for example with
-<code>LD_PRELOAD=libpython3.11.so.1.0</code> in front of their command.</li>
-<li>A path without <code>(</code>, <code>+</code> or non-ASCII characters where the FMU is unpacked: the wrapper of
-pythonfmu crashes on them.</li>
+<code>LD_PRELOAD=libpython3.11.so.1.0</code> in front of their command. <code>python build_fmu.py doctor</code> of
+arterial-fmu prints the whole line.</li>
+<li>A path of letters, digits, blanks and <code>- . _ ~</code> only where the FMU is unpacked: the wrapper of pythonfmu
+crashes on others.</li>
 <li>Linux x86-64, where it is tested. The Windows binary is pythonfmu's and untested.</li>
 </ul>
 """
@@ -102,7 +148,8 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
 bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
-{_USE.replace("inlet.Q", network.inlet.drive)}
+{_USE.format_map(_DRIVES[network.inlet.causality])}
+{HOST}
 {variables_html(table)}
 <h2>References</h2>
 <p>Parameters of the network: {reference}</p>
@@ -150,11 +197,15 @@ def _outlets_in_words(network: Network) -> str:
 
 
 def _table(rows: Iterable[Variable]) -> str:
-    head = "<tr><th>Name</th><th>Kind</th><th>Unit</th><th>Start</th><th>Allowed</th><th>Meaning</th></tr>"
-    return "\n".join(["<table>", head, *(_row(v) for v in rows), "</table>"])
+    """A table of variables; outputs have no start values and so no column of them."""
+    rows = list(rows)
+    starts = any(v.start is not None for v in rows)
+    headings = ["Name", "Kind", "Unit", *(["Start"] if starts else []), "Allowed", "Meaning"]
+    head = "".join(f"<th>{heading}</th>" for heading in headings)
+    return "\n".join(["<table>", f"<tr>{head}</tr>", *(_row(v, starts) for v in rows), "</table>"])
 
 
-def _row(v: Variable) -> str:
+def _row(v: Variable, starts: bool) -> str:
     unit = start = allowed = ""
     if v.quantity is not None:
         q = v.quantity
@@ -169,8 +220,9 @@ def _row(v: Variable) -> str:
             allowed = f"from {q.low:g}"
     else:
         start, allowed = str(v.start), ", ".join(f"{v.number(choice)} {choice}" for choice in v.choices)
-    cells = (
-        f"<td><code>{escape(v.name)}</code></td><td>{v.variability}</td><td class=number>{escape(unit)}</td>"
-        f"<td class=number>{escape(start)}</td><td class=number>{escape(allowed)}</td><td>{escape(v.description)}</td>"
+    numbers = [unit, *([start] if starts else []), allowed]
+    cells = "".join(f"<td class=number>{escape(number)}</td>" for number in numbers)
+    return (
+        f"<tr><td><code>{escape(v.name)}</code></td><td>{v.variability}</td>{cells}"
+        f"<td>{escape(v.description)}</td></tr>"
     )
-    return f"<tr>{cells}</tr>"

@@ -30,7 +30,7 @@ from .stretch import Position, Stretch
 
 Array = np.ndarray
 
-_OF_INLET = {"flow": ("P_0", "Z", "Z_0"), "pressure": ("Q_0", "Y", "Y_0")}  # by its causality
+INLET_PORTS = {"flow": ("P_0", "Z", "Z_0"), "pressure": ("Q_0", "Y", "Y_0")}  # by its causality
 _SMALL = 1e-3  # of A0 c0 and ρ c0², flow and pressure at the wave speed: small, yet far above round-off
 # what impedances are made about: the last position whose inflow is known, that of the outputs, the next stretch
 Basis = tuple[Position, Position, Stretch]
@@ -50,12 +50,12 @@ class Impedances:
 def port_names(network: Network) -> list[str]:
     """The variables of the ports, in the order of :func:`port_values`."""
     outlets = [f"{outlet.segment}.outlet.{key}" for outlet in network.outlets for key in ("P_0", "Z")]
-    return [*(f"inlet.{key}" for key in _OF_INLET[network.inlet.causality]), *outlets]
+    return [*(f"inlet.{key}" for key in INLET_PORTS[network.inlet.causality]), *outlets]
 
 
 def is_port(name: str) -> bool:
     """Whether an output is a variable of a port, which costs a trial step when it is read."""
-    return name.rsplit(".", 1)[-1] in {key for keys in _OF_INLET.values() for key in keys}
+    return name.rsplit(".", 1)[-1] in {key for keys in INLET_PORTS.values() for key in keys}
 
 
 def impedances(basis: Basis, interpolation: str) -> Impedances:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from solver.files import find_network, read_network
 from solver.network import Network
 from solver.scheme.model import Settings
 from solver.units import base_units
@@ -14,6 +15,7 @@ from solver.units import base_units
 from .body import Body
 from .cosimulation import CoSimulation
 from .heart_parts import Heart
+from .ports import INLET_PORTS
 from .variable import Variable, with_starts
 from .variables import variable_table
 
@@ -38,8 +40,8 @@ class Part:
         return next(v for v in self.table if v.name == name)
 
 
-# The outlets of network human are made for another inflow; with these factors the heart keeps 120/80 mmHg
-_OUTLETS = {"human": {"C": 2.0, "R2": 1.05}}
+# The outlets of the bundled network human are made for another inflow; with these factors the heart keeps 120/80 mmHg
+_HUMAN_OUTLETS = {"C": 2.0, "R2": 1.05}
 
 
 def start_values(
@@ -51,7 +53,7 @@ def start_values(
     """
     P_venous = body.body.P_start
     given = network.parameters()
-    factors = _OUTLETS.get(network.name, {})
+    factors = _HUMAN_OUTLETS if network == read_network(find_network("human")) else {}
     outlets = {
         name: given[name] * factors[name.rsplit(".", 1)[-1]]
         for name in given
@@ -71,12 +73,12 @@ def first_port(network: Network, starts: Mapping[str, float | str]) -> dict[str,
     arteries = CoSimulation(network, Settings())
     arteries.initialize(0.0, {variable.name: variable.start for variable in table})
     ports = arteries.ports()
-    return {f"aorta.{key}": ports[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0")}
+    return {f"aorta.{key}": ports[f"inlet.{key}"] for key in INLET_PORTS["flow"]}
 
 
 def circulation(heart: Part, arteries: Part, body: Part) -> list[Wire]:
     """How heart, arteries and body are connected: see :mod:`~fmu_src.heart` and :mod:`~fmu_src.body`."""
-    port = [(arteries.name, f"inlet.{key}", heart.name, f"aorta.{key}") for key in ("P_0", "Z", "Z_0")]
+    port = [(arteries.name, f"inlet.{key}", heart.name, f"aorta.{key}") for key in INLET_PORTS["flow"]]
     veins = [
         (body.name, "P", arteries.name, v.name)
         for v in arteries.table

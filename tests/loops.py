@@ -13,6 +13,7 @@ from fmu_src.body import BodyComponent
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.heart import OUTPUTS, HeartComponent
 from fmu_src.heart_parts import Heart
+from fmu_src.ports import INLET_PORTS
 from fmu_src.species import HUMAN_BODY, HUMAN_HEART
 from fmu_src.system import start_values
 from fmu_src.variable import Variable, with_starts
@@ -84,7 +85,7 @@ def loop(
         t = i * h
         if port:
             ports = A.ports()
-            h_in |= {f"aorta.{key}": ports[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0")}
+            h_in |= {f"aorta.{key}": ports[f"inlet.{key}"] for key in INLET_PORTS["flow"]}
         else:
             h_in |= {"aorta.P_0": A.outputs()[inlet], "aorta.Z": 0.0, "aorta.Z_0": 0.0}
         h_in["venous.P"] = B.outputs()[0]

@@ -257,8 +257,9 @@ def test_command_line(tmp_path: Path) -> None:
         (["shep"], r"Error: shep: neither a file nor a bundled network; .*"),
         (
             ["sheep", "--out", "dist/sheep.fmu"],
-            r"Error: dist/sheep\.fmu/sheep\.fmu: cannot be written \(.*\); check .*",
+            r"Error: dist/sheep\.fmu: is a file, not a directory; choose another directory for sheep\.fmu\.",
         ),
+        (["sheep", "--inlet", "foo"], r"Error: --inlet foo: must be flow or pressure\."),
     ):
         done = run_build(*arguments, cwd=tmp_path)
         assert done.returncode == 2

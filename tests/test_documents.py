@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from xml.etree import ElementTree
@@ -13,6 +14,7 @@ from drawn import TUBE, segment
 
 from fmu_src import drawing
 from fmu_src.document import index_html
+from fmu_src.models import body_model, heart_model
 from fmu_src.variables import variable_table
 from solver import Inlet, Network, Pressure, Reflection, Resistance, Settings, Site, Windkessel
 from solver.network import Junction
@@ -94,16 +96,37 @@ def test_page(network: Network) -> None:
     assert not re.search(r"@import|url\(|<script", text)
     rows = {cells[0]: cells for cells in page.cells}
     for v in table:
-        name, kind, unit, start, allowed, meaning = rows[v.name]
+        name, kind, unit, *start, allowed, meaning = rows[v.name]
         assert (name, kind, meaning) == (v.name, v.variability, v.description)
         if v.quantity is None:
-            assert (start, allowed) == (v.start, ", ".join(f"{i} {c}" for i, c in enumerate(v.choices, 1)))
+            assert (start, allowed) == ([v.start], ", ".join(f"{i} {c}" for i, c in enumerate(v.choices, 1)))
         else:
             assert unit.startswith("–" if v.quantity.unit == "1" else v.quantity.unit)
-            assert (start == "") == (v.causality == "output")
-            assert v.start is None or float(start.split()[0]) == pytest.approx(v.start, rel=1e-5)
-    for word in ("hold", "linear", "logging", "numpy", "libpython", "network.toml"):
+            assert len(start) == (v.causality != "output")
+            assert v.start is None or float(start[0].split()[0]) == pytest.approx(v.start, rel=1e-5)
+    for word in ("hold", "linear", "smooth", "periodic", "venous.V", "logging", "numpy", "libpython", "network.toml"):
         assert word in text
+
+
+def test_page_of_either_inlet() -> None:
+    """The port, the interpolation and the start are told for what drives the inlet, flow or pressure."""
+    for causality, said, unsaid in (
+        ("flow", ("P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h)", "it is Q(t)", "inlet.Q_mean"), ("inlet.Y", "inlet.P_mean")),
+        ("pressure", ("Q(t + h) = Q_0 + Y_0 P(t) + Y P(t + h)", "it is P(t)", "inlet.P_mean"), ("inlet.Z", "Q_mean")),
+    ):
+        network = replace(TUBE, inlet=replace(TUBE.inlet, causality=causality))
+        text = index_html(network, variable_table(network, Settings()), "1.2.3")
+        assert all(words in text for words in said)
+        assert not any(words in text for words in unsaid)
+
+
+def test_pages_of_heart_and_body() -> None:
+    """Well formed, with every variable and what the host needs; outputs have no column of start values."""
+    for model in (heart_model("human"), body_model("sheep")):
+        text = model.documents["documentation/index.html"].decode()
+        rows = {cells[0]: cells for cells in Page(text).cells}
+        assert all(len(rows[v.name]) == 6 - (v.causality == "output") for v in model.table)
+        assert "What the host needs" in text
 
 
 @pytest.mark.parametrize("network", DRAWN, ids=lambda n: n.name)

@@ -28,7 +28,7 @@ DOCUMENTS = {
     "docs/fmu.md": (2, 1),
     "docs/coupling.md": (1, 0),
     "docs/closed-loop.md": (0, 1),
-    "docs/simulators.md": (0, 3),
+    "docs/simulators.md": (0, 4),
     "docs/effects.md": (1, 0),
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),
@@ -82,7 +82,8 @@ def test_snippet(folders: dict[str, Path], document: str, number: int) -> None:
     else:
         lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
         text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
-        text = text.replace(" solver/networks/", f" {ROOT}/solver/networks/")
+        for folder in ("solver/networks/", "tests/clients/"):
+            text = text.replace(f" {folder}", f" {ROOT}/{folder}")
         command = ["bash", "-euc", text]
     done = subprocess.run(command, cwd=folders[document], capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"

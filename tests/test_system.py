@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -145,11 +146,35 @@ def test_commands(tmp_path: Path) -> None:
     for arguments, file in (
         (["heart"], "human_heart.fmu"),
         (["body", "--species", "sheep"], "sheep_body.fmu"),
-        (["system", "sheep", "--species", "sheep", "--out", "dist"], "sheep.ssp"),
+        (["system", "sheep", "--out", "dist"], "sheep.ssp"),
     ):
         done = command(*arguments, cwd=tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         assert re.fullmatch(rf"wrote dist/{re.escape(file)} \(\d+ kB\)\n", done.stdout)
+    with zipfile.ZipFile(tmp_path / "dist" / "sheep.ssp") as archive:
+        assert {"resources/sheep_heart.fmu", "resources/sheep_body.fmu"} <= set(archive.namelist())
+
+
+def test_start_values_of_heart_and_body(tmp_path: Path) -> None:
+    """--set with a unit, and an Enumeration by its name, stand in the description of a heart and a body."""
+    for kind, text, name, start in (
+        ("heart", "left_atrium.V_0=3 mL", "left_atrium.V_0", "3e-06"),
+        ("body", "body.exchange=start", "body.exchange", "2"),
+    ):
+        assert command(kind, "--set", text, cwd=tmp_path).returncode == 0
+        with zipfile.ZipFile(tmp_path / "dist" / f"human_{kind}.fmu") as archive:
+            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        found = {v.attrib["name"]: v[0].get("start") for v in root.iter("ScalarVariable")}
+        assert found[name] == start
+
+
+def test_outlets_of_another_human() -> None:
+    """The outlets are tuned to the heart in the bundled network human; another one of this name keeps its own."""
+    human = load("human")
+    other = replace(human, reference="measured by us")
+    for network, changed in ((human, True), (other, False)):
+        starts = start_values(network, HUMAN_HEART, HUMAN_BODY)["arteries"]
+        assert any(name.endswith((".C", ".R2")) for name in starts) == changed
 
 
 def test_refused(tmp_path: Path) -> None:
@@ -158,7 +183,9 @@ def test_refused(tmp_path: Path) -> None:
     for arguments, sentence in (
         (["heart", "--species", "cow"], r"species 'cow': there is none of this name; use one of human, sheep\."),
         (["system", "humn"], r"humn: neither a file nor a bundled network; .*"),
-        (["body", "--out", "taken"], r"taken/human_body\.fmu: cannot be written \(.*\); check .*"),
+        (["body", "--out", "taken"], r"taken: is a file, not a directory; choose another directory for human_body.*"),
+        (["heart", "--set", "heart.rate"], r"'heart\.rate': not a start value; .*"),
+        (["system", "sheep_nonlinear"], r"network sheep_nonlinear: whose heart and body\? Say --species human or .*"),
     ):
         done = command(*arguments, cwd=tmp_path)
         assert done.returncode == 2
