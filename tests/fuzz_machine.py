@@ -5,8 +5,8 @@
 Calls come in any order and with any arguments but those which the wrapper of pythonfmu takes without a look (see
 docs/simulators.md): states that are null, foreign to Python or freed, text that is not UTF-8, an instance that was
 freed. After each sequence a bystander of each FMU, an instance that gets none of these calls, is stepped: its outputs
-must be the same bits as in a quiet process. Prints the number of calls, by kind. Where the process dies, the last line
-of FOLDER/calls says in which call.
+must be the same bits as in a quiet process. After a step that was not refused all outputs must be finite. Prints the
+number of calls, by kind. Where the process dies, the last line of FOLDER/calls says in which call.
 """
 
 from __future__ import annotations
@@ -147,6 +147,12 @@ class Host(RuleBasedStateMachine):
         self.units.append(unit)
         self.times.append(0.0)
 
+    def look(self, k: int) -> None:
+        """After a step all outputs, ports included, can be read and are finite."""
+        found = self.call("getReal", self.slaves[k].getReal, self.units[k].outputs)
+        assert found is not None, f"outputs cannot be read after a step: {MESSAGES}"
+        assert all(map(math.isfinite, found)), found
+
     @rule(data=st.data())
     def instantiate(self, data: st.DataObject) -> None:
         if len(self.slaves) < MOST:
@@ -192,6 +198,7 @@ class Host(RuleBasedStateMachine):
         self.call("doStep", slave.doStep, t, h)
         if REFUSED["doStep"] == before:
             self.times[k] = t + h
+            self.look(k)
 
     @rule(data=st.data())
     def drive(self, data: st.DataObject) -> None:
@@ -202,6 +209,7 @@ class Host(RuleBasedStateMachine):
         self.call("doStep", slave.doStep, self.times[k], 2e-3)
         if REFUSED["doStep"] == before:
             self.times[k] += 2e-3
+            self.look(k)
 
     @rule(data=st.data())
     def set_real(self, data: st.DataObject) -> None:
