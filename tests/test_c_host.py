@@ -126,7 +126,15 @@ def test_saved_state(c_host: CHost, fmu: Unpacked, tmp_path: Path) -> None:
     assert found[0] == found[1] == found[2] == tables(c_host, third)[0]
 
 
-@pytest.mark.parametrize("damage", ["short", "changed", "empty", "foreign"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "short",
+        "foreign",
+        pytest.param("changed", marks=pytest.mark.slow),
+        pytest.param("empty", marks=pytest.mark.slow),
+    ],
+)
 def test_a_state_that_is_none(c_host: CHost, fmu: Unpacked, other: Unpacked, tmp_path: Path, damage: str) -> None:
     """Bytes cut off, changed, missing, or of another FMU: refused with a sentence, and the instance is as it was."""
     blob, whole = tmp_path / "state.bin", tmp_path / "whole.bin"

@@ -20,6 +20,9 @@ OUTPUTS = ("heart.aorta.Q", "heart.aorta.P", "heart.left_ventricle.P", "heart.le
            "arteries.inlet.P", "arteries.network.V", "arteries.venous.V", "body.P")  # fmt: skip
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module", params=[("human", 5e-3, 100), ("sheep", 1e-3, 200)], ids=["human", "sheep"])
 def system(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
     """The system of a species, as a job for the clients, and the folder of both."""

@@ -199,7 +199,7 @@ def test_structure(fmus: dict[str, Path], name: str) -> None:
         assert {kinds[int(i) - 1] for i in node.attrib["dependencies"].split()} <= {"parameter", "input"}
 
 
-@pytest.mark.parametrize("start", ["rest", "periodic"])
+@pytest.mark.parametrize("start", ["rest", pytest.param("periodic", marks=pytest.mark.slow)])
 def test_initial_dependencies_are_complete(
     instantiate: Callable[..., Instance], fmus: dict[str, Path], start: str
 ) -> None:

@@ -85,6 +85,7 @@ def test_cycles(fmus: dict[str, Path], tmp_path: Path) -> None:
     assert growth(fmus["coarse sheep"], tmp_path, "cycles", 60) < 3.0
 
 
+@pytest.mark.slow
 def test_steps(fmus: dict[str, Path], tmp_path: Path) -> None:
     """4000 steps: below 1 MB (measured 0.0)."""
     assert growth(fmus["coarse sheep"], tmp_path, "steps", 4000) < 1.0

@@ -69,6 +69,7 @@ def test_gives_the_flow_back(network: Callable[[], Network]) -> None:
     assert max(errors.values()) <= 2e-5, errors
 
 
+@pytest.mark.slow
 def test_order() -> None:
     """The error of inlet.Q falls by 8 or a little less at half the step (5.6 measured)."""
     coarse, fine = (recovered(load("sheep"), dt)["inlet.Q"] for dt in (2e-3, 1e-3))

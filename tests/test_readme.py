@@ -33,7 +33,7 @@ DOCUMENTS = {
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),
 }
-SLOW = ("docs/fitting.md", "docs/discrepancy.md")
+SLOW = ("docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md")
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 

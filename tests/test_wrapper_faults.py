@@ -23,6 +23,9 @@ CRASH = -signal.SIGSEGV
 ENCODED = "!\"#$%&'()*+,:;<=>?@[\\]^`{|}é心"  # characters that a URI holds encoded, or that hosts encode
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def sheep_fmu(fmus: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Unpacked:
     return unpack(fmus["sheep"], tmp_path_factory.mktemp("sheep"))
