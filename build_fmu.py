@@ -248,7 +248,7 @@ NetworkName = Annotated[str, typer.Argument(help="A network file (TOML), or the 
 _SPECIES = "|".join(SPECIES)
 SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Whose heart or body.")]
 Changes = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "heart.rate=80/min".')
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help='Another start value: "heart.rate=1.3 Hz".')
 ]
 Out = Annotated[Path, typer.Option(help="Directory of the FMU.")]
 ExecutionTool = Annotated[bool, typer.Option(help="State needsExecutionTool in the FMU; some importers refuse it.")]

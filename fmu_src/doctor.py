@@ -38,7 +38,7 @@ OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
 _ANEW = "build it anew with build_fmu.py, or copy it once more"
-_START = "start them with: "
+_START, _INSTALL = "start them with: ", "install it with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
 _PATIENCE = 120.0  # s for the trial
 # what zipfile raises for archives that are damaged, encrypted or packed in ways of their own
@@ -217,7 +217,9 @@ def _python(where: Interpreter) -> Iterator[Finding]:
 def _numpy(where: Interpreter) -> Finding:
     if where.numpy is not None:
         return Finding("numpy", OK, f"numpy {where.numpy} in {where.numpy_from}")
-    return Finding("numpy", PROBLEM, where.numpy_from, f"{shlex.quote(where.executable)} -m pip install numpy")
+    return Finding(
+        "numpy", PROBLEM, where.numpy_from, f"{_INSTALL}{shlex.quote(where.executable)} -m pip install numpy"
+    )
 
 
 def _host(where: Interpreter) -> Iterator[Finding]:
@@ -328,8 +330,10 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
     lines = []
     for finding in findings:
         remedy = finding.remedy
-        if remedy.startswith(_START):  # to be copied, so on a line of its own
-            lines, remedy = [f"Start hosts in C, C++, … with: {remedy.removeprefix(_START)}"], "see below"
+        for begin, what in ((_START, "Start hosts in C, C++, … with: "), (_INSTALL, "Install numpy with: ")):
+            if remedy.startswith(begin):  # to be copied, so on a line of its own
+                lines.append(what + remedy.removeprefix(begin))
+                remedy = "see below"
         mark = f"[{style[finding.state]}]{finding.what}: {finding.state}[/]"
         table.add_row(mark, _plain(finding.found), _plain(remedy))
     show(table)

@@ -72,7 +72,7 @@ there.</li>
 communication step, as long as the last one,<br>
 {port}<br>
 The partner puts this in place of its {back} and solves it together with its own law; then the pair does not ring.
-{early} is not 0 with <code>smooth</code> only. At an outlet the veins see
+{early} is 0 except with <code>smooth</code>. At an outlet the veins see
 P_venous(t + h) = P_0 − Z Q_venous(t + h) with <code>&lt;outlet&gt;.outlet.P_0</code> and <code>.Z</code>. Reading a
 port costs one more step; not reading it costs nothing.</li>
 <li><strong>Volumes.</strong> <code>network.V</code> is the blood inside, <code>venous.V</code> what has left to the

@@ -47,6 +47,14 @@ def test_healthy(fmus: dict[str, Path]) -> None:
     assert sys.executable in findings["Python"].found
 
 
+@pytest.mark.parametrize("columns", ["40", "80"])
+def test_the_command_line_can_be_copied(fmus: dict[str, Path], columns: str) -> None:
+    """In a narrow terminal the command stands below the table on one line, as it is in the findings."""
+    command = found(examine(fmus["sheep"]))["hosts in C, C++, …"].remedy.removeprefix("start them with: ")
+    done = CliRunner(env={"COLUMNS": columns}).invoke(app, ["doctor", os.fspath(fmus["sheep"])])
+    assert f"Start hosts in C, C++, … with: {command}" in done.output.splitlines()
+
+
 def test_as_json(fmus: dict[str, Path], tmp_path: Path) -> None:
     """--json gives the same findings to programs."""
     done = CliRunner().invoke(app, ["doctor", os.fspath(tmp_path / "nothing.fmu"), "--json"])

@@ -158,7 +158,7 @@ def test_commands(tmp_path: Path) -> None:
 def test_start_values_of_heart_and_body(tmp_path: Path) -> None:
     """--set with a unit, and an Enumeration by its name, stand in the description of a heart and a body."""
     for kind, text, name, start in (
-        ("heart", "left_atrium.V_0=3 mL", "left_atrium.V_0", "3e-06"),
+        ("heart", "heart.rate=1.3 Hz", "heart.rate", "1.3"),
         ("body", "body.exchange=start", "body.exchange", "2"),
     ):
         assert command(kind, "--set", text, cwd=tmp_path).returncode == 0
