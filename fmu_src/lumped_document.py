@@ -38,8 +38,8 @@ HEART_USES = (
     "<strong>Alone</strong> it fills from a source at <code>venous.P</code> and ejects against "
     "<code>aorta.P_0</code> + <code>aorta.Z_0</code> Q(t) + <code>aorta.Z</code> Q(t + h).",
     "<strong>Nothing received yet.</strong> Some masters set every input to 0 before the first step. Where "
-    "<code>aorta.P_0</code>, <code>aorta.Z</code> and <code>aorta.Z_0</code> are all 0, the heart goes on with the "
-    "inputs that it had before.",
+    "<code>aorta.P_0</code>, <code>aorta.Z</code> and <code>aorta.Z_0</code> are all 0 in the first step, the "
+    "heart takes its start values.",
     "<strong>Steps</strong> may be up to a twentieth of a beat; one communication step is one implicit step.",
     "<strong>Heart rate and contractility</strong> may change at any time; the phase of the beat goes on from where "
     "it is.",

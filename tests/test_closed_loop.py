@@ -46,28 +46,31 @@ def errors(found: Run, reference: Run, names: tuple[str, ...]) -> Array:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("parallel", "most"), [(False, (3e-4, 6e-3)), (True, (8e-4, 1.4e-2))], ids=["sequential", "parallel"]
+    ("parallel", "most"), [(False, (2e-4, 4e-3)), (True, (5e-4, 1e-2))], ids=["sequential", "parallel"]
 )
 def test_against_one_eighth_of_a_millisecond(human: Network, parallel: bool, most: tuple[float, float]) -> None:
     """The first beat at 1 and 5 ms against 0.125 ms: the largest error of a site, of its pulse.
 
-    Measured: 1.9e-4 and 4.4e-3 in order; side by side 5e-4 and 1.1e-2 at the first site, whose newest value rests on an
-    extrapolated flow, and 1.9e-4 and 4e-3 elsewhere.
+    Measured: 1.4e-4 and 3.0e-3 in order; side by side 3.3e-4 and 7.5e-3 at the first site, whose newest value rests on
+    an extrapolated flow, and 1.3e-4 and 3.0e-3 elsewhere.
     """
     reference = loop(human, 0.125 * MS, 0.9)
     for h, each in zip((MS, 5 * MS), most, strict=True):
         off = errors(loop(human, h, 0.9, parallel=parallel), reference, SITES)
         assert off.max() < each
-        assert off[2:].max() < min(each, 6e-3)
+        assert off[2:].max() < min(each, 4e-3)
 
 
 @pytest.mark.slow
 def test_order(human: Network) -> None:
-    """Order 2 of the flow from the heart in the communication step with Z, order 1 with flow and pressure exchanged."""
+    """Order 2 of the flow from the heart in the communication step with Z, order 1 with flow and pressure exchanged.
+
+    Measured from 2 to 0.5 ms: 1.96, 2.08, 2.03, and 0.99 to 1. (From 4 to 2 ms the flow's is 1.83.)
+    """
     names = ("heart.aorta.Q", "heart.left_ventricle.V", "arteries.AB1.P")
     reference = loop(human, MS / 16, 0.5, dt=MS / 4)
-    for port, low, high in ((True, 1.8, 2.15), (False, 0.9, 1.1)):
-        off = [errors(loop(human, h, 0.5, port=port, dt=MS / 4), reference, names) for h in (4 * MS, MS)]
+    for port, low, high in ((True, 1.9, 2.15), (False, 0.9, 1.1)):
+        off = [errors(loop(human, h, 0.5, port=port, dt=MS / 4), reference, names) for h in (2 * MS, MS / 2)]
         orders = 0.5 * np.log2(off[0] / off[1])
         assert (orders > low).all() and (orders < high).all()
 
@@ -125,7 +128,8 @@ def test_no_volume_is_lost(parallel: bool) -> None:
 def test_many_beats(parallel: bool) -> None:
     """An aorta alone on a Windkessel, 300 beats in steps of 36 ms: the total does not drift, by 1e-10 of a stroke.
 
-    Measured over 10 000 beats, in order: 4e-10 of a stroke in all, and 5e-9 mmHg at the inlet.
+    Measured over 10 000 beats, in order: 4e-10 of a stroke in all, and 5e-9 mmHg at the inlet; in steps of 45 ms 2e-10
+    and 2e-9 mmHg.
     """
     found = loop(short(), 36 * MS, 270.0, dt=36 * MS, parallel=parallel, every=25, element_length=0.5)
     stroke = 69 * ML
@@ -157,7 +161,10 @@ def test_sheep() -> None:
 
 @pytest.mark.slow
 def test_example(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """120/80 mmHg, beats that repeat to 1e-5, no volume lost to 1e-9 of the stroke; order 1.9 with Z on average."""
+    """120/80 mmHg, beats that repeat to 1e-5, no volume lost to 1e-9 of the stroke.
+
+    Order with Z: 1.82 to 1.93 from 4 to 2 ms, 1.92 to 2.05 below; without 0.98 to 1.
+    """
     done = run_example("closed_loop.py", tmp_path_factory.mktemp("loop"))
     assert done.code == 0, done.errors
     cells = {row[0]: row[1] for row in done.rows() if len(row) == 2}
@@ -169,7 +176,8 @@ def test_example(tmp_path_factory: pytest.TempPathFactory) -> None:
     assert len(numbers) == 12
     with_port = [float(row[3]) for row in numbers if row[3]]
     exchanged = [float(row[5]) for row in numbers if row[5]]
-    assert np.mean(with_port) > 1.9 and min(with_port) > 1.8
-    assert 0.9 < min(exchanged) and max(exchanged) < 1.1
+    orders = np.reshape(with_port, (3, 3))
+    assert orders.min() > 1.8 and orders[:, 1:].min() > 1.9
+    assert 0.95 < min(exchanged) and max(exchanged) < 1.05
     assert [path.name for path in done.out.iterdir()] == ["closed_loop.png"]
     assert (done.out / "closed_loop.png").stat().st_size > 50_000
