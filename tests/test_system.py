@@ -22,6 +22,7 @@ from loops import loop
 from pyssp_standard.ssp import SSP
 from pyssp_standard.ssv import SSV
 from test_clients import run_script
+from typer.testing import CliRunner
 
 import build_fmu
 from build_fmu import build_model, build_system
@@ -141,6 +142,7 @@ def command(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, cwd=cwd, env={**os.environ, "COLUMNS": "80"})
 
 
+@pytest.mark.slow
 def test_commands(tmp_path: Path) -> None:
     """heart, body and system write their files and say so; --species sheep as well."""
     for arguments, file in (
@@ -177,8 +179,9 @@ def test_outlets_of_another_human() -> None:
         assert any(name.endswith((".C", ".R2")) for name in starts) == changed
 
 
-def test_refused(tmp_path: Path) -> None:
+def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An unknown species or network and a directory that is a file give one sentence and exit code 2, and no file."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "taken").write_text("")
     for arguments, sentence in (
         (["heart", "--species", "cow"], r"species 'cow': there is none of this name; use one of human, sheep\."),
@@ -187,8 +190,8 @@ def test_refused(tmp_path: Path) -> None:
         (["heart", "--set", "heart.rate"], r"'heart\.rate': not a start value; .*"),
         (["system", "sheep_nonlinear"], r"network sheep_nonlinear: whose heart and body\? Say --species human or .*"),
     ):
-        done = command(*arguments, cwd=tmp_path)
-        assert done.returncode == 2
+        done = CliRunner().invoke(build_fmu.app, arguments)
+        assert done.exit_code == 2
         assert re.fullmatch(f"Error: {sentence}\n", done.stderr)
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
