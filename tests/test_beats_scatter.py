@@ -34,6 +34,7 @@ def test_jitter_is_measured_and_taken_out(jitter: float, error: float, scatter: 
     assert np.mean(noise) < scatter * 40.0
 
 
+@pytest.mark.slow
 def test_without_jitter_nothing_moves() -> None:
     """Also where the baseline wanders by twice the noise of a beat's mean: 300 records, probability 1e-3 each."""
     moved = 0

@@ -248,6 +248,7 @@ def test_bad_network_file(tmp_path: Path, text: str, sentence: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["BAD.toml"]
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path: Path) -> None:
     """A good file gives the FMU and its size; an unknown name and an unwritable --out give one sentence, code 2."""
     done = run_build("sheep", "--out", "dist", cwd=tmp_path)

@@ -51,6 +51,7 @@ def test_bench_sees_the_law(tmp_path: Path, bench: Path) -> None:
     assert report.warnings == ("Not used on this bench: CA.E, AA.L.",)
 
 
+@pytest.mark.slow
 def test_bench_with_noise(tmp_path: Path, bench: Path) -> None:
     """40 dB on P and R: the whitened residual is 1 ± 0.25, the noise of P seen through the wall included."""
     rng = np.random.default_rng(2)

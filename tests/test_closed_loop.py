@@ -105,6 +105,7 @@ def test_explicit_exchange_of_a_stiff_heart_fails(human: Network) -> None:
 # --- volume -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parallel", [False, True], ids=["sequential", "parallel"])
 def test_no_volume_is_lost(parallel: bool) -> None:
     """Three beats in steps of 5 ms: the total stays to 1e-12 of a stroke (measured 1e-14).

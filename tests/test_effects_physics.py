@@ -84,6 +84,7 @@ def test_leak_of_waves() -> None:
     assert abs(_exact(leak=leak) / _exact() - 1.0) > 0.01
 
 
+@pytest.mark.slow
 def test_unsteady_friction_is_womersley() -> None:
     """With Poiseuille's friction 8πν it is the exact friction in a tube, Z' = iωρ/A/(1 - 2J_1(z)/(z J_0(z))): the
     difference of γ from the quasi-steady one to 0.5 % (0.17 % measured), as good as the table."""
@@ -96,6 +97,7 @@ def test_unsteady_friction_is_womersley() -> None:
     assert abs(exact / steady - 1.0) > 0.02
 
 
+@pytest.mark.slow
 def test_frequency_domain_of_a_network(sheep: Network) -> None:
     """The linearised network knows relaxation, leak, unsteady friction and the scales: P and Q at all sites to 3e-7
     (1.3e-7 measured)."""

@@ -176,6 +176,7 @@ def test_python_api(tmp_path: Path) -> None:
     assert (np.diff(peak) > 0).all()
 
 
+@pytest.mark.slow
 def test_own_network(tmp_path: Path) -> None:
     """The aortic bifurcation runs at 120/80 mmHg within 2 mmHg, mass is kept, and the FMU equals the solver."""
     outcome = run("own_network.py", tmp_path)

@@ -40,6 +40,7 @@ def bench_lines() -> list[Line]:
     return [row("bench", TUNING_SEED, i, cases[i]) for i in (*NULLS, *SEEN, *FAINT)]
 
 
+@pytest.mark.slow
 def test_bench_nulls_raise_no_alarm(bench_lines: list[Line]) -> None:
     """Nothing hidden: verdict none."""
     nulls = w.of(bench_lines, "null")
