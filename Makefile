@@ -37,7 +37,7 @@ discover: $(VENV)/installed-run
 	$(BIN)/python examples/discover.py
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not endurance"
 
 # a file on one core, and so a document, whose snippets build on one another: see tests/conftest.py
 test-slow: $(VENV)/installed-test

@@ -35,7 +35,7 @@ def test_fuzz(fmus: dict[str, Path], tmp_path: Path) -> None:
     assert 0.1 < found["refused"] / found["calls"] < 0.7
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 @pytest.mark.parametrize("seed", [2, 3])
 def test_fuzz_longer(fmus: dict[str, Path], tmp_path: Path, seed: int) -> None:
     """The same with other calls, four to five thousand."""

@@ -91,13 +91,13 @@ def test_steps(fmus: dict[str, Path], tmp_path: Path) -> None:
     assert growth(fmus["coarse sheep"], tmp_path, "steps", 4000) < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_many_cycles(fmus: dict[str, Path], tmp_path: Path) -> None:
     """200 times: below 10 MB (measured 1.2)."""
     assert growth(fmus["coarse sheep"], tmp_path, "cycles", 200) < 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 def test_many_steps(fmus: dict[str, Path], tmp_path: Path) -> None:
     """100 000 steps: below 10 MB (measured 0.0)."""
     assert growth(fmus["coarse sheep"], tmp_path, "steps", 100_000) < 10.0
