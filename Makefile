@@ -39,9 +39,9 @@ discover: $(VENV)/installed-run
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not endurance"
 
-# a file on one core, and so a document, whose snippets build on one another: see tests/conftest.py
+# a file on one core: the snippets of a document build on one another
 test-slow: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff format --check .

@@ -29,13 +29,6 @@ hypothesis.settings.register_profile("no deadline", deadline=None)
 hypothesis.settings.load_profile("no deadline")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Groups for ``--dist loadgroup``: the tests of a file, and of test_readme.py those of a document."""
-    for item in items:
-        values = item.callspec.params if isinstance(item, pytest.Function) and hasattr(item, "callspec") else {}
-        item.add_marker(pytest.mark.xdist_group(values.get("document", item.path.name)))
-
-
 @pytest.fixture(scope="session")
 def sheep() -> Network:
     """The paper's network, Table 1."""
