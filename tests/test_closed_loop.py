@@ -124,7 +124,7 @@ def test_no_volume_is_lost(parallel: bool) -> None:
     assert np.ptp(total) < 1e-12 * stroke
 
 
-@pytest.mark.slow
+@pytest.mark.endurance
 @pytest.mark.parametrize("parallel", [False, True], ids=["sequential", "parallel"])
 def test_many_beats(parallel: bool) -> None:
     """An aorta alone on a Windkessel, 300 beats in steps of 36 ms: the total does not drift, by 1e-10 of a stroke.
