@@ -37,7 +37,7 @@ def _circulant(beat: Beat, multiplier: Array) -> Array:
 def bench_wall(model: Anatomy, site: str, beat: Beat) -> Walls:
     """The wall at a site."""
     vessel = next(p.vessel for p in model.places if p.name == site)
-    return wall_at(walls_of(model, [model.vessel(vessel)], np.array([[0.5]]), beat), 0, 0)
+    return wall_at(walls_of(model, [model.vessel(vessel).at(0.5)], np.array([[0.5]]), beat), 0, 0)
 
 
 def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:

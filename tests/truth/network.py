@@ -75,7 +75,7 @@ class Balance:
 
         self.length = column(lambda piece: piece.length)
         self.leak = column(lambda piece: piece.vessel.leak)
-        self.loss = column(lambda piece: piece.vessel.K / (2.0 * piece.length) if piece.narrow else 0.0)
+        self.loss = column(lambda piece: piece.vessel.K / (2.0 * piece.vessel.L))
         self.friction = m.friction * np.pi * m.nu
         self.venous = np.mean([end.P_venous for end in m.ends])
         middle = self.n // 2
