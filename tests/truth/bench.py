@@ -12,12 +12,14 @@ from functools import lru_cache
 import numpy as np
 
 from .anatomy import Anatomy
-from .beat import Beat
+from .beat import Beat, anderson
 from .wall import Walls, wall_at, walls_of
 
 Array = np.ndarray
 
 _STEPS = 40
+_LONG = 1e-9  # of the largest harmonic of A, correction at which a long period is solved
+_DEPTH = 8  # corrections that Anderson's iteration combines
 
 
 class NoPeriodicRadius(ArithmeticError):
@@ -55,6 +57,27 @@ def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:
         for share in (0.0, 0.25, 0.5, 0.75, 0.9, 1.0):
             s = _newton(replace(wall, r=share * wall.r, phi3=share * wall.phi3), P, s)
     return R0 * s
+
+
+def long_radius(wall: Walls, P: Array) -> Array:
+    """R [m], coefficients (K + 1,), under P [Pa] at the samples of a long period: by Anderson's iteration on the wall
+    linearised about its mean, as dense matrices are too large. Raises NoPeriodicRadius."""
+    beat = wall.beat
+    A = beat.coefficients(wall.A0 * wall.stretch(P - wall.P_level) ** 2)
+    admittance = 1.0 / wall.impedance(A[:1].real)
+    states: list[Array] = []
+    steps: list[Array] = []
+    for _ in range(_STEPS):
+        area = beat.values(A)
+        if not (area > 0.0).all():
+            raise NoPeriodicRadius("the area of an iterate is not positive")
+        missing = P - wall.pressure(area, beat.values(1j * beat.omega * A))
+        states.append(A)
+        steps.append(admittance * beat.coefficients(missing))
+        A = anderson(states[-_DEPTH:], steps[-_DEPTH:])
+        if np.abs(steps[-1]).max() <= _LONG * np.abs(A[1:]).max():
+            return beat.coefficients(np.sqrt(beat.values(A) / np.pi))
+    raise NoPeriodicRadius(f"after {_STEPS} iterations the area still moves by {np.abs(steps[-1]).max():.1g} m²")
 
 
 def _newton(wall: Walls, P: Array, s: Array) -> Array:

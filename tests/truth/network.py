@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import ive
 
 from .anatomy import Anatomy, End
-from .beat import Beat
+from .beat import Beat, anderson
 from .pieces import Node, Piece, cut, points, row_at
 from .wall import Walls, wall_at, walls_of
 
@@ -199,7 +199,7 @@ class Balance:
                 raise NoPeriodicFlow("the iteration diverged")
             states.append(unknown)
             steps.append(step)
-            unknown = _combine(states[-_DEPTH:], steps[-_DEPTH:])
+            unknown = anderson(states[-_DEPTH:], steps[-_DEPTH:])
             if correction <= tolerance:
                 break
         return unknown, len(steps), correction
@@ -219,19 +219,6 @@ class Balance:
             for kind, value in (("P", P), ("Q", Q), ("R", np.sqrt(A / np.pi))):
                 result[f"{place.name}.{kind}"] = self.beat.coefficients(row @ value[i])
         return result
-
-
-def _combine(states: list[Array], steps: list[Array]) -> Array:
-    """Anderson's next iterate: the affine combination of the last ones with the smallest correction."""
-    if len(steps) == 1:
-        return states[0] + steps[0]
-    dS = np.stack([(b - a).ravel().view(float) for a, b in zip(steps[:-1], steps[1:], strict=True)], axis=1)
-    dX = np.stack([(b - a).ravel().view(float) for a, b in zip(states[:-1], states[1:], strict=True)], axis=1)
-    scale = np.linalg.norm(dS, axis=0)
-    scale[scale == 0.0] = 1.0
-    weights = np.linalg.lstsq(dS / scale, steps[-1].ravel().view(float), rcond=1e-10)[0] / scale
-    change = steps[-1].ravel().view(float) - (dX + dS) @ weights
-    return states[-1] + change.view(complex).reshape(states[-1].shape)
 
 
 class Linearised:

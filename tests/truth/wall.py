@@ -68,9 +68,9 @@ class Walls:
 
     def springpot(self) -> Array:
         """Stress of a unit strain in the springpot's share, w φ0 ω1 (iω/ω1)^a : (…, points, K + 1) [Pa]."""
-        relative = 1j * np.arange(self.beat.K + 1)
+        relative = 1j * np.arange(self.beat.K + 1) * self.beat.share
         relative[0] = 1.0  # a springpot forgets the mean: set to zero below
-        response = self.w * self.phi0 * self.beat.omega[1] * relative**self.order
+        response = self.w * self.phi0 * (self.beat.omega[1] / self.beat.share) * relative**self.order
         response[..., 0] = 0.0
         return response
 
