@@ -55,7 +55,7 @@ def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:
         except NoPeriodicRadius:
             s = wall.stretch(P - wall.P_level)
         for share in (0.0, 0.25, 0.5, 0.75, 0.9, 1.0):
-            s = _newton(replace(wall, r=share * wall.r, phi3=share * wall.phi3), P, s)
+            s = _newton(replace(wall, r=share * wall.r, phi3=share * wall.phi3, coulomb=share * wall.coulomb), P, s)
     return R0 * s
 
 
@@ -64,7 +64,7 @@ def long_radius(wall: Walls, P: Array) -> Array:
     linearised about its mean, as dense matrices are too large. Raises NoPeriodicRadius."""
     beat = wall.beat
     A = beat.coefficients(wall.A0 * wall.stretch(P - wall.P_level) ** 2)
-    admittance = 1.0 / wall.impedance(A[:1].real)
+    admittance = 1.0 / wall.at_rest().impedance(A[:1].real)
     states: list[Array] = []
     steps: list[Array] = []
     for _ in range(_STEPS):
@@ -86,12 +86,13 @@ def _newton(wall: Walls, P: Array, s: Array) -> Array:
     springpot = _circulant(wall.beat, wall.springpot()) if np.any(wall.w) else None
     for _ in range(_STEPS):
         rate = D @ s
-        stress, slope = wall.rate_stress(rate), wall.rate_slope(rate)[:, None] * D
+        by_rate, by_strain = wall.rate_slopes(rate, s)
+        stress, slope = wall.rate_stress(rate, s), by_rate[:, None] * D + np.diag(by_strain)
         if memory is not None:
             stress, slope = memory @ stress, memory @ slope
         if springpot is not None:
             stress, slope = stress + springpot @ (s - 1.0), slope + springpot
-        stress, slope = stress + wall.phi3 * rate**3, slope + (3.0 * wall.phi3 * rate**2)[:, None] * D
+        stress, slope = stress + wall.further_stress(rate), slope + wall.further_slope(rate)[:, None] * D
         residual = wall.P_level + wall.elastic_pressure(s) + wall.K_h * stress / s - P
         jacobian = (wall.K_h / s)[:, None] * slope
         jacobian[np.diag_indices(len(s))] += wall.elastic_slope(s) - wall.K_h * stress / s**2

@@ -64,6 +64,7 @@ class Balance:
         self.walls = walls_of(
             model, [piece.vessel for piece in self.pieces], start + (stop - start) * self.points.xi, beat
         )
+        self.resting = self.walls.at_rest()
         self._constants()
 
     def _constants(self) -> None:
@@ -89,7 +90,7 @@ class Balance:
 
     def rest(self) -> Array:
         """The unknowns at rest under P_0."""
-        s = self.walls.stretch(self.model.P_0 - self.walls.P_level)
+        s = self.resting.stretch(self.model.P_0 - self.walls.P_level)
         unknown = np.zeros((self.beat.K + 1, self.p, 2, self.n), complex)
         unknown[0, :, 0] = (self.walls.A0 * s * s / self.A_size)[..., 0]
         return unknown
@@ -230,7 +231,7 @@ class Linearised:
         A, Q, _, P = (x.mean(axis=-1, keepdims=True) for x in balance.fields(unknown))
         self.A, self.Q, self.P = A, Q, P
         self.speed = np.abs(b.beat.values(np.moveaxis(unknown, 0, -1)[:, 1] * b.Q_size)).mean(axis=-1, keepdims=True)
-        self.Z = b.walls.impedance(A)  # (pieces, n, K + 1)
+        self.Z = b.resting.impedance(A)  # (pieces, n, K + 1)
         self._condense()
         self._nodes()
 
@@ -309,7 +310,7 @@ class Linearised:
     def _load(self, i: int, end: End) -> Array:
         b = self.b
         if end.kind == "reflection":
-            wall: Walls = wall_at(b.walls, i, -1)
+            wall: Walls = wall_at(b.resting, i, -1)
             s = wall.stretch(self.P[i, -1] - end.P_venous - wall.P_level)
             slope = wall.elastic_slope(s) / (2.0 * wall.A0 * s)  # dP_el/dA
             speed = s * np.sqrt(slope * wall.A0 / b.model.rho)  # c

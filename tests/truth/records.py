@@ -73,6 +73,11 @@ class Case:
     varying: tuple[float, float] = (0.0, 0.0)
 
     @property
+    def unlike(self) -> bool:
+        """Whether beats differ."""
+        return any(self.varying) or any(e.over_beats for e in self.effects)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The recorded channels."""
         if self.kind == "bench":
@@ -92,9 +97,10 @@ class Made:
     """A record and its truth.
 
     time (n,) [s]; channels (n,) each, SI; base: the network given to the workflow. truth: plain data with the effects,
-    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise;
-    noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; dt, beat and nuisance of
-    the record, for ``detect.py``.
+    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise, in
+    the steady beat; noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; at and
+    samples: phases of the samples, and the channels there without noise; dt, beat and nuisance of the record, for
+    ``detect.py``.
     """
 
     case: Case
@@ -107,6 +113,8 @@ class Made:
     drive: Array
     beat: Beat
     nuisance: Nuisance
+    at: Clock
+    samples: Mapping[str, Array]
     flow: Flow | None = field(default=None, repr=False)
 
     @property
@@ -131,14 +139,14 @@ def make(case: Case, seed: int | tuple[int, ...]) -> Made:
     drive = heart if bed is None else bed.pressure(heart, beat.omega)
     clean, flow = truth_channels(case, anatomy(base), animal, drive, beat)
     noise = _noise(case, clean, beat)
-    if any(case.varying):
+    if case.unlike:
         at, samples = _varying(rng, case, hidden_model(case, anatomy(base), animal), beat, heart, bed, clean)
     else:
         at = clock(rng, beat.T, BEATS)
         samples = {name: at_phase(clean[name], at.phase) for name in case.names}
     channels = {name: measured(rng, samples[name], at, noise[name], beat.T) for name in case.names}
     truth = _truth(case, seed, anatomy(base), animal, beat, clean)
-    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, animal, flow)
+    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, animal, at, samples, flow)
 
 
 def _noise(case: Case, clean: Mapping[str, Array], beat: Beat) -> dict[str, float]:

@@ -21,7 +21,7 @@ from .shapes import Arteries
 
 Array = np.ndarray
 
-_SPARE = 2  # beats beside those of the record, so that it may begin within one and does not meet its own end
+SPARE = 2  # beats beside those of the record, so that it may begin within one and does not meet its own end
 _BEFORE = 0.25  # of a period before its onset: there an ejection has not begun, and the last one has ended
 _FURTHEST = 3.0  # standard deviations
 
@@ -52,7 +52,7 @@ class Run:
 
 def run(rng: np.random.Generator, beat: Beat, beats: int, rate: float, stroke: float) -> Run:
     """As many beats and a few more, with standard deviations of interval and stroke, of their means."""
-    n = beats + _SPARE
+    n = beats + SPARE
     z = np.clip(rng.standard_normal((2, n)), -_FURTHEST, _FURTHEST)
     ends = np.cumsum(beat.T * (1.0 + rate * z[0]))
     long = Beat(float(ends[-1]), n * beat.K, n * beat.samples, beat.T)
