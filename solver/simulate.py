@@ -179,16 +179,10 @@ def simulate_periodic(
 
 
 def repeating_beat(
-    network: Network,
-    inflow: Inflow | None = None,
-    period: float | None = None,
-    *,
-    parameters: Parameters | None = None,
-    settings: Settings | None = None,
-    tolerance: float = 1e-5,
-    max_beats: int = 100,
-    progress: Progress | None = None,
-) -> Waveforms:
+    network: Network, inflow: Inflow | None = None, period: float | None = None, *,
+    parameters: Parameters | None = None, settings: Settings | None = None,
+    tolerance: float = 1e-5, max_beats: int = 100, progress: Progress | None = None,
+) -> Waveforms:  # fmt: skip
     """The beat of :func:`simulate_periodic` in a third of its time: for fits, which need thousands.
 
     From near the periodic state, or from rest where there is none such, it runs on in quarters of a beat until every
@@ -214,14 +208,9 @@ def repeating_beat(
 
 
 def _periodic_run(
-    network: Network,
-    inflow: Inflow | None,
-    period: float | None,
-    parameters: Parameters | None,
-    settings: Settings | None,
-    tolerance: float,
-    max_beats: int,
-) -> tuple[_Run, int]:
+    network: Network, inflow: Inflow | None, period: float | None, parameters: Parameters | None,
+    settings: Settings | None, tolerance: float, max_beats: int,
+) -> tuple[_Run, int]:  # fmt: skip
     """The run whose beats are to repeat, and the steps of a beat."""
     _check_network(network)
     settings = settings or Settings()
