@@ -32,7 +32,15 @@ class WallViscosity(Effect):
     places = ("all", "segment")
     terms = {
         "phi0": Quantity(
-            "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s", spread=0.2, refit=("network", "wall")
+            "Pa.s",
+            "wall viscosity phi0",
+            0.0,
+            1e8,
+            nominal=1e4,
+            display="kPa.s",
+            spread=0.2,
+            refit=("network", "wall"),
+            individual=0.2,
         )
     }
     always = True
