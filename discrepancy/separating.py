@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .name import Naming
+from .verdict import Naming
 from .places import entry, of_sensor
 from .study import Study
 

@@ -21,7 +21,7 @@ from solver.units import INFLOW
 from . import thresholds
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .isolability import isolability, smallest
-from .name import Naming
+from .verdict import Naming
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
 from .places import of_sensor, plain
 from .separating import separating_measurement

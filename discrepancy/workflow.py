@@ -31,7 +31,8 @@ from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 
 from .journal import Journal
-from .name import Naming, name
+from .name import name
+from .verdict import Naming
 from .outcome import NamedEffect, Outcome, Round, verdict_json
 from .places import entry
 from .show import Run, free_run, own_parity, parity

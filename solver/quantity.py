@@ -22,8 +22,8 @@ class Quantity:
     What inference asks: spread : standard deviation between animals, of its logarithm, or of its value where that may
     be negative (of its ratio, if it has one). refit : where a record refits it, one factor or shift for all that have
     it: "network", "wall". individual : the same deviation between the arteries or outlets of one animal, about what
-    they have in common (0: they do not deviate by themselves). ratio_to : the key that it is counted relative to, and keeps
-    its ratio to when that changes.
+    they have in common (0: they do not deviate by themselves). ratio_to : the key that it is counted relative to, and
+    keeps its ratio to when that changes.
     """
 
     unit: str

@@ -13,7 +13,7 @@ from truth.records import Case, Nuisance, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy.name import Naming
+from discrepancy.verdict import Naming
 from discrepancy.study import judge
 from fitting.inference.added import estimates
 from fitting.inference.bench import Bench, fit

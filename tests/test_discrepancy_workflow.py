@@ -18,7 +18,7 @@ from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
 from discrepancy.journal import Journal, parted
-from discrepancy.name import Naming
+from discrepancy.verdict import Naming
 from discrepancy.outcome import VERDICTS, Outcome
 from discrepancy.show import Gap, Run, own_parity
 from discrepancy.source import read_model

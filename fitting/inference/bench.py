@@ -53,6 +53,7 @@ class Bench(Forward):
     """
 
     kind = "bench"
+    deviations = ()
 
     network: Network
     site: str

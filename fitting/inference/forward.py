@@ -94,6 +94,15 @@ class Forward(Protocol):
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 
+    def rewhitened(self, columns: Mapping[str, Array], before: Any) -> dict[str, Array]:
+        """Columns that were whitened for another model of this record, for this one."""
+        return dict(columns)
+
+    @property
+    def deviations(self) -> tuple[Unknown, ...]:
+        """What every artery and outlet has of its own; nothing where all have it in common."""
+        return ()
+
     def individual(self) -> Forward:
         """The same with deviations of every artery and outlet; itself where there is but one."""
         return self

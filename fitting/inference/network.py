@@ -321,6 +321,10 @@ class NetworkProblem(Forward):
             replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
         ]
 
+    def rewhitened(self, columns: Mapping[str, Array], before: NetworkProblem) -> dict[str, Array]:
+        own, old = self.target, before.target
+        return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
+
     @property
     def weights(self) -> tuple[float, Array, Array, Array]:
         """What :meth:`restored` makes the same problem of: dt [s], error, covariance and response."""

@@ -1,0 +1,134 @@
+"""Compare hypotheses on one record: what was found so far, ranked, under one weighting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.inference.added import extended
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, followers, joins
+
+from . import thresholds as at
+from .weigh import Named, ranked, scores, shortlist, weighed
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What was compared so far. problem : as it was weighted at last. none : without effect. ranked : best first.
+    columns : of every candidate at ``none``, whitened."""
+
+    problem: Forward
+    none: Named
+    ranked: tuple[Named, ...]
+    columns: Mapping[str, Array]
+    terms: tuple[Term, ...]
+
+    @property
+    def best(self) -> Named:
+        """The best hypothesis, that without effect included."""
+        return min((*self.ranked, self.none), key=lambda n: n.score)
+
+    def with_fits(self, none: Fit, fits: Sequence[Fit]) -> Compared:
+        """With other fits, weighed."""
+        problem, terms = self.problem, self.terms
+        found = ranked([weighed(problem, f, terms) for f in fits])
+        return replace(self, none=weighed(problem, none, terms), ranked=found)
+
+    def restated(self, problem: Forward) -> Compared:
+        """Under the weights of another problem of the same record."""
+        if problem is self.problem:
+            return self
+        none, *fits = problem.restated([self.none.fit, *(n.fit for n in self.ranked)], self.problem)
+        columns = problem.rewhitened(self.columns, self.problem)
+        return replace(self, problem=problem, columns=columns).with_fits(none, fits)
+
+    def polished(self, runs: Runs) -> Compared:
+        """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
+        sharp = self.problem.sharpened(self.best.fit, runs)
+        if sharp is self.problem:
+            return self
+        near = [n.fit for n in self.ranked if n.score < self.ranked[0].score + at.NEAR][: at.SHORTLIST // 2]
+        anew, *again = sharp.refine([self.none.fit, *near], runs)
+        known = {_labels(f): f for f in again if f is not None}
+        old = self.restated(sharp)
+        fits = [known.get(_labels(n.fit), n.fit) for n in old.ranked]
+        return old.with_fits(old.none.fit if anew is None else anew, fits)
+
+    def joined(self, other: Compared) -> Compared:
+        """With the hypotheses of another comparison of the same record, under the weights of the better one."""
+        better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
+        worse = worse.restated(better.problem)
+        none = min(better.none, worse.none, key=lambda n: n.score)
+        own = better if none is better.none else worse
+        return replace(own, problem=better.problem, none=none, ranked=ranked([*better.ranked, *worse.ranked]))
+
+
+def _labels(fit: Fit) -> tuple[str, ...]:
+    return tuple(t.label for t in fit.terms)
+
+
+def further(found: Compared, runs: Runs) -> Iterator[Compared]:
+    """With more effects, or finer ones, until the best explains the record or nothing new is left to try."""
+    tried: set[tuple[str, ...]] = set()
+    while found.best.fit.terms and not found.best.explains:
+        fits = more(found, runs, tried)
+        if not fits:
+            return
+        known = found.best
+        joined = found.with_fits(found.none.fit, [*(n.fit for n in found.ranked), *fits])
+        found = joined.polished(runs) if joined.best.score < known.score else joined
+        yield found
+
+
+def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:
+    """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
+    to one for each; of one combination the better fit. None where what is promised stays far above noise.
+
+    tried : labels of the hypotheses that were taken up before; grows.
+    """
+    fits: dict[frozenset[str], Fit] = {}
+    for first in _firsts(found, tried):
+        tried.add(_labels(first))
+        for fit in (*_seconds(found, first, runs), *_refinements(found.problem, first, runs)):
+            key = frozenset(_labels(fit))
+            if key not in fits or fit.cost < fits[key].cost:
+                fits[key] = fit
+    return list(fits.values())
+
+
+def _firsts(found: Compared, tried: set[tuple[str, ...]]) -> list[Fit]:
+    """The best hypotheses that have room for another effect, one of each effect."""
+    chosen: dict[str, Fit] = {}
+    for n in found.ranked:
+        near, room = n.fit.cost < at.BRANCH_COST * found.ranked[0].fit.cost, len(n.fit.terms) < at.MOST_EFFECTS
+        if near and room and _labels(n.fit) not in tried and len(chosen) < at.BRANCHES:
+            chosen.setdefault(n.fit.terms[-1].effect, n.fit)
+    return list(chosen.values())
+
+
+def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:
+    """A second effect beside the first, where its linear promise comes near the noise."""
+    problem, there = found.problem, set(_labels(first))
+    others = [t for t in found.terms if t.label not in there and not t.rewires and joins(t, first.terms)]
+    others += followers(extended(problem.network, first), problem.site, found.terms)
+    (anew,) = problem.refine([first], runs)
+    base = first if anew is None else anew
+    columns = problem.columns(base, others, runs)
+    enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2)
+    promising = shortlist([s for s in scores(base, columns, others) if s.left < enough], at.SHORTLIST)
+    fits = problem.refit([(*first.terms, t) for t in promising], base, runs, columns) if promising else []
+    return [f for f in fits if f is not None]
+
+
+def _refinements(problem: Forward, first: Fit, runs: Runs) -> list[Fit]:
+    """Every effect of walls everywhere with a size of its own for each segment."""
+    finer = [problem.refined(first, t) for t in first.terms]
+    hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
+    return [f for f in problem.refit(hypotheses, runs=runs) if f is not None] if hypotheses else []
