@@ -35,10 +35,10 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     is the best so far, and not complete.
     Raises ArithmeticError if the model as given cannot be simulated with this record.
     """
-    found, complete = None, True
+    stages, found, complete = _stages(problem, tuple(terms), runs or Runs(), walls), None, True
     try:
-        for found in _stages(problem, tuple(terms), runs or Runs(), walls):
-            pass
+        while (later := next(stages, None)) is not None:
+            found = later
     except OutOfTime:
         complete = False
         if found is None:

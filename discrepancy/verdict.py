@@ -1,4 +1,4 @@
-"""The verdict: which hypotheses stand, exact or with an error of the model beside them, and what may be said of them."""
+"""The verdict: which hypotheses stand, exact or with an error of the model beside them, and what may be said."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _partial(
     assert best.parts is not None
     wide = problem.widened(best.parts)
     none, *rest = _anew(wide, problem, [found.none, *found.ranked[: at.LOOSE]])
-    order = ranked([n for n in rest])
+    order = ranked(rest)
     members = tuple(n for n in order if n.above_best < 2.0 * math.log(at.CLASS_ODDS))
     return make("partial", wide, none, order, members, confidence, left)
 

@@ -2,8 +2,8 @@
 
 What the model lacks must not be taken up by walls that are bent out of shape for it, nor the other way round. So the
 first look is from afar: with an error of the model of some per cent of every channel's pulse, under which the walls
-move no further than they are likely to. From there every effect is judged by what it adds to the evidence, each with the
-spread of walls that suits it best, looking closer and closer; the best are refitted.
+move no further than they are likely to. From there every effect is judged by what it adds to the evidence, each with
+the spread of walls that suits it best, looking closer and closer; the best are refitted.
 """
 
 from __future__ import annotations
