@@ -102,8 +102,8 @@ def test_errors_of_the_model_are_found() -> None:
 def test_noise_has_no_errors_of_the_model() -> None:
     """Where the residual is noise, an error of the model is worth its price in less than one record of a hundred.
 
-    Of a part of an error that is not there, half the gains are 0 and half χ² of one degree of freedom: above the price of
-    one, 10, in 0.1 % of all; 40 draws have none or one.
+    Of a part of an error that is not there, half the gains are 0 and half χ² of one degree of freedom: above the price
+    of one, 10, in 0.1 % of all; 40 draws have none or one.
     """
     from discrepancy.thresholds import ELSE, PART
 
