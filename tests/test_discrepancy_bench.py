@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from truth.anatomy import anatomy
+from truth.animal import Nuisance
 from truth.beat import Beat
 from truth.hide import Effect, parameters
-from truth.records import Case, Nuisance, hidden_model, make, truth_channels
+from truth.records import Case, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 

@@ -5,6 +5,7 @@ series of one beat (harmonic balance), space is Chebyshev-Lobatto points with eq
 inflow shapes, the noise and the separations d' are its own, too.
 
     anatomy.py  what flows and what the walls are: a network's numbers, and every hidden effect as a change of them
+    animal.py   what an animal has of its own: scales common to its walls, and each wall by itself
     beat.py     one period as a Fourier series, and its samples
     wall.py     the wall's pressure of an area and its rate
     hide.py     hidden effects by name and size, and their parameters
