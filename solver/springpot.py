@@ -21,7 +21,7 @@ _ELEMENTS = 1.0 / (1.0 + 1j * _BAND[:, None] * _TIMES)
 
 
 def shares(a: Array) -> Array:
-    """Weights g : (7, …) of Maxwell elements with Σ g_j/(1 + iωτ_j) = (iω/ω_r)^(a-1), τ those of RATES and a damper's 0.
+    """Weights g : (7, …) of Maxwell elements with Σ g_j/(1 + iωτ_j) = (iω/ω_r)^(a-1), 1/τ the RATES, and a damper last.
 
     a : (…) orders. By least squares of the relative error, which makes them smooth functions of a.
     """

@@ -123,8 +123,8 @@ class Wall:
         return np.asarray((tau[0] == 0.0) & (share[0] == 1.0) & np.all(share[1:] == 0.0, axis=0))
 
     def remembering(self, past: Array, theta: float) -> Wall:
-        """The wall of a moment: θ [s] ago the stresses of its elements were ``past`` : (m, …) [Pa], and ε̇ has been since
-        what it is now. Itself where no wall has a memory."""
+        """The wall of a moment: θ [s] ago the stresses of its elements were ``past`` : (m, …) [Pa], with ε̇ as it is now
+        ever since. Itself where no wall has a memory."""
         if not self.remembers:
             return self
         return replace(self, moment=Moment.of(*self.elements, past, theta))
