@@ -14,6 +14,7 @@ inflow shapes, the noise and the separations d' are its own, too.
     bench.py    the periodic radius of one piece of artery under a given pressure
     shapes.py   ejection and pressure waveforms
     sensors.py  what sensors make of the truth: lag, gain, offset, resonance, noise, drift, steps, jitter
+    varying.py  records whose beats differ in interval and stroke
     records.py  cases and their records
     detect.py   d' and separation of a hidden effect; refit.py its least squares, rivals.py what looks alike
     plan.py     the lists of cases of the bank

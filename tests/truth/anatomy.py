@@ -20,7 +20,8 @@ class Vessel:
     K [-]: all of a stenosis. E_scale: E becomes E_scale E. What these three act on is the part of a vessel that is
     _length L long about _position L, as far as it lies in it: the middle tenth, and else all.
     springpot w, order a: the share w of the viscous stress is phi0 ω1 (iω/ω1)^a ε instead of phi0 iω ε.
-    phi3 [Pa s³]: stress phi3 ε̇³.
+    phi3 [Pa s³]: stress phi3 ε̇³. c: phi0 grows with strain as 1 + cε. coulomb [Pa]: friction against ε̇, whatever its
+    size.
     """
 
     name: str
@@ -39,6 +40,8 @@ class Vessel:
     springpot: float = 0.0
     order: float = 0.5
     phi3: float = 0.0
+    c: float = 0.0
+    coulomb: float = 0.0
     E_scale: float = 1.0
     K_position: float = 0.5
     K_length: float = 0.1
@@ -104,7 +107,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """A network as the generator sees it. unsteady: share of the frequency-dependent wall shear, 0 none … 1 exact."""
+    """A network as the generator sees it.
+
+    unsteady: share of the frequency-dependent wall shear, 0 none … 1 exact. tone: how far E of all walls wanders over a
+    record, of itself; tone_phase where it begins, of its cycle.
+    """
 
     vessels: tuple[Vessel, ...]
     joins: tuple[Join, ...]
@@ -121,6 +128,8 @@ class Anatomy:
     elastic_law: str
     viscous_law: str
     unsteady: float = 0.0
+    tone: float = 0.0
+    tone_phase: float = 0.0
     notes: dict[str, float] = field(default_factory=dict)
 
     def vessel(self, name: str) -> Vessel:

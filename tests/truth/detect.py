@@ -6,6 +6,7 @@
 pressure. N: samples in the fitted beats, fewer for the
 mean, which drifts. Σ_k: white noise of every channel, and what that of the driving
 channel does to all of them (h σ² hᴴ). The nuisance moves about its true value under the prior; d' of a null is zero.
+What makes beats differ is measured by how far they do.
 With two effects, d' of one is what is left when the size of the other is free. The separation is the same with a
 rival's parameters free, too.
 
@@ -22,13 +23,15 @@ import numpy as np
 
 from .anatomy import anatomy
 from .animal import priors
+from .beat import at_phase
 from .bench import bench_wall, radius
 from .hide import CHANNEL, WALL, Effect, hide
 from .network import Balance, Linearised
-from .records import Made, points_for
+from .records import BEATS, FITTED, Made, points_for
 from .refit import refit, weights, whitened
 from .rivals import rival_sines
 from .sensors import pulsatile, sensed
+from .varying import SPARE
 
 Array = np.ndarray
 
@@ -50,6 +53,8 @@ class Detection:
 
 def detect(made: Made) -> Detection:
     """d' and separation of what is hidden in a record."""
+    if any(effect.over_beats for effect in made.case.effects):
+        return Detection((wander(made),))
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
     seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
@@ -60,6 +65,14 @@ def detect(made: Made) -> Detection:
     found = {name: problem.left_with(name) for name in bench_rivals(made)}
     name = min(found, key=found.__getitem__)
     return Detection(seen, min(found[name], seen[0]), name)
+
+
+def wander(made: Made) -> float:
+    """How far the fitted beats are from steady ones, in units of the noise; nothing is refitted."""
+    fitted = slice(0, len(made.time) * FITTED // BEATS)
+    phase = made.at.phase[fitted] * (BEATS + SPARE)
+    off = [(made.samples[name][fitted] - at_phase(made.clean[name], phase)) / made.noise[name] for name in made.clean]
+    return float(np.sqrt(np.sum(np.square(off))))
 
 
 def _on_network(made: Made, seen: float) -> Detection:

@@ -22,6 +22,7 @@ WALL = (
     "external_pressure",
     "wall_stiffness",
 )
+SPRINGPOT = "springpot"
 FLOW = (
     "taper",
     "fluid_friction",
@@ -34,9 +35,9 @@ FLOW = (
     "junction_loss",
 )
 CHANNEL = ("channel_lag", "channel_gain", "channel_offset", "catheter_resonance")
-OUTSIDE_WALL = ("springpot", "cubic_rate")
-OUTSIDE_FLOW = ("swinging_outlet", "inflow_bent", "inflow_rectified")
-OUTSIDE = OUTSIDE_WALL + OUTSIDE_FLOW
+OUTSIDE_WALL = ("cubic_rate", "strain_viscosity", "coulomb", "varying_tone")
+OUTSIDE_SENSOR = ("inflow_bent", "inflow_rectified")
+OUTSIDE = (*OUTSIDE_WALL, "swinging_outlet", *OUTSIDE_SENSOR)
 
 _MEAN_PRESSURE = 10e3  # [Pa], with which the size of a side branch becomes its conductance
 _MEAN_FLOW = 15e-6  # [m³/s], the same
@@ -52,8 +53,10 @@ class Effect:
     terminal_compliance R2 C [s] of an end with the same resistance, of which ``second`` is distal; side_branch flow
     that leaks, as a share of 15 mL/s at 10 kPa; stenosis K; junction_loss k; channel_lag [s]; channel_offset in
     pulsatile standard deviations; catheter_resonance 1/f_n [s], with the damping ``second``.
-    Outside the catalogue: springpot share w of order ``second``; cubic_rate φ3/φ0 [s²]; swinging_outlet the swing of
-    R_t at the phase ``second``; inflow_bent: Q (1 + size Q/Q_peak) is recorded; inflow_rectified: Q - size min(Q, 0).
+    Outside the catalogue: springpot share w of order ``second``; cubic_rate φ3/φ0 [s²]; strain_viscosity c of
+    φ0 (1 + cε); coulomb σ_c/E; varying_tone how far E wanders over the record, from the phase ``second`` on;
+    swinging_outlet the swing of R_t at the phase ``second``; inflow_bent: Q (1 + size Q/Q_peak) is recorded;
+    inflow_rectified: Q - size min(Q, 0).
     position, length : middle [x/L] and length [L] of the part that a stenosis, side_branch or wall_stiffness acts on;
     length 0 is that of its kind: a tenth for a stenosis, all for the others.
     """
@@ -64,6 +67,11 @@ class Effect:
     second: float = 0.0
     position: float = 0.5
     length: float = 0.0
+
+    @property
+    def over_beats(self) -> bool:
+        """Whether it makes beats differ, and is nothing in a single one."""
+        return self.name == "varying_tone"
 
     @property
     def on_channel(self) -> bool:
@@ -107,6 +115,8 @@ _VESSEL: dict[str, Callable[[Vessel, Effect], Vessel]] = {
     "stenosis": lambda v, x: replace(v, K=x.size, **_part("K", x, 0.1)),
     "springpot": lambda v, x: replace(v, springpot=x.size, order=x.second),
     "cubic_rate": lambda v, x: replace(v, phi3=x.size * v.phi0),
+    "strain_viscosity": lambda v, x: replace(v, c=x.size),
+    "coulomb": lambda v, x: replace(v, coulomb=x.size * v.E),
 }
 
 
@@ -145,6 +155,7 @@ _MODEL: dict[str, Callable[[Anatomy, Effect], Anatomy]] = {
     "terminal_compliance": _compliance,
     "junction_loss": _junction,
     "swinging_outlet": _swing,
+    "varying_tone": lambda m, x: replace(m, tone=x.size, tone_phase=x.second),
 }
 
 
@@ -163,7 +174,8 @@ def parameters(model: Anatomy, effect: Effect) -> dict[str, float]:
         key = _KEYS[effect.name]
         if effect.where == ALL:
             return {f"all.{key}": _value(model.vessels[0], key)}
-        return {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        plain = {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        return plain | {f"{name}.{key}_position": effect.position for name in effect.where if effect.length}
     plain = {
         "fluid_friction": ("friction_scale", 1.0 + effect.size),
         "velocity_profile": ("alpha", model.alpha),

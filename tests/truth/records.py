@@ -20,14 +20,15 @@ import numpy as np
 from fitting.records.record import write_record
 from solver import Network, load
 
+from . import varying
 from .anatomy import Anatomy, anatomy
 from .animal import Nuisance, nuisance, walls_of_its_own
-from .beat import Beat
+from .beat import Beat, at_phase
 from .bench import bench_wall, radius
 from .hide import Effect, hide, parameters
 from .network import Balance, Flow
-from .sensors import clock, measured, pulsatile, sensed
-from .shapes import arterial_pressure, ejection
+from .sensors import Clock, clock, measured, pulsatile, sensed
+from .shapes import MMHG, Arteries, arteries, ejection
 
 Array = np.ndarray
 
@@ -38,6 +39,10 @@ CHANNELS = {
     "three pressures": ("AA.P", "CA.P", "FA.P"),
 }
 
+SENSORS = {  # standard deviations of pressure [Pa], flow (of its peak) and radius [m]
+    "radius 2 µm": (0.3 * MMHG, 0.02, 2e-6),
+    "radius 10 µm": (0.3 * MMHG, 0.02, 10e-6),
+}
 _WALLS = 1  # makes another seed of a record's one, of its walls
 
 # a beat's harmonics: bench walls are solved by dense matrices
@@ -51,7 +56,9 @@ class Case:
 
     kind "bench" (P and R of one site, ``channels`` is its name) or "network" (``channels`` a key of CHANNELS; inlet.Q
     is always there). base: "sheep", "elastic" (sheep without wall viscosity) or "sheep_nonlinear". dB: noise. walls:
-    how far each wall is off by itself, in the standard deviations of ``animal.INDIVIDUAL``.
+    how far each wall is off by itself, in the standard deviations of ``animal.INDIVIDUAL``. sensors: a key of SENSORS,
+    whose noise is there in place of dB. varying: standard deviations of interval and stroke from beat to beat, of the
+    mean; ``Made.clean`` is the steady beat.
     """
 
     kind: str
@@ -62,6 +69,13 @@ class Case:
     elastic_law: str = "beta"
     viscous_law: str = "monotone"
     walls: float = 0.0
+    sensors: str = ""
+    varying: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def unlike(self) -> bool:
+        """Whether beats differ."""
+        return any(self.varying) or any(e.over_beats for e in self.effects)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,9 +97,10 @@ class Made:
     """A record and its truth.
 
     time (n,) [s]; channels (n,) each, SI; base: the network given to the workflow. truth: plain data with the effects,
-    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise;
-    noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; dt, beat and nuisance of
-    the record, for ``detect.py``.
+    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise, in
+    the steady beat; noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; at and
+    samples: phases of the samples, and the channels there without noise; dt, beat and nuisance of the record, for
+    ``detect.py``.
     """
 
     case: Case
@@ -98,6 +113,8 @@ class Made:
     drive: Array
     beat: Beat
     nuisance: Nuisance
+    at: Clock
+    samples: Mapping[str, Array]
     flow: Flow | None = field(default=None, repr=False)
 
     @property
@@ -117,13 +134,53 @@ def make(case: Case, seed: int | tuple[int, ...]) -> Made:
     base = case.network()
     if case.walls:  # by numbers of their own, so that all else is as without
         animal = walls_of_its_own(_own_rng(seed), animal, anatomy(base), case.walls)
-    drive = ejection(rng, beat, base.inlet.Q_max) if case.kind == "network" else arterial_pressure(rng, beat)
+    heart = ejection(rng, beat, base.inlet.Q_max if case.kind == "network" else 1.0)
+    bed = None if case.kind == "network" else arteries(rng, beat, heart)
+    drive = heart if bed is None else bed.pressure(heart, beat.omega)
     clean, flow = truth_channels(case, anatomy(base), animal, drive, beat)
-    noise = {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
-    at = clock(rng, beat.T, BEATS)
-    channels = {name: measured(rng, clean[name], at, noise[name], beat.T) for name in case.names}
+    noise = _noise(case, clean, beat)
+    if case.unlike:
+        at, samples = _varying(rng, case, hidden_model(case, anatomy(base), animal), beat, heart, bed, clean)
+    else:
+        at = clock(rng, beat.T, BEATS)
+        samples = {name: at_phase(clean[name], at.phase) for name in case.names}
+    channels = {name: measured(rng, samples[name], at, noise[name], beat.T) for name in case.names}
     truth = _truth(case, seed, anatomy(base), animal, beat, clean)
-    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, animal, flow)
+    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, animal, at, samples, flow)
+
+
+def _noise(case: Case, clean: Mapping[str, Array], beat: Beat) -> dict[str, float]:
+    """Standard deviation of every channel's noise [SI]."""
+    if not case.sensors:
+        return {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
+    P, Q, R = SENSORS[case.sensors]
+
+    def of(name: str) -> float:
+        kind = name.rpartition(".")[2]
+        return Q * float(np.abs(beat.values(clean[name])).max()) if kind == "Q" else {"P": P, "R": R}[kind]
+
+    return {name: of(name) for name in case.names}
+
+
+def _varying(
+    rng: np.random.Generator,
+    case: Case,
+    model: Anatomy,
+    beat: Beat,
+    heart: Array,
+    bed: Arteries | None,
+    clean: dict[str, Array],
+) -> tuple[Clock, dict[str, Array]]:
+    """When a record of unlike beats is sampled, and every channel there without noise."""
+    whole = varying.run(rng, beat, BEATS, *case.varying)
+    if bed is None:
+        long = varying.network_channels(model, whole, heart, points_for(model))
+    else:
+        long = varying.bench_channels(model, whole, heart, bed, case.channels)
+    varying.faulty(long, case.effects, whole, clean)
+    at = varying.clock(rng, whole, BEATS)
+    samples = at_phase(np.stack([long[name] for name in case.names], axis=1), at.phase)
+    return at, dict(zip(case.names, samples.T, strict=True))
 
 
 def _own_rng(seed: int | tuple[int, ...]) -> np.random.Generator:
