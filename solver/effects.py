@@ -20,6 +20,7 @@ from .effect import Anatomy, Array, Described, Drag, Effect, Points, Values, che
 from .outlets import Reflection, Windkessel
 from .quantity import Quantity, quantities
 from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset
+from .springpot import FractionalViscosity
 from .wall import Wall
 
 # --- the wall -----------------------------------------------------------------------------------------------------
@@ -124,7 +125,7 @@ class StressRelaxation(Effect):
     separator = "heart rate"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        return replace(wall, tau=values["tau"])
+        return replace(wall, tau=values["tau"][None], share=np.ones((1, *values["tau"].shape)))
 
 
 class ExternalPressure(Effect):
@@ -377,6 +378,7 @@ ALL: tuple[Effect, ...] = (
     NonlinearWallViscosity(),
     NonlinearElasticity(),
     StressRelaxation(),
+    FractionalViscosity(),
     ExternalPressure(),
     WallStiffness(),
     Taper(),
