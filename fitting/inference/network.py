@@ -17,13 +17,13 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.inflow import inflow
 from ..records.noise import (
     MAX_HARMONICS,
     Target,
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    inflow,
     mean_beat,
     pulses,
     solver_error,
@@ -33,7 +33,7 @@ from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .misfit import Block, sizes
-from .observation import mean_wander, sense
+from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
@@ -109,15 +109,18 @@ class NetworkProblem(Forward):
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
-        x = n - H q + e of a hypothesis; as measured where that breaks down."""
+        x = n - H q + e of a hypothesis, through its flow meter; as measured where that breaks down."""
         Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
         S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full = np.zeros(beats.N // 2 + 1, complex)
-        full[: self.K + 1] = -S * np.einsum("ki,ki->k", self.response.conj(), weighted)
-        return Q - np.fft.irfft(full, beats.N, norm="forward")
+        full = np.fft.rfft(Q, norm="forward")
+        shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        full[0] -= offset
+        full[: self.K + 1] /= shown
+        return np.fft.irfft(full, beats.N, norm="forward")
 
     def driven(self, wave: Array) -> Drive:
         """The inflow; a run begins at rest: best where the flow is least."""
@@ -164,14 +167,15 @@ class NetworkProblem(Forward):
     def _batch(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
         network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
         nominal = network.parameters()
-        moved = [parameter_values(m.unknowns, network, m.x) for m in members]
+        moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
         names = dict.fromkeys(name for each in moved for name in each)
-        # a sensor alone needs no simulation of its own
-        table = np.array([[float(each.get(n, nominal[n])) for n in names] for each in moved])
-        unique, inverse = np.unique(table, axis=0, return_inverse=True)
-        parameters = {n: unique[:, i] for i, n in enumerate(names)}
+        # a sensor of an output needs no simulation of its own
+        table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
+        unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+        parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
         try:
-            X = self.simulator.coefficients(network, parameters, runs)
+            inflow = driven(self.simulator.drive, [members[i] for i in first])
+            X = self.simulator.coefficients(network, parameters, runs, inflow)
             return [X[i] for i in inverse.ravel()]
         except (NonPhysicalState, NotPeriodic, ValueError):
             if len(members) == 1:
@@ -341,6 +345,7 @@ class NetworkProblem(Forward):
         at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
+        H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
         return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
