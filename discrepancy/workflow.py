@@ -32,7 +32,7 @@ from solver.network import Network, to_dict
 from solver.units import INFLOW
 
 from .journal import Journal
-from .name import Naming, name
+from .name import name
 from .outcome import NamedEffect, Outcome, Round, verdict_json
 from .places import entry
 from .show import Run, free_run, own_parity, parity
@@ -40,6 +40,7 @@ from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable
 from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
+from .verdict import Naming
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]

@@ -32,11 +32,12 @@ from ..records.noise import (
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
+from .misfit import Block, sizes
 from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, nuisances, refined, rewired
+from .terms import EVERY, Term, deviations, nuisances, refined, rewired
 from .unknown import Unknown, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -55,6 +56,7 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
+    deviations : what every artery has of its own; none where all have it in common.
     """
 
     kind = "network"
@@ -68,6 +70,7 @@ class NetworkProblem(Forward):
     target: Target
     error: Array
     response: Array
+    deviations: tuple[Unknown, ...] = ()
 
     @property
     def dof_of_noise(self) -> float:
@@ -133,8 +136,14 @@ class NetworkProblem(Forward):
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
-        nuisance = [u for u in nuisances(rewired(self.network, terms)) if not set(u.variables) <= mine]
+        network = rewired(self.network, terms)
+        there = network.parameters()
+        own = [u for u in self.deviations if set(u.variables) <= there.keys()]
+        nuisance = [u for u in (*nuisances(network), *own) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
+
+    def individual(self) -> NetworkProblem:
+        return replace(self, deviations=deviations(self.network))
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
@@ -291,12 +300,43 @@ class NetworkProblem(Forward):
             problem = replace(problem, simulator=problem.simulator.halved())
         return problem.weighted(fit, error)
 
+    # --- errors of the model --------------------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        kinds = dict.fromkeys(name.rpartition(".")[2] for name in self.signals)
+        return (*self.signals, *(f"means of {kind}" for kind in kinds))
+
+    def blocks(self, fit: Fit) -> list[Block]:
+        m, K, size = len(self.signals), self.K, sizes(self.target.X)
+        kinds = np.array([self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals])
+        white = self.target.whitener * size[:, None, :]
+        found = [Block(np.arange(m), white[0].real, kinds)]
+        own = np.tile(np.arange(m), 2)
+        for k in range(1, K + 1):
+            a, b = white[k].real, white[k].imag
+            rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
+            found.append(Block(rows, np.block([[a, -b], [b, a]]), own))
+        return found
+
+    def widened(self, parts: Array) -> NetworkProblem:
+        m, size = len(self.signals), sizes(self.target.X)
+        at, kinds = np.arange(m), [self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals]
+        covariance = self.target.covariance.copy()
+        covariance[0, at, at] += (parts[kinds] * size[0]) ** 2
+        covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
+        return replace(self, target=Target.of(self.signals, self.target.X, covariance))
+
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
         own, old = self.target, before.target
         return [
             replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
         ]
+
+    def rewhitened(self, columns: Mapping[str, Array], before: NetworkProblem) -> dict[str, Array]:
+        own, old = self.target, before.target
+        return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
     @property
     def weights(self) -> tuple[float, Array, Array, Array]:
