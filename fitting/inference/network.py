@@ -47,6 +47,7 @@ SCREEN_DT = 5e-3  # s, for the derivatives of the score test
 _FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
 _BATCH = 64  # members at once
+_CHEAP = 16  # members that cost hardly more than one
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 
@@ -192,8 +193,8 @@ class NetworkProblem(Forward):
 
     def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
         """z : (n,) and its columns (n, p) by all unknowns, of every member."""
-        coarse = self._stepping(COARSE_DT)
-        if self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps, only z does
+        coarse, many = self._stepping(COARSE_DT), sum(len(m.x) for m in members) > _CHEAP
+        if many and self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps
             found = coarse.derivatives(members, runs)
             there = zip(self.observe(members, runs), found, strict=True)
             return [None if x is None or own is None else (self.residual(x), own[1]) for x, own in there]
