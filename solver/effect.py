@@ -182,6 +182,10 @@ class Effect:
         """Whether it makes sense at this segment, outlet or junction."""
         return self.needs is None or _held(owner, self.needs) > 0.0
 
+    def of_animal(self, network: Described, place: str) -> bool:
+        """Whether it only says that this animal's artery differs from the network's: no discovery where all differ."""
+        return False
+
     # --- how a search counts it -----------------------------------------------------------------------------------
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:

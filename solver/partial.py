@@ -71,18 +71,16 @@ def _risen(x: Array, at: Array, width: Array) -> Array:
     return np.where(wide, t * t * (3.0 - 2.0 * t), np.where(x >= at, 1.0, 0.0))
 
 
-_E, _E_USUAL = part_keys("E", 1.0)
-_LEAK, _LEAK_USUAL = part_keys("leak", 1.0)
-_K, _K_USUAL = part_keys("K", 0.1)
 _PARTS = tuple(((p - 0.5) / _STEP, -3.5) for p in _POSITIONS)  # three tenths long
 
 
 class WallStiffness(Partial):
+    part, usual = part_keys("E", 1.0)
     name = "wall_stiffness"
     equation = "E becomes s E in one segment or a part of it"
-    terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2), **_E}
-    neutral = {"E_scale": 1.0, **_E_USUAL}
-    along = moves = tuple(_E)
+    terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2), **part}
+    neutral = {"E_scale": 1.0, **usual}
+    along = moves = tuple(part)
     starts_along = _PARTS
     at_rest = True
     local = True
@@ -92,6 +90,9 @@ class WallStiffness(Partial):
     confusable = ("taper",)
     separator = "radius with pressure"
 
+    def of_animal(self, network: Described, place: str) -> bool:
+        return True
+
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         scale, inside = values["E_scale"], self.inside(values, x)
         s = scale / ((1.0 - inside) * scale + inside)  # of the ramps, too, the compliance counts: 1/s is linear there
@@ -99,11 +100,12 @@ class WallStiffness(Partial):
 
 
 class SideBranch(Partial):
+    part, usual = part_keys("leak", 1.0)
     name = "side_branch"
     equation = "∂A/∂t + ∂Q/∂x = -g (P - P_venous), P_venous of the outlet where the segment ends, else 0"
-    terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9), **_LEAK}
-    neutral = {"leak": 0.0, **_LEAK_USUAL}
-    along = moves = tuple(_LEAK)
+    terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9), **part}
+    neutral = {"leak": 0.0, **usual}
+    along = moves = tuple(part)
     starts_along = _PARTS
     typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
     signature = "flow is lost across the segment"
@@ -120,11 +122,12 @@ class SideBranch(Partial):
 
 
 class Stenosis(Partial):
+    part, usual = part_keys("K", 0.1)
     name = "stenosis"
     equation = "Δp = K (ρ/2) Q|Q|/A² over a part of the segment, the middle tenth"
-    terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **_K}
-    neutral = {"K": 0.0, **_K_USUAL}
-    along = tuple(_K)
+    terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **part}
+    neutral = {"K": 0.0, **usual}
+    along = tuple(part)
     moves = along[:1]  # a record hardly shows how long it is
     starts_along = tuple(((p - 0.5) / _STEP,) for p in _POSITIONS)
     typical = {"K": 10.0}

@@ -14,8 +14,8 @@ from truth.records import Case, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy.name import Naming
 from discrepancy.study import judge
+from discrepancy.verdict import Naming
 from fitting.inference.added import estimates
 from fitting.inference.bench import Bench, fit
 from fitting.inference.fit import Fit

@@ -17,7 +17,8 @@ from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term, terms
 
 from discrepancy.journal import parted
-from discrepancy.name import Naming, name
+from discrepancy.name import name
+from discrepancy.verdict import Naming
 from fitting.inference.added import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
 from fitting.inference.network import NetworkProblem, network_problem

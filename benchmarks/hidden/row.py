@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.name import Named, Naming
 from discrepancy.study import Study, Unusable, judge
+from discrepancy.verdict import Naming
+from discrepancy.weigh import Named
 from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.unknown import quantile
