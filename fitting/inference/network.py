@@ -17,6 +17,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.felt import Felt
 from ..records.noise import (
     MAX_HARMONICS,
     Target,
@@ -24,7 +25,7 @@ from ..records.noise import (
     degrees_of_freedom,
     harmonics_above_noise,
     inflow,
-    mean_beat,
+    periodic_beat,
     pulses,
     solver_error,
     target,
@@ -34,7 +35,7 @@ from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .observation import mean_wander, sense
 from .search import Search, search
-from .simulator import Runs, Simulator, linear_response, started
+from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
 from .terms import EVERY, Term, nuisances, refined, rewired
 from .unknown import Unknown, finite_steps, parameter_values
@@ -54,6 +55,7 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
+    felt : what the channels of the network as given feel of an inflow whose beats differ.
     """
 
     kind = "network"
@@ -67,6 +69,7 @@ class NetworkProblem(Forward):
     target: Target
     error: Array
     response: Array
+    felt: Felt | None = None
 
     @property
     def dof_of_noise(self) -> float:
@@ -85,11 +88,13 @@ class NetworkProblem(Forward):
         wander = mean_wander(beats, fitted, self.signals)
         covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
         drive = inflow(beats, self.simulator.settings.dt)
+        own = varying(beats, self.network, self.signals, self.K)
         return replace(
             self,
             beats=beats,
             simulator=replace(self.simulator, drive=drive),
-            target=Target.of(self.signals, mean_beat(beats, self.signals, self.K), covariance),
+            target=Target.of(self.signals, periodic_beat(beats, self.signals, self.K, own), covariance),
+            felt=own,
         )
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -302,7 +307,11 @@ class NetworkProblem(Forward):
         at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
-        return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
+        felt, there = self.felt, varying(self.beats, network, self.signals, self.K, at)
+        if felt is not None and there is not None:  # the mean beat stays as it is: fits are compared under all weights
+            felt = replace(felt, change=there.change)
+        weights = target(self.beats, self.signals, H, error, felt)
+        return replace(self, target=weights, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors at the best of their starting points: that costs one simulation for all of them."""
@@ -350,4 +359,6 @@ def network_problem(
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs.fresh())[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
-    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
+    felt = varying(beats, network, chosen, K)
+    weights = target(beats, chosen, H, error, felt)
+    return NetworkProblem(network, beats, chosen, K, simulator, weights, error, H[: K + 1], felt)

@@ -25,6 +25,7 @@ _WHOLE = 1e-6  # samples that the beats may slip against the samples over the wh
 _UNSTEADY, _MOST_UNSTEADY = 0.05, 0.1  # of the period: beats longer or shorter are warned about, and refused
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _NAMED = 3  # odd beats
+_SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
 _SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
 _ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
 _TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
@@ -306,10 +307,10 @@ def _nearest(f: float, N: int, n_beats: int) -> Array:
     return np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp).reshape(n_beats, N)
 
 
-def _cleaned(record: Record, samples: Array) -> tuple[Record, dict[str, int], dict[str, float]]:
+def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record, dict[str, int], dict[str, float]]:
     """The record with gaps for spikes, their numbers, and the steps of the channels' converters."""
     steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
-    cleaned = {name: without_spikes(each, samples, steps.get(name, 0.0)) for name, each in record.channels.items()}
+    cleaned = {name: without_spikes(each, samples, steps.get(name, 0.0), slip) for name, each in record.channels.items()}
     spikes = {name: count for name, (_, count) in cleaned.items() if count}
     return replace(record, channels={name: each for name, (each, _) in cleaned.items()}), spikes, steps
 
@@ -318,7 +319,7 @@ def _cut(record: Record, whole: Whole) -> Beats:
     """Beats of unequal length. Raises ValueError if fewer than two are left, or a phase was never measured."""
     cut = whole.cut
     samples = np.minimum(cut.starts[cut.serving][:, None] + np.arange(cut.N), len(record.time) - 1)
-    record, spikes, steps = _cleaned(record, samples)
+    record, spikes, steps = _cleaned(record, samples, _SLIP_OF_CUTS)
     values = {name: cut.of(each) for name, each in record.channels.items()}
     for name, each in values.items():
         _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)

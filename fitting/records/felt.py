@@ -35,11 +35,11 @@ class Felt:
     doubt: Array
 
 
-def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int) -> Felt | None:
+def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:
     """What channels with a linear response to the drive feel; None of beats that are cut at equal intervals.
 
     transfer(T, n) : (n + 1, m) the response at the harmonics 0 … n of a period T [s]. harmonics : of a beat, beyond
-    which nothing is looked at.
+    which nothing is looked at. memory : of the response, for what came before the record.
     """
     if beats.whole is None:
         return None
@@ -49,7 +49,8 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int) -> Felt |
     length = len(before) + len(q)
     H = transfer(length * whole.dt, int(harmonics * length / N))
     larger = np.zeros(length)
-    larger[(_BEFORE - _UNKNOWN) * N : _BEFORE * N] = np.tile(mean, _UNKNOWN) * _spread(beats.values[drive])
+    if memory:
+        larger[(_BEFORE - _UNKNOWN) * N : _BEFORE * N] = np.tile(mean, _UNKNOWN) * _spread(beats.values[drive])
 
     def cut(x: Array) -> Array:
         """(m, n_beats, N) of (m, length)."""

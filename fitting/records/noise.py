@@ -32,7 +32,7 @@ _ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel ha
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
 NEIGHBOURS = 3  # harmonics on either side that Beats.covariance takes together with one
 _POOLED = 2.0 * NEIGHBOURS + 1.0
-_SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
+SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
 _TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 
 
@@ -104,11 +104,11 @@ def target(
     """
     K = len(solver_error) - 1
     moved = _following(beats, names, response) if felt is None else felt.change
-    share = _noise_share(beats, names, response, moved)
+    share = noise_share(beats, names, moved, len(response))
     # what is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
     # inflow as measured: a covariance that can be pooled and shrunk. The noise of the inflow then comes back, times H
     values = {
-        name: beats.values[name] - _scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)
+        name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)
     }
     steady = replace(beats, values={INFLOW: beats.values[INFLOW], **values})
     H = response[: K + 1]
@@ -121,14 +121,18 @@ def target(
     covariance = covariance + common[:, :, None] * common[:, None, :].conj()
     at = np.arange(len(names))
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
-    X = mean_beat(beats, names, K)
     if felt is not None:
         seam, doubt = (coefficients(x)[:, : K + 1].T for x in (felt.seam, felt.doubt))
-        X = X - seam
-        covariance[:, at, at] += np.abs(_SEAM_ERROR * seam) ** 2
+        covariance[:, at, at] += np.abs(SEAM_ERROR * seam) ** 2
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
-    return Target.of(names, X, covariance)
+    return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
+
+
+def periodic_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None) -> Array:
+    """X_k of what the mean beat would be if all beats were it, (K+1, m)."""
+    X = mean_beat(beats, names, K)
+    return X if felt is None else X - coefficients(felt.seam)[:, : K + 1].T
 
 
 def mean_beat(beats: Beats, names: Sequence[str], K: int) -> Array:
@@ -202,16 +206,16 @@ def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
 def _following(beats: Beats, names: Sequence[str], response: Array) -> Array:
     """(m, n_beats, N) what channels of that response (n, m) would do if they followed the measured inflow."""
     change = np.nan_to_num(beats.values[INFLOW] - beats.mean(INFLOW), nan=0.0)
-    return np.stack([_scaled(change, H) for H in response.T])
+    return np.stack([scaled(change, H) for H in response.T])
 
 
-def _scaled(x: Array, h: Array) -> Array:
+def scaled(x: Array, h: Array) -> Array:
     """The harmonics of beats (n_beats, N) times h : (n,), none beyond."""
     n = min(len(h), x.shape[1] // 2 + 1)
     return np.fft.irfft(h[:n] * np.fft.rfft(x, axis=1)[:, :n], x.shape[1], axis=1)
 
 
-def _noise_share(beats: Beats, names: Sequence[str], response: Array, following: Array) -> Array:
+def noise_share(beats: Beats, names: Sequence[str], following: Array, n: int) -> Array:
     """The part (n,) of the inflow's variance from beat to beat that no channel follows: noise of the flow meter.
 
     By regression of the channels on what they would do, each weighted by its own variance: 0 if the flow is measured
@@ -227,7 +231,7 @@ def _noise_share(beats: Beats, names: Sequence[str], response: Array, following:
     followed = (weight * S[:, at, m + at].real).sum(axis=1)
     could = (weight * variance[:, m:]).sum(axis=1)
     share = 1.0 - np.divide(followed, could, out=np.zeros_like(could), where=could > 0.0)
-    return np.pad(np.clip(share, 0.0, 1.0), (0, max(0, len(response) - len(share))), mode="edge")[: len(response)]
+    return np.pad(np.clip(share, 0.0, 1.0), (0, max(0, n - len(share))), mode="edge")[:n]
 
 
 def _scatter(beats: Beats, names: Sequence[str]) -> Array:

@@ -19,10 +19,11 @@ _LEAST = 1e-6  # of the range: rounding is no scatter
 _STEPS = 3.0  # of a converter: rounding, and what a median of rounded values adds
 
 
-def without_spikes(values: Array, samples: Array, step: float = 0.0) -> tuple[Array, int]:
+def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float = 0.0) -> tuple[Array, int]:
     """A channel with gaps in place of its spikes, and their number.
 
-    samples : (n_beats, N) the sample at each phase of each beat. step : of the channel's converter, which is no spike.
+    samples : (n_beats, N) the sample at each phase of each beat. step : of the channel's converter, which is no spike. slip : samples by
+    which beats may be off one another.
     """
     n_beats, N = samples.shape
     if n_beats < _FEWEST:
@@ -33,11 +34,12 @@ def without_spikes(values: Array, samples: Array, step: float = 0.0) -> tuple[Ar
     if gaps.all(axis=0).any() or gaps.all(axis=1).any():
         return values, 0  # refused later, or nothing to compare with
     median = np.nanmedian if gaps.any() else np.median
-    off = beats - median(beats, axis=0)
+    usual = median(beats, axis=0)
+    off = beats - usual
     off -= median(off, axis=1)[:, None]
     size = _ROBUST * median(np.abs(off), axis=0)
     least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
-    far = np.maximum(FAR * np.maximum(size, least), _STEPS * step)
+    far = np.maximum(FAR * np.maximum(size, least), _STEPS * step + slip * np.abs(np.gradient(usual)))
     suspect = np.abs(np.nan_to_num(off)) > far
     if not suspect.any():
         return values, 0
