@@ -310,7 +310,9 @@ def _nearest(f: float, N: int, n_beats: int) -> Array:
 def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record, dict[str, int], dict[str, float]]:
     """The record with gaps for spikes, their numbers, and the steps of the channels' converters."""
     steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
-    cleaned = {name: without_spikes(each, samples, steps.get(name, 0.0), slip) for name, each in record.channels.items()}
+    cleaned = {
+        name: without_spikes(each, samples, steps.get(name, 0.0), slip) for name, each in record.channels.items()
+    }
     spikes = {name: count for name, (_, count) in cleaned.items() if count}
     return replace(record, channels={name: each for name, (each, _) in cleaned.items()}), spikes, steps
 

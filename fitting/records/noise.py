@@ -107,9 +107,7 @@ def target(
     share = noise_share(beats, names, moved, len(response))
     # what is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
     # inflow as measured: a covariance that can be pooled and shrunk. The noise of the inflow then comes back, times H
-    values = {
-        name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)
-    }
+    values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
     steady = replace(beats, values={INFLOW: beats.values[INFLOW], **values})
     H = response[: K + 1]
     one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))

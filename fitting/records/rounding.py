@@ -26,7 +26,7 @@ def converter_step(values: Array) -> float:
     step = float(np.quantile(steps, _SHARE))
     if not step > _FINEST * span:
         return 0.0
-    small = steps[steps <= 8.5 * step]
+    small = steps[(steps > 0.6 * step) & (steps < 8.4 * step)]
     step = float(np.median(small / np.rint(small / step)))
     off = np.abs(steps / step - np.rint(steps / step))
     return step if np.quantile(off[steps <= 30.0 * step], 0.9) < _WHOLE else 0.0

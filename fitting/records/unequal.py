@@ -18,9 +18,10 @@ from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
-_UNEQUAL = 0.01  # standard deviation of the intervals over their mean, from which beats are cut one by one
+_UNEQUAL = 0.015  # standard deviation of the intervals over their mean, from which beats are cut one by one
 _PULSES = 0.02  # the same of the pulses
-_ALIKE = 0.9  # median correlation of upstrokes from which they are those of one heart
+_ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
+_MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
 _NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
 _UNLIKE = 0.35  # of the pulse, by which a beat may differ
 _USUAL = 6.0  # times as much as beats usually do
@@ -30,6 +31,7 @@ _SAME = 0.1  # of a beat, by which a period may differ from a whole number of in
 _END = 0.06  # of a beat: its end, from which it goes on
 _FEWEST = 4  # upstrokes
 _NAMED = 3
+_UNSTEADY = 0.05  # of the mean length: more is worth a sentence
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,13 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
         return None
     intervals = np.diff(found.at)
     usual = _usual(intervals)
+    intervals = intervals / np.maximum(np.rint(intervals / usual), 1.0)  # an upstroke in a gap was not seen
     beats = T / dt / usual
     several = round(beats) > 1 and abs(beats / round(beats) - 1.0) < _SAME
     if abs(beats - 1.0) > _SAME and not several:
+        return None
+    x = without_gaps(channels[found.channel])
+    if np.mean(np.abs(intervals - usual) <= _NEAR * usual) < _MOSTLY or _likeness(x, found.at, usual) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
     if not (several or intervals.std() > _UNEQUAL * usual or pulses.std() > _PULSES * pulses.mean()):
@@ -124,6 +130,16 @@ def _whole(channels: Mapping[str, Array], dt: float, starts: Array, lengths: Arr
     N = round(float(lengths[alike].mean()))
     cut = Cut(starts[first:last], lengths[first:last], alike - first, alike - first, N)
     return Whole(cut, {name: without_gaps(x) for name, x in channels.items()}, dt, said)
+
+
+def _likeness(x: Array, at: Array, length: float) -> float:
+    """The median correlation of whole beats with their mean."""
+    n = int(0.9 * length)
+    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int) if i + n <= len(x)])
+    beats = beats - beats.mean(axis=1, keepdims=True)
+    mean = beats.mean(axis=0)
+    size = np.linalg.norm(beats, axis=1) * np.linalg.norm(mean)
+    return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
 
 
 def _pulses(x: Array, at: Array) -> Array:
@@ -165,6 +181,12 @@ def _said(starts: Array, lengths: Array, near: Array, odd: Array, alike: Array, 
     """What was left out, in sentences."""
     stretch = np.arange(alike[0], alike[-1] + 1)
     said = []
+    shortest, longest, mean = lengths[alike].min(), lengths[alike].max(), lengths[alike].mean()
+    if max(longest - mean, mean - shortest) > _UNSTEADY * mean:
+        said.append(
+            f"the heart rate was not steady: beats lasted {shortest * dt:.3g} to {longest * dt:.3g} s; each was cut at "
+            "the end of diastole."
+        )
     for which, why in (
         (np.setdiff1d(stretch, near), f"more than {_NEAR:.0%} longer or shorter than the others"),
         (np.intersect1d(odd, stretch), "unlike the others in shape"),

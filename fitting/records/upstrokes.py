@@ -34,11 +34,12 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
 
     None if no channel has three.
     """
-    found = [each for name, x in channels.items() if (each := _of(name, without_gaps(x), length)) is not None]
-    return max(found, key=lambda each: float(np.median(each.likeness)), default=None)
+    found = [each for name, x in channels.items() if (each := _of(name, x, length)) is not None]
+    return max(found, key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)), default=None)
 
 
-def _of(name: str, x: Array, length: float) -> Upstrokes | None:
+def _of(name: str, values: Array, length: float) -> Upstrokes | None:
+    x = without_gaps(values)
     at = _steepest(x, length)
     if len(at) < _FEWEST:
         return None
@@ -53,7 +54,9 @@ def _of(name: str, x: Array, length: float) -> Upstrokes | None:
         moved = [_best(x, round(p), windows.mean(axis=0), before, after, most) for p in at]
         at = np.clip([p for p, _ in moved], before + most, len(x) - after - most - 1)
     likeness = np.array([each for _, each in moved])
-    sure = likeness >= _SURE * np.median(likeness)
+    gaps = np.concatenate([[0], np.cumsum(np.isnan(values))])
+    around = np.rint(at).astype(int)
+    sure = (likeness >= _SURE * np.median(likeness)) & (gaps[around + after] == gaps[around - before])
     return Upstrokes(name, at[sure], likeness[sure]) if sure.sum() >= _FEWEST else None
 
 
