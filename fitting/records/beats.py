@@ -13,7 +13,7 @@ from .period import FEWEST, Normal, evaluate, find_period, highest
 from .record import Array, Record, require
 from .rounding import converter_step, rounding
 from .spikes import FAR, without_spikes
-from .timing import without_jitter
+from .timing import without_jitter, without_slope
 from .unequal import Whole, unequal
 from .upstrokes import without_gaps
 
@@ -37,8 +37,8 @@ class Beats:
 
     source, sha256 of the record; T : period [s]; shifts : (n_beats,) [s], how much later than the strict period each
     beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel. steps :
-    of a channel's converter [its unit]. whole : the record that beats of unequal length were cut from, each at the end of
-    diastole; without, phase 0 is the record's first sample.
+    of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at the end
+    of diastole; without, phase 0 is the record's first sample.
     """
 
     source: str
@@ -291,7 +291,7 @@ def align(record: Record, period: float | None = None) -> Beats:
             _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
     else:
         cut = _resample(record, f, N, n_beats)
-    values, shifts = without_jitter({name: _without_slope(each) for name, each in cut.items()}, T)
+    values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps)
     if beats.unsteadiness > _MOST_UNSTEADY:
         raise ValueError(
@@ -383,18 +383,3 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
         spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
         cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
     return cut
-
-
-def _without_slope(beats: Array) -> Array:
-    """Beats without the slope that the slow drift from beat to beat has within each of them.
-
-    A drift puts the same ramp into every beat: the scatter between beats does not show it, the mean beat has it. Its
-    slope is that of the beats' levels; the levels themselves stay, and count as scatter of the mean.
-    """
-    if len(beats) < 3:
-        return beats
-    measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
-    deviations = beats[measured] - np.nanmean(beats, axis=0)
-    levels = np.interp(np.arange(len(beats)), measured, np.nanmean(deviations, axis=1))  # also of a beat in a gap
-    N = beats.shape[1]
-    return np.asarray(beats - np.outer(np.gradient(levels), (np.arange(N) + 0.5) / N - 0.5))

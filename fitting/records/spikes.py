@@ -22,8 +22,8 @@ _STEPS = 3.0  # of a converter: rounding, and what a median of rounded values ad
 def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float = 0.0) -> tuple[Array, int]:
     """A channel with gaps in place of its spikes, and their number.
 
-    samples : (n_beats, N) the sample at each phase of each beat. step : of the channel's converter, which is no spike. slip : samples by
-    which beats may be off one another.
+    samples : (n_beats, N) the sample at each phase of each beat. step : of the channel's converter, whose rounding is
+    no spike. slip : samples by which beats may be off one another.
     """
     n_beats, N = samples.shape
     if n_beats < _FEWEST:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
-_UNEQUAL = 0.015  # standard deviation of the intervals over their mean, from which beats are cut one by one
-_PULSES = 0.02  # the same of the pulses
+_UNEQUAL = 0.015  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
+_PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
 _ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
 _MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
 _NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
@@ -100,7 +99,8 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
         return None
     intervals = np.diff(found.at)
     usual = _usual(intervals)
-    intervals = intervals / np.maximum(np.rint(intervals / usual), 1.0)  # an upstroke in a gap was not seen
+    passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
+    intervals = intervals / passed
     beats = T / dt / usual
     several = round(beats) > 1 and abs(beats / round(beats) - 1.0) < _SAME
     if abs(beats - 1.0) > _SAME and not several:
@@ -109,7 +109,7 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     if np.mean(np.abs(intervals - usual) <= _NEAR * usual) < _MOSTLY or _likeness(x, found.at, usual) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
-    if not (several or intervals.std() > _UNEQUAL * usual or pulses.std() > _PULSES * pulses.mean()):
+    if not (several or _wander(found.at, passed) > _UNEQUAL * usual or pulses.std() > _PULSES * pulses.mean()):
         return None
     starts = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     starts = starts[starts >= 0]
@@ -130,6 +130,12 @@ def _whole(channels: Mapping[str, Array], dt: float, starts: Array, lengths: Arr
     N = round(float(lengths[alike].mean()))
     cut = Cut(starts[first:last], lengths[first:last], alike - first, alike - first, N)
     return Whole(cut, {name: without_gaps(x) for name, x in channels.items()}, dt, said)
+
+
+def _wander(at: Array, passed: Array) -> float:
+    """Standard deviation [samples] of upstrokes about the steady rhythm that fits them best."""
+    count = np.concatenate([[0.0], np.cumsum(passed)])
+    return float(np.std(at - np.polyval(np.polyfit(count, at, 1), count)))
 
 
 def _likeness(x: Array, at: Array, length: float) -> float:
