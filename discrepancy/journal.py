@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 from fitting.inference.forward import Forward
 from solver.files import write_whole
 
-from .name import Naming
+from .verdict import Naming
 
 Result = TypeVar("Result")
 

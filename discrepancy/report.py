@@ -60,7 +60,6 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         next_steps=next_steps(outcome),
         drawings=drawings,
         scales={"z": Z, "apart": APART},
-        ceiling=f"{100 / (1 + thresholds.SOMETHING_ELSE):.0f} %",
         inseparable=f"{thresholds.INSEPARABLE:g}",
         united=any(row["unit"] for row in tables.absorbed_rows(outcome)),
         **_rows(outcome),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .name import Naming
 from .places import entry, of_sensor
 from .study import Study
+from .verdict import Naming
 
 
 def separating_measurement(naming: Naming, study: Study) -> str | None:

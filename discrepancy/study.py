@@ -19,7 +19,8 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .name import Naming, name
+from .name import name
+from .verdict import Naming
 
 _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
 _SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
@@ -57,7 +58,8 @@ def prepare(record: Record, network: Network, period: float | None = None, runs:
             problem: Forward = network_problem(fitted, network, channels(record, network), runs)
         else:
             problem = bench(fitted, network, bench_site(record, network))
-        terms = candidates(network, problem.signals, problem.site)
+        sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
+        terms = candidates(network, sensors, problem.site)
         return Study(network, fitted, kept, problem, terms, warnings)
     except Unusable:
         raise

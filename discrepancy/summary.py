@@ -21,12 +21,12 @@ from solver.units import INFLOW
 from . import thresholds
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .isolability import isolability, smallest
-from .name import Naming
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
 from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
 from .study import Study, Unusable
+from .verdict import Naming
 
 _SHOWN = 12  # candidates in the report
 _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about

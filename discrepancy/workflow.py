@@ -29,9 +29,10 @@ from fitting.threads import single_threaded
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
+from solver.units import INFLOW
 
 from .journal import Journal
-from .name import Naming, name
+from .name import name
 from .outcome import NamedEffect, Outcome, Round, verdict_json
 from .places import entry
 from .show import Run, free_run, own_parity, parity
@@ -39,6 +40,7 @@ from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable
 from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
+from .verdict import Naming
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -161,7 +163,9 @@ class _Work:
         self.progress(0.75, "running the model with its nuisances refitted")
         wave = study.problem.wave(study.fitted, best)
         base = naming.base.fit
-        before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
+        # a flow meter that is found to lie drove the model before
+        drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
+        before = self._free(fmu, "before", base, drove, _moved(self.network, base), study)
         shown = Shown(given, before)
         if added:
             shown = self._add(study, naming, wave, shown)
@@ -256,8 +260,9 @@ def _nothing() -> Fit:
     return Fit((), (), empty, empty, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
 
 
-def _has_sensor(fit: Fit) -> bool:
-    return any(term.is_sensor for term in fit.terms)
+def _has_sensor(fit: Fit, place: str | None = None) -> bool:
+    """Whether a sensor is one of its terms, at a place or anywhere."""
+    return any(term.is_sensor and place in (None, term.place) for term in fit.terms)
 
 
 def _moved(network: Network, fit: Fit) -> dict[str, float]:

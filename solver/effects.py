@@ -16,10 +16,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .coordinate import SCALE, Coordinate
-from .effect import Anatomy, Array, Described, Drag, Effect, Points, Values, check_known, small_wave_impedance
+from .effect import (
+    ALL_PLACES,
+    Anatomy,
+    Array,
+    Described,
+    Drag,
+    Effect,
+    Points,
+    Values,
+    check_known,
+    small_wave_impedance,
+)
 from .outlets import Reflection, Windkessel
 from .quantity import Quantity, quantities
 from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset
+from .springpot import FractionalViscosity
 from .wall import Wall
 
 # --- the wall -----------------------------------------------------------------------------------------------------
@@ -32,7 +44,15 @@ class WallViscosity(Effect):
     places = ("all", "segment")
     terms = {
         "phi0": Quantity(
-            "Pa.s", "wall viscosity phi0", 0.0, 1e8, nominal=1e4, display="kPa.s", spread=0.2, refit=("network", "wall")
+            "Pa.s",
+            "wall viscosity phi0",
+            0.0,
+            1e8,
+            nominal=1e4,
+            display="kPa.s",
+            spread=0.2,
+            refit=("network", "wall"),
+            individual=0.2,
         )
     }
     always = True
@@ -53,6 +73,10 @@ class WallViscosity(Effect):
         viscous = [s.phi0 > 0.0 for s in network.segments]
         mixed = place == "all" and any(viscous) and not all(viscous)  # no one number says what that would be
         return () if mixed else super().coordinates(network, place, bench)
+
+    def of_animal(self, network: Described, place: str) -> bool:
+        """Viscosity that is there is the animal's; that which is missing is a discovery."""
+        return any(s.phi0 > 0.0 for s in network.segments if place in (ALL_PLACES, s.name))
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, phi0=values["phi0"])
@@ -124,7 +148,7 @@ class StressRelaxation(Effect):
     separator = "heart rate"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        return replace(wall, tau=values["tau"])
+        return replace(wall, tau=values["tau"][None], share=np.ones((1, *values["tau"].shape)))
 
 
 class ExternalPressure(Effect):
@@ -159,6 +183,9 @@ class WallStiffness(Effect):
     signature = "reflections timed by place; wave speed"
     confusable = ("taper",)
     separator = "radius with pressure"
+
+    def of_animal(self, network: Described, place: str) -> bool:
+        return True
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, K=wall.K * values["E_scale"], e=wall.e / values["E_scale"])
@@ -377,6 +404,7 @@ ALL: tuple[Effect, ...] = (
     NonlinearWallViscosity(),
     NonlinearElasticity(),
     StressRelaxation(),
+    FractionalViscosity(),
     ExternalPressure(),
     WallStiffness(),
     Taper(),

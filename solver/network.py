@@ -66,9 +66,21 @@ class Segment:
         tunable=False,
         spread=0.01,
         refit=("wall",),
+        individual=0.02,
     )
     h: float = quantity(None, "m", "wall thickness h", 1e-6, 0.1, nominal=1e-3, display="mm", tunable=False)
-    E: float = quantity(None, "Pa", "Young's modulus E", 1e2, 1e10, nominal=1e6, display="MPa", spread=0.2, refit=_BOTH)
+    E: float = quantity(
+        None,
+        "Pa",
+        "Young's modulus E",
+        1e2,
+        1e10,
+        nominal=1e6,
+        display="MPa",
+        spread=0.2,
+        refit=_BOTH,
+        individual=0.08,
+    )
     phi0: float = _held(effects.WallViscosity, "phi0")
     phiNL: float = _held(effects.NonlinearWallViscosity, "phiNL")
     ENL: float = _held(effects.NonlinearElasticity, "ENL")

@@ -96,7 +96,9 @@ class Reflection(Outlet):
 
     For the β-law w = 4 (c - c0), as in the paper's code."""
 
-    R_t: float = quantity(None, "1", "reflection coefficient R_t", -0.999, 1.0, spread=0.2, refit=("network",))
+    R_t: float = quantity(
+        None, "1", "reflection coefficient R_t", -0.999, 1.0, spread=0.2, refit=("network",), individual=0.03
+    )
 
     symbol = "R_t"
     noun = "reflection"
@@ -154,10 +156,20 @@ def _steady(omega: Array) -> Array:
 class Windkessel(Outlet):
     """Three-element Windkessel: P = P_C + R1 Q, C dP_C/dt = Q - (P_C - P_venous)/R2."""
 
-    R1: float = quantity(None, "Pa.s/m^3", "proximal resistance R1", 0.0, 1e15, nominal=1e8, display="mmHg.s/mL")
-    C: float = quantity(None, "m^3/Pa", "compliance C", 1e-16, 1.0, nominal=1e-9, display="mL/mmHg")
+    R1: float = quantity(
+        None, "Pa.s/m^3", "proximal resistance R1", 0.0, 1e15, nominal=1e8, display="mmHg.s/mL", individual=0.2
+    )
+    C: float = quantity(None, "m^3/Pa", "compliance C", 1e-16, 1.0, nominal=1e-9, display="mL/mmHg", individual=0.2)
     R2: float = quantity(
-        None, "Pa.s/m^3", "distal resistance R2", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL", refit=("network",)
+        None,
+        "Pa.s/m^3",
+        "distal resistance R2",
+        1.0,
+        1e15,
+        nominal=1e9,
+        display="mmHg.s/mL",
+        refit=("network",),
+        individual=0.1,
     )
 
     symbol = "RCR"
@@ -190,7 +202,15 @@ class Resistance(Outlet):
     """Pure resistance: P - P_venous = R Q."""
 
     R: float = quantity(
-        None, "Pa.s/m^3", "resistance R", 1.0, 1e15, nominal=1e9, display="mmHg.s/mL", refit=("network",)
+        None,
+        "Pa.s/m^3",
+        "resistance R",
+        1.0,
+        1e15,
+        nominal=1e9,
+        display="mmHg.s/mL",
+        refit=("network",),
+        individual=0.1,
     )
 
     symbol = "R"

@@ -21,7 +21,9 @@ class Quantity:
 
     What inference asks: spread : standard deviation between animals, of its logarithm, or of its value where that may
     be negative (of its ratio, if it has one). refit : where a record refits it, one factor or shift for all that have
-    it: "network", "wall". ratio_to : the key that it is counted relative to, and keeps its ratio to when that changes.
+    it: "network", "wall". individual : the same deviation between the arteries or outlets of one animal, about what
+    they have in common (0: they do not deviate by themselves). ratio_to : the key that it is counted relative to, and
+    keeps its ratio to when that changes.
     """
 
     unit: str
@@ -35,6 +37,7 @@ class Quantity:
     input: bool = False
     spread: float = 0.3
     refit: tuple[str, ...] = ()
+    individual: float = 0.0
     ratio_to: str | None = None
 
     def check(self, name: str, value: float) -> None:

@@ -18,12 +18,12 @@ from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
 from discrepancy.journal import Journal, parted
-from discrepancy.name import Naming
 from discrepancy.outcome import VERDICTS, Outcome
 from discrepancy.show import Gap, Run, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import judge
 from discrepancy.summary import Shown, fmu_warnings, global_p
+from discrepancy.verdict import Naming
 from discrepancy.workflow import discover
 from fitting.bench import on_bench
 from fitting.records.record import Record

@@ -308,7 +308,7 @@ def test_wrong_impedance(aorta: Network, monolithic: Array, interpolation: str, 
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
 @pytest.mark.parametrize("steps", [[1.0] * 9 + [0.01], [5.0, 0.5]], ids=["one in ten is short", "in turn"])
 def test_unequal_steps(aorta: Network, interpolation: str, steps: list[float]) -> None:
-    """Steps [ms] of different lengths: the stiff heart makes 109.6/74.0 mmHg in the aorta, as with 1 ms, to 0.8 mmHg."""
+    """Steps [ms] of different lengths: the stiff heart makes 109.6/74.0 mmHg in the aorta, as with 1 ms, to 0.8."""
     component, values = start(aorta, inlet__interpolation=interpolation)
     V, Q, t, P, i = 40 * ML, 0.0, 0.0, list[float](), 0
     while t < END:

@@ -26,6 +26,7 @@ from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .loop import Linear, Loop, NoFit, linearise, mean_loop
+from .misfit import Block, sizes
 from .observation import chain, mean_wander
 from .search import bounded_step
 from .simulator import Runs
@@ -52,6 +53,7 @@ class Bench(Forward):
     """
 
     kind = "bench"
+    deviations = ()
 
     network: Network
     site: str
@@ -97,6 +99,31 @@ class Bench(Forward):
             if state is not None:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        return ("mean", "harmonics")
+
+    def blocks(self, fit: Fit) -> list[Block]:
+        """Of the wall law, as an error of its pressure."""
+        state = _settled(self, fit.member)
+        assert state is not None
+        size = np.concatenate([self._law_error[:1], np.repeat(self._law_error[1 : self.K + 1], 2)])
+        n = len(size)
+        L = state.linear.L[:n, :n]
+        B = np.linalg.solve(L, np.diag(size * np.sqrt(self.loop.N)))
+        return [Block(np.arange(n), B, np.minimum(np.arange(n), 1))]
+
+    def widened(self, parts: Array) -> Bench:
+        noise = self.loop.noise.copy()
+        noise[0, 0, 0] += (parts[0] * self._law_error[0]) ** 2
+        noise[1:, 0, 0] += (parts[1] * self._law_error[1 : len(noise)]) ** 2
+        return replace(self, loop=replace(self.loop, noise=noise))
+
+    @property
+    def _law_error(self) -> Array:
+        """(N//2 + 1,) [Pa] standard deviations of harmonics of an error as large as the pulse."""
+        return sizes(spectral.coefficients(self.loop.P)[:, None])[:, 0]
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)

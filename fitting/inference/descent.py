@@ -15,10 +15,11 @@ from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 
 from ..records.beats import Beats
-from ..records.noise import NEIGHBOURS, Target, inflow, response, target
+from ..records.inflow import inflow
+from ..records.noise import NEIGHBOURS, Target, response, target
 from .identify import Determined, determined
 from .search import held_step
-from .simulator import Meter, Runs, Simulator
+from .simulator import Meter, Runs, Simulator, varying
 from .unknown import Unknown, bounds, finite_steps, parameter_values, penalty
 
 Array = np.ndarray
@@ -87,7 +88,8 @@ class Problem:
         s = self.simulator
         at = {name: float(value) for name, value in parameter_values(self.unknowns, s.network, x).items()}
         H = response(s.network, s.names, s.T, s.K + NEIGHBOURS, at)
-        return replace(self, target=target(self.beats, s.names, H, error))
+        felt = varying(self.beats, s.network, s.names, s.K, at)
+        return replace(self, target=target(self.beats, s.names, H, error, felt))
 
     def simulate(self, x: Array) -> Array:
         """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
@@ -120,7 +122,7 @@ def problem_of(
     meter: Meter,
 ) -> Problem:  # fmt: skip
     """The fine problem of a record."""
-    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-6)
+    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-7)
     return Problem(beats, unknowns, simulator, meter)
 
 

@@ -16,6 +16,7 @@ from solver.network import Network
 
 from ..records.beats import Beats
 from .fit import Fit
+from .misfit import Block
 from .simulator import Runs
 from .terms import Term
 from .unknown import Unknown
@@ -92,6 +93,31 @@ class Forward(Protocol):
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
+
+    def rewhitened(self, columns: Mapping[str, Array], before: Any) -> dict[str, Array]:
+        """Columns that were whitened for another model of this record, for this one."""
+        return dict(columns)
+
+    @property
+    def deviations(self) -> tuple[Unknown, ...]:
+        """What every artery and outlet has of its own; nothing where all have it in common."""
+        return ()
+
+    def individual(self) -> Forward:
+        """The same with deviations of every artery and outlet; itself where there is but one."""
+        return self
+
+    # --- errors of the model --------------------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What a model may be wrong in, each by a part of its pulse (:mod:`fitting.inference.misfit`)."""
+
+    def blocks(self, fit: Fit) -> list[Block]:
+        """Errors of the model in the whitened residual of a fit."""
+
+    def widened(self, parts: Array) -> Forward:
+        """The same record with errors of these ``parts`` in its covariance."""
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""

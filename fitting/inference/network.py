@@ -18,13 +18,13 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.felt import Felt
+from ..records.inflow import inflow
 from ..records.noise import (
     MAX_HARMONICS,
     Target,
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    inflow,
     periodic_beat,
     pulses,
     solver_error,
@@ -33,11 +33,12 @@ from ..records.noise import (
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .observation import mean_wander, sense
+from .misfit import Block, sizes
+from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, nuisances, refined, rewired
+from .terms import EVERY, Term, deviations, nuisances, refined, rewired
 from .unknown import Unknown, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -55,7 +56,7 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
-    felt : what the channels of the network as given feel of an inflow whose beats differ.
+    felt : by the network as given, of beats that differ. deviations : what every artery has of its own, if any.
     """
 
     kind = "network"
@@ -70,6 +71,7 @@ class NetworkProblem(Forward):
     error: Array
     response: Array
     felt: Felt | None = None
+    deviations: tuple[Unknown, ...] = ()
 
     @property
     def dof_of_noise(self) -> float:
@@ -111,15 +113,18 @@ class NetworkProblem(Forward):
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
-        x = n - H q + e of a hypothesis; as measured where that breaks down."""
+        x = n - H q + e of a hypothesis, through its flow meter; as measured where that breaks down."""
         Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
         S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full = np.zeros(beats.N // 2 + 1, complex)
-        full[: self.K + 1] = -S * np.einsum("ki,ki->k", self.response.conj(), weighted)
-        return Q - np.fft.irfft(full, beats.N, norm="forward")
+        full = np.fft.rfft(Q, norm="forward")
+        shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        full[0] -= offset
+        full[: self.K + 1] /= shown
+        return np.fft.irfft(full, beats.N, norm="forward")
 
     def driven(self, wave: Array) -> Drive:
         """The inflow; a run begins at rest: best where the flow is least."""
@@ -134,47 +139,53 @@ class NetworkProblem(Forward):
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
-        nuisance = [u for u in nuisances(rewired(self.network, terms)) if not set(u.variables) <= mine]
+        network = rewired(self.network, terms)
+        there = network.parameters()
+        own = [u for u in self.deviations if set(u.variables) <= there.keys()]
+        nuisance = [u for u in (*nuisances(network), *own) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
+
+    def individual(self) -> NetworkProblem:
+        return replace(self, deviations=deviations(self.network))
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
 
-        runs : what was simulated before, to start from; without, from rest.
+        runs : counts them, and ends them in time.
         """
         runs = runs or Runs()
         groups: dict[str, list[int]] = {}
         for i, member in enumerate(members):
             groups.setdefault(_group(member.terms), []).append(i)
         X: list[Array | None] = [None] * len(members)
-        for key, group in groups.items():
+        for group in groups.values():
             for at in range(0, len(group), _BATCH):
                 part = group[at : at + _BATCH]
-                for i, result in zip(part, self._batch(key, [members[i] for i in part], runs), strict=True):
+                for i, result in zip(part, self._batch([members[i] for i in part], runs), strict=True):
                     X[i] = result
         return [
             None if x is None else sense(member, self.signals, x, self.simulator.T)
             for member, x in zip(members, X, strict=True)
         ]
 
-    def _batch(self, key: str, members: Sequence[Member], runs: Runs) -> list[Array | None]:
+    def _batch(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
         network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
         nominal = network.parameters()
-        moved = [parameter_values(m.unknowns, network, m.x) for m in members]
+        moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
         names = dict.fromkeys(name for each in moved for name in each)
-        # a sensor alone needs no simulation of its own
-        table = np.array([[float(each.get(n, nominal[n])) for n in names] for each in moved])
-        unique, inverse = np.unique(table, axis=0, return_inverse=True)
-        parameters = {n: unique[:, i] for i, n in enumerate(names)}
+        # a sensor of an output needs no simulation of its own
+        table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
+        unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+        parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
         try:
-            X = self.simulator.coefficients(network, parameters, runs, key)
+            inflow = driven(self.simulator.drive, [members[i] for i in first])
+            X = self.simulator.coefficients(network, parameters, runs, inflow)
             return [X[i] for i in inverse.ravel()]
         except (NonPhysicalState, NotPeriodic, ValueError):
-            if len(members) == 1:  # it may only be too far from the state that it started from: once more from rest
-                known = runs.beats.pop((key, self.simulator.settings), None)
-                return [None] if known is None else self._batch(key, members, runs)
+            if len(members) == 1:
+                return [None]
         half = len(members) // 2
-        return self._batch(key, members[:half], runs) + self._batch(key, members[half:], runs)
+        return self._batch(members[:half], runs) + self._batch(members[half:], runs)
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -200,7 +211,7 @@ class NetworkProblem(Forward):
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
         screen = replace(self, simulator=replace(self.simulator, settings=settings))
-        return screen._columns(at, terms, (runs or Runs()).fresh())
+        return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
         plain = [t for t in terms if not t.rewires]
@@ -272,7 +283,7 @@ class NetworkProblem(Forward):
         member, problem, runs = fit.member, self, runs or Runs()
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
-            X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs.fresh())[0]
+            X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs)[0]
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))
@@ -283,12 +294,43 @@ class NetworkProblem(Forward):
             problem = replace(problem, simulator=problem.simulator.halved())
         return problem.weighted(fit, error)
 
+    # --- errors of the model --------------------------------------------------------------------------------------
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        kinds = dict.fromkeys(name.rpartition(".")[2] for name in self.signals)
+        return (*self.signals, *(f"means of {kind}" for kind in kinds))
+
+    def blocks(self, fit: Fit) -> list[Block]:
+        m, K, size = len(self.signals), self.K, sizes(self.target.X)
+        kinds = np.array([self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals])
+        white = self.target.whitener * size[:, None, :]
+        found = [Block(np.arange(m), white[0].real, kinds)]
+        own = np.tile(np.arange(m), 2)
+        for k in range(1, K + 1):
+            a, b = white[k].real, white[k].imag
+            rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
+            found.append(Block(rows, np.block([[a, -b], [b, a]]), own))
+        return found
+
+    def widened(self, parts: Array) -> NetworkProblem:
+        m, size = len(self.signals), sizes(self.target.X)
+        at, kinds = np.arange(m), [self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals]
+        covariance = self.target.covariance.copy()
+        covariance[0, at, at] += (parts[kinds] * size[0]) ** 2
+        covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
+        return replace(self, target=Target.of(self.signals, self.target.X, covariance))
+
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
         own, old = self.target, before.target
         return [
             replace(f, z=own.whiten(old.unwhiten(f.z[:, None]))[:, 0], J=own.whiten(old.unwhiten(f.J))) for f in fits
         ]
+
+    def rewhitened(self, columns: Mapping[str, Array], before: NetworkProblem) -> dict[str, Array]:
+        own, old = self.target, before.target
+        return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
     @property
     def weights(self) -> tuple[float, Array, Array, Array]:
@@ -307,9 +349,8 @@ class NetworkProblem(Forward):
         at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
-        felt, there = self.felt, varying(self.beats, network, self.signals, self.K, at)
-        if felt is not None and there is not None:  # the mean beat stays as it is: fits are compared under all weights
-            felt = replace(felt, change=there.change)
+        H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
+        felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
         weights = target(self.beats, self.signals, H, error, felt)
         return replace(self, target=weights, error=error, response=H[: self.K + 1])
 
@@ -357,7 +398,7 @@ def network_problem(
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
-    error = solver_error(X, simulator.finer().coefficients(network, {}, runs.fresh())[0], pulses(beats, chosen))
+    error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     felt = varying(beats, network, chosen, K)
     weights = target(beats, chosen, H, error, felt)

@@ -7,8 +7,8 @@ one standard deviation of its prior. The facts are those that effects and quanti
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from solver import effects
@@ -22,6 +22,7 @@ from .unknown import Unknown, with_prior
 
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
 EVERY = "every segment"
+OWN = "of its own"
 _WIDEST = 5.0  # of a nuisance's logarithm
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
@@ -62,6 +63,11 @@ def effect_of(term: Term) -> Effect:
     if found is None:
         raise ValueError(f"{term.effect}: no effect of the catalogue.")
     return found
+
+
+def of_animal(network: Network, term: Term) -> bool:
+    """Whether a term is no discovery where every artery differs from the network's."""
+    return effect_of(term).of_animal(network, term.place)
 
 
 def joins(term: Term, others: Sequence[Term]) -> bool:
@@ -144,28 +150,40 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
     found: dict[str, list[tuple[str, Quantity, float]]] = {}
     for prefix, owner in network.owners():
         if site in (None, prefix):
-            for variable, path, q, value in _refitted(prefix, owner, "network" if site is None else "wall"):
-                found.setdefault(path, []).append((variable, q, value))
+            for key, q in quantities_of(owner).items():
+                if ("network" if site is None else "wall") in q.refit:
+                    path = f"{prefix}.{key}".partition(".")[2]
+                    found.setdefault(path, []).extend(_with_followers(prefix, owner, key))
     prefix = ALL_PLACES if site is None else site
-    return tuple(_nuisance(f"{prefix}.{path}", moved) for path, moved in found.items())
+    return tuple(_moved(f"{prefix}.{path}", moved, moved[0][1].spread) for path, moved in found.items() if moved)
 
 
-def _refitted(prefix: str, owner: Any, where: str) -> Iterator[tuple[str, str, Quantity, float]]:
-    """Variable, path below its place, quantity and value of what a record refits of an owner, and what follows it."""
+def deviations(network: Network) -> tuple[Unknown, ...]:
+    """What every artery and outlet may have of its own, about what all have in common: one unknown for each number.
+
+    x = 1 is the spread that its quantity states; those of one quantity are a group. The thickness h has none: with the
+    radius known, it is the factor that E and φ0 have in common.
+    """
+    found = []
+    for prefix, owner in network.owners():
+        for key, q in quantities_of(owner).items():
+            moved = _with_followers(prefix, owner, key) if q.individual > 0.0 else ()
+            if moved:
+                found.append(replace(_moved(f"{prefix}.{key} {OWN}", moved, q.individual), group=key))
+    return tuple(found)
+
+
+def _with_followers(prefix: str, owner: Any, key: str) -> list[tuple[str, Quantity, float]]:
+    """Variable, quantity and value of a number of an owner, and of those that keep their ratio to it."""
     quantities = quantities_of(owner)
-    values = {key: value_of(owner, key) for key in quantities}
-    for key, q in quantities.items():
-        if where in q.refit:
-            path = f"{prefix}.{key}".partition(".")[2]
-            for other, each in quantities.items():
-                if (other == key or each.ratio_to == key) and (values[other] != 0.0 or q.low < 0.0):
-                    yield f"{prefix}.{other}", path, q, values[other]
+    values, q = {other: value_of(owner, other) for other in quantities}, quantities[key]
+    same = [other for other, each in quantities.items() if other == key or each.ratio_to == key]
+    return [(f"{prefix}.{other}", q, values[other]) for other in same if values[other] != 0.0 or q.low < 0.0]
 
 
-def _nuisance(name: str, moved: Sequence[tuple[str, Quantity, float]]) -> Unknown:
-    """One factor, or one shift where a number may be negative."""
-    q = moved[0][1]
-    moves, step = tuple((variable, q.spread) for variable, _, _ in moved), q.spread
+def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float) -> Unknown:
+    """A factor, or a shift where a number may be negative, of prior standard deviation ``step``."""
+    q, moves = moved[0][1], tuple((variable, step) for variable, _, _ in moved)
     if q.low >= 0.0:
         return Unknown(name, SCALE, moves, -_WIDEST / step, _WIDEST / step, "1", step, 1.0)
     low = max((q.low + _MARGIN - value) / step for _, _, value in moved)

@@ -31,11 +31,13 @@ class Unknown(Coordinate):
     """A coordinate and its prior about 0.
 
     prior_sd : standard deviation of x, or None. typical_sd : of the default prior; the size of x against which a datum
-    without prior is judged, and that finite differences go by.
+    without prior is judged, and that finite differences go by. group : those with one name share the width of their
+    priors, which the record tells.
     """
 
     prior_sd: float | None = 1.0
     typical_sd: float = 1.0
+    group: str = ""
 
     @property
     def variables(self) -> tuple[str, ...]:

@@ -17,8 +17,11 @@ class Vessel:
     """One artery, SI. r = phi_NL/phi0 [s] and e = E_NL/E [-] are ratios, so that a change of E or phi0 carries them.
 
     tau [s]: memory of the viscous stress. P_ext [Pa]. taper s: R0(x) = R0 (1 + s (x/L - 1/2)). leak [m²/(Pa s)].
-    K [-]: stenosis over the middle tenth. springpot w, order a: the share w of the viscous stress is
-    phi0 ω1 (iω/ω1)^a ε instead of phi0 iω ε. phi3 [Pa s³]: stress phi3 ε̇³.
+    K [-]: all of a stenosis. E_scale: E becomes E_scale E. What these three act on is the part of a vessel that is
+    _length L long about _position L, as far as it lies in it: the middle tenth, and else all.
+    springpot w, order a: the share w of the viscous stress is phi0 ω1 (iω/ω1)^a ε instead of phi0 iω ε.
+    phi3 [Pa s³]: stress phi3 ε̇³. c: phi0 grows with strain as 1 + cε. coulomb [Pa]: friction against ε̇, whatever its
+    size.
     """
 
     name: str
@@ -37,6 +40,32 @@ class Vessel:
     springpot: float = 0.0
     order: float = 0.5
     phi3: float = 0.0
+    c: float = 0.0
+    coulomb: float = 0.0
+    E_scale: float = 1.0
+    K_position: float = 0.5
+    K_length: float = 0.1
+    leak_position: float = 0.5
+    leak_length: float = 1.0
+    E_position: float = 0.5
+    E_length: float = 1.0
+
+    def part(self, key: str) -> tuple[float, float]:
+        """Where what acts on a part of the vessel (K, leak, E) begins and ends [x/L]."""
+        middle, half = getattr(self, f"{key}_position"), 0.5 * getattr(self, f"{key}_length")
+        return round(max(0.0, middle - half), 12), round(min(1.0, middle + half), 12)
+
+    def parts(self) -> dict[str, tuple[float, float]]:
+        """The parts of those that act."""
+        on = {"K": self.K != 0.0, "leak": self.leak != 0.0, "E": self.E_scale != 1.0}
+        return {key: self.part(key) for key, acts in on.items() if acts}
+
+    def at(self, x: float) -> Vessel:
+        """The vessel as it is at x/L, K spread over its part: K/(length of the part)."""
+        parts = {key: (start, stop) for key, (start, stop) in self.parts().items() if start < x < stop}
+        K = self.K / (parts["K"][1] - parts["K"][0]) if "K" in parts else 0.0
+        E = self.E * self.E_scale if "E" in parts else self.E
+        return replace(self, K=K, leak=self.leak if "leak" in parts else 0.0, E=E)
 
 
 @dataclass(frozen=True)
@@ -78,7 +107,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Anatomy:
-    """A network as the generator sees it. unsteady: share of the frequency-dependent wall shear, 0 none … 1 exact."""
+    """A network as the generator sees it.
+
+    unsteady: share of the frequency-dependent wall shear, 0 none … 1 exact. tone: how far E of all walls wanders over a
+    record, of itself; tone_phase where it begins, of its cycle.
+    """
 
     vessels: tuple[Vessel, ...]
     joins: tuple[Join, ...]
@@ -95,6 +128,8 @@ class Anatomy:
     elastic_law: str
     viscous_law: str
     unsteady: float = 0.0
+    tone: float = 0.0
+    tone_phase: float = 0.0
     notes: dict[str, float] = field(default_factory=dict)
 
     def vessel(self, name: str) -> Vessel:

@@ -14,12 +14,19 @@ Array = np.ndarray
 class Beat:
     """x(t) = c_0 + 2 Re Σ c_k e^{iωkt}, k = 1 … K, sampled ``samples`` times a period ``T`` [s].
 
-    More than 3K samples, so that quadratic products do not fold back onto the harmonics that are kept.
+    More than 3K samples, so that quadratic products do not fold back onto the harmonics that are kept. heart [s]: the
+    period of the heart, where T is many unlike beats; T if 0.
     """
 
     T: float
     K: int = 80
     samples: int = 256
+    heart: float = 0.0
+
+    @property
+    def share(self) -> float:
+        """The heart's period, of T."""
+        return self.heart / self.T if self.heart else 1.0
 
     @cached_property
     def omega(self) -> Array:
@@ -45,6 +52,19 @@ class Beat:
 
 
 def at_phase(c: Array, phase: Array) -> Array:
-    """x at any phases t/T : (n,) of coefficients (K + 1,)."""
+    """x at any phases t/T : (n,) of coefficients (K + 1,), or (n, m) of (K + 1, m)."""
     k = np.arange(1, len(c))
     return c[0].real + 2.0 * np.real(np.exp(2j * np.pi * np.outer(phase, k)) @ c[1:])
+
+
+def anderson(states: list[Array], steps: list[Array]) -> Array:
+    """Anderson's next iterate: the affine combination of the last ones with the smallest correction."""
+    if len(steps) == 1:
+        return states[0] + steps[0]
+    dS = np.stack([(b - a).ravel().view(float) for a, b in zip(steps[:-1], steps[1:], strict=True)], axis=1)
+    dX = np.stack([(b - a).ravel().view(float) for a, b in zip(states[:-1], states[1:], strict=True)], axis=1)
+    scale = np.linalg.norm(dS, axis=0)
+    scale[scale == 0.0] = 1.0
+    weights = np.linalg.lstsq(dS / scale, steps[-1].ravel().view(float), rcond=1e-10)[0] / scale
+    change = steps[-1].ravel().view(float) - (dX + dS) @ weights
+    return states[-1] + change.view(complex).reshape(states[-1].shape)

@@ -12,12 +12,14 @@ from functools import lru_cache
 import numpy as np
 
 from .anatomy import Anatomy
-from .beat import Beat
+from .beat import Beat, anderson
 from .wall import Walls, wall_at, walls_of
 
 Array = np.ndarray
 
 _STEPS = 40
+_LONG = 1e-9  # of the largest harmonic of A, correction at which a long period is solved
+_DEPTH = 8  # corrections that Anderson's iteration combines
 
 
 class NoPeriodicRadius(ArithmeticError):
@@ -37,7 +39,7 @@ def _circulant(beat: Beat, multiplier: Array) -> Array:
 def bench_wall(model: Anatomy, site: str, beat: Beat) -> Walls:
     """The wall at a site."""
     vessel = next(p.vessel for p in model.places if p.name == site)
-    return wall_at(walls_of(model, [model.vessel(vessel)], np.array([[0.5]]), beat), 0, 0)
+    return wall_at(walls_of(model, [model.vessel(vessel).at(0.5)], np.array([[0.5]]), beat), 0, 0)
 
 
 def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:
@@ -53,8 +55,29 @@ def radius(wall: Walls, P: Array, start: Array | None = None) -> Array:
         except NoPeriodicRadius:
             s = wall.stretch(P - wall.P_level)
         for share in (0.0, 0.25, 0.5, 0.75, 0.9, 1.0):
-            s = _newton(replace(wall, r=share * wall.r, phi3=share * wall.phi3), P, s)
+            s = _newton(replace(wall, r=share * wall.r, phi3=share * wall.phi3, coulomb=share * wall.coulomb), P, s)
     return R0 * s
+
+
+def long_radius(wall: Walls, P: Array) -> Array:
+    """R [m], coefficients (K + 1,), under P [Pa] at the samples of a long period: by Anderson's iteration on the wall
+    linearised about its mean, as dense matrices are too large. Raises NoPeriodicRadius."""
+    beat = wall.beat
+    A = beat.coefficients(wall.A0 * wall.stretch(P - wall.P_level) ** 2)
+    admittance = 1.0 / wall.at_rest().impedance(A[:1].real)
+    states: list[Array] = []
+    steps: list[Array] = []
+    for _ in range(_STEPS):
+        area = beat.values(A)
+        if not (area > 0.0).all():
+            raise NoPeriodicRadius("the area of an iterate is not positive")
+        missing = P - wall.pressure(area, beat.values(1j * beat.omega * A))
+        states.append(A)
+        steps.append(admittance * beat.coefficients(missing))
+        A = anderson(states[-_DEPTH:], steps[-_DEPTH:])
+        if np.abs(steps[-1]).max() <= _LONG * np.abs(A[1:]).max():
+            return beat.coefficients(np.sqrt(beat.values(A) / np.pi))
+    raise NoPeriodicRadius(f"after {_STEPS} iterations the area still moves by {np.abs(steps[-1]).max():.1g} m²")
 
 
 def _newton(wall: Walls, P: Array, s: Array) -> Array:
@@ -63,12 +86,13 @@ def _newton(wall: Walls, P: Array, s: Array) -> Array:
     springpot = _circulant(wall.beat, wall.springpot()) if np.any(wall.w) else None
     for _ in range(_STEPS):
         rate = D @ s
-        stress, slope = wall.rate_stress(rate), wall.rate_slope(rate)[:, None] * D
+        by_rate, by_strain = wall.rate_slopes(rate, s)
+        stress, slope = wall.rate_stress(rate, s), by_rate[:, None] * D + np.diag(by_strain)
         if memory is not None:
             stress, slope = memory @ stress, memory @ slope
         if springpot is not None:
             stress, slope = stress + springpot @ (s - 1.0), slope + springpot
-        stress, slope = stress + wall.phi3 * rate**3, slope + (3.0 * wall.phi3 * rate**2)[:, None] * D
+        stress, slope = stress + wall.further_stress(rate), slope + wall.further_slope(rate)[:, None] * D
         residual = wall.P_level + wall.elastic_pressure(s) + wall.K_h * stress / s - P
         jacobian = (wall.K_h / s)[:, None] * slope
         jacobian[np.diag_indices(len(s))] += wall.elastic_slope(s) - wall.K_h * stress / s**2

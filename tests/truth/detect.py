@@ -6,10 +6,12 @@
 pressure. N: samples in the fitted beats, fewer for the
 mean, which drifts. Σ_k: white noise of every channel, and what that of the driving
 channel does to all of them (h σ² hᴴ). The nuisance moves about its true value under the prior; d' of a null is zero.
+What makes beats differ is measured by how far they do.
 With two effects, d' of one is what is left when the size of the other is free. The separation is the same with a
 rival's parameters free, too.
 
-On the bench everything is refitted. On the network the nuisance is; separations are d' times the sine of the angle
+On the bench everything is refitted. On the network the nuisance is (with individual walls by the derivatives at the
+truth); separations are d' times the sine of the angle
 between an effect and its rivals, all taken on one standard beat (linear in the rivals, truths at their own sizes).
 """
 
@@ -20,13 +22,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .anatomy import anatomy
+from .animal import priors
+from .beat import at_phase
 from .bench import bench_wall, radius
 from .hide import CHANNEL, WALL, Effect, hide
 from .network import Balance, Linearised
-from .records import SPREAD, Made, Nuisance, points_for
+from .records import BEATS, FITTED, Made, points_for
 from .refit import refit, weights, whitened
 from .rivals import rival_sines
 from .sensors import pulsatile, sensed
+from .varying import SPARE
 
 Array = np.ndarray
 
@@ -48,6 +53,8 @@ class Detection:
 
 def detect(made: Made) -> Detection:
     """d' and separation of what is hidden in a record."""
+    if any(effect.over_beats for effect in made.case.effects):
+        return Detection((wander(made),))
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
     seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
@@ -60,6 +67,14 @@ def detect(made: Made) -> Detection:
     return Detection(seen, min(found[name], seen[0]), name)
 
 
+def wander(made: Made) -> float:
+    """How far the fitted beats are from steady ones, in units of the noise; nothing is refitted."""
+    fitted = slice(0, len(made.time) * FITTED // BEATS)
+    phase = made.at.phase[fitted] * (BEATS + SPARE)
+    off = [(made.samples[name][fitted] - at_phase(made.clean[name], phase)) / made.noise[name] for name in made.clean]
+    return float(np.sqrt(np.sum(np.square(off))))
+
+
 def _on_network(made: Made, seen: float) -> Detection:
     sines = rival_sines(made)
     name = made.case.effects[0].name
@@ -68,6 +83,9 @@ def _on_network(made: Made, seen: float) -> Detection:
     nearest = min(other, key=other.__getitem__)
     place = min(same, key=same.__getitem__, default="")
     return Detection((seen,), seen * other[nearest], nearest, seen * same.get(place, np.inf), place)
+
+
+_FEW = 10  # unknowns: with more, one set of derivatives serves all steps of a refit
 
 
 def d_prime(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> float:
@@ -81,7 +99,7 @@ def d_prime(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> flo
     x0 = np.concatenate([np.zeros(problem.nuisances), sizes])
     step = np.concatenate([np.full(problem.nuisances, 1e-3), 1e-2 * sizes])
     prior = np.concatenate([problem.prior, np.full(len(others), np.inf)])
-    return refit(predict, x0, step, prior)
+    return refit(predict, x0, step, prior, keep=problem.nuisances > _FEW)
 
 
 # --- bench ---------------------------------------------------------------------------------------------------------
@@ -90,12 +108,11 @@ def d_prime(problem: BenchProblem | NetworkProblem, others: list[Effect]) -> flo
 class BenchProblem:
     """Residual of R, of a wall under the record's pressure as its sensor shows it."""
 
-    nuisances = 3
-    prior = np.array([SPREAD["E"], SPREAD["phi0"], SPREAD["R0"]])
-
     def __init__(self, made: Made) -> None:
         self.made, self.beat = made, made.beat
         self.base = anatomy(made.base)
+        self.free = priors("bench", self.base, made.case.walls)
+        self.nuisances, self.prior = len(self.free), np.array(list(self.free.values()))
         self.P_name, self.R_name = made.case.names
         self.P, self.R = made.clean[self.P_name], made.clean[self.R_name]
         self.start: Array | None = None
@@ -110,9 +127,7 @@ class BenchProblem:
 
     def residual(self, x: Array, effects: list[Effect], a: float = 0.0, b: float = 0.0, on: str = "") -> Array:
         """Whitened residual with nuisance x (logarithms) and effects; ``on`` a channel a sensor 1/(1 + iωa - ω²b)."""
-        n = self.made.nuisance
-        E, phi0, R0 = np.exp(x)
-        model = replace(n, E=n.E * E, phi0=n.phi0 * phi0, R0=n.R0 * R0).applied(self.base)
+        model = self.made.nuisance.moved(dict(zip(self.free, x, strict=True))).applied(self.base)
         P = self.P
         for effect in effects:
             model = hide(model, effect)
@@ -202,12 +217,11 @@ def bench_rivals(made: Made) -> list[str]:
 class NetworkProblem:
     """Residual of the recorded channels, of a network under the record's inflow as its sensor shows it."""
 
-    nuisances = 3
-    prior = np.array([SPREAD["E"], SPREAD["phi0"], SPREAD["R_t"]])
-
     def __init__(self, made: Made) -> None:
         assert made.flow is not None
         self.made, self.base, self.names = made, anatomy(made.base), made.case.names[1:]
+        self.free = priors("network", self.base, made.case.walls)
+        self.nuisances, self.prior = len(self.free), np.array(list(self.free.values()))
         self.n = points_for(self.base)
         self.weight = weights(made, made.beat.K + 1)
         self.noise = np.array([made.noise[name] for name in self.names])
@@ -217,9 +231,8 @@ class NetworkProblem:
         self.response = np.stack([response[name] for name in self.names])
 
     def residual(self, x: Array, effects: list[Effect]) -> Array:
-        """Whitened residual with nuisance x (E and phi0 in logarithms, R_t) and effects of known sizes."""
-        n = self.made.nuisance
-        model = Nuisance(n.E * np.exp(x[0]), n.phi0 * np.exp(x[1]), n.R_t + x[2]).applied(self.base)
+        """Whitened residual with nuisance x (scales in logarithms, shifts of R_t) and effects of known sizes."""
+        model = self.made.nuisance.moved(dict(zip(self.free, x, strict=True))).applied(self.base)
         inflow = self.made.clean["inlet.Q"]
         for effect in effects:
             model = hide(model, effect)

@@ -22,6 +22,7 @@ WALL = (
     "external_pressure",
     "wall_stiffness",
 )
+SPRINGPOT = "springpot"
 FLOW = (
     "taper",
     "fluid_friction",
@@ -34,9 +35,9 @@ FLOW = (
     "junction_loss",
 )
 CHANNEL = ("channel_lag", "channel_gain", "channel_offset", "catheter_resonance")
-OUTSIDE_WALL = ("springpot", "cubic_rate")
-OUTSIDE_FLOW = ("swinging_outlet", "inflow_bent", "inflow_rectified")
-OUTSIDE = OUTSIDE_WALL + OUTSIDE_FLOW
+OUTSIDE_WALL = ("cubic_rate", "strain_viscosity", "coulomb", "varying_tone")
+OUTSIDE_SENSOR = ("inflow_bent", "inflow_rectified")
+OUTSIDE = (*OUTSIDE_WALL, "swinging_outlet", *OUTSIDE_SENSOR)
 
 _MEAN_PRESSURE = 10e3  # [Pa], with which the size of a side branch becomes its conductance
 _MEAN_FLOW = 15e-6  # [m³/s], the same
@@ -52,14 +53,25 @@ class Effect:
     terminal_compliance R2 C [s] of an end with the same resistance, of which ``second`` is distal; side_branch flow
     that leaks, as a share of 15 mL/s at 10 kPa; stenosis K; junction_loss k; channel_lag [s]; channel_offset in
     pulsatile standard deviations; catheter_resonance 1/f_n [s], with the damping ``second``.
-    Outside the catalogue: springpot share w of order ``second``; cubic_rate φ3/φ0 [s²]; swinging_outlet the swing of
-    R_t at the phase ``second``; inflow_bent: Q (1 + size Q/Q_peak) is recorded; inflow_rectified: Q - size min(Q, 0).
+    Outside the catalogue: springpot share w of order ``second``; cubic_rate φ3/φ0 [s²]; strain_viscosity c of
+    φ0 (1 + cε); coulomb σ_c/E; varying_tone how far E wanders over the record, from the phase ``second`` on;
+    swinging_outlet the swing of R_t at the phase ``second``; inflow_bent: Q (1 + size Q/Q_peak) is recorded;
+    inflow_rectified: Q - size min(Q, 0).
+    position, length : middle [x/L] and length [L] of the part that a stenosis, side_branch or wall_stiffness acts on;
+    length 0 is that of its kind: a tenth for a stenosis, all for the others.
     """
 
     name: str
     where: tuple[str, ...]
     size: float
     second: float = 0.0
+    position: float = 0.5
+    length: float = 0.0
+
+    @property
+    def over_beats(self) -> bool:
+        """Whether it makes beats differ, and is nothing in a single one."""
+        return self.name == "varying_tone"
 
     @property
     def on_channel(self) -> bool:
@@ -80,18 +92,31 @@ def _vessels(model: Anatomy, effect: Effect, change: Callable[[Vessel, Effect], 
     return model.with_vessels(*(change(v, effect) for v in chosen))
 
 
+def _part(key: str, effect: Effect, length: float) -> dict[str, float]:
+    """Where an effect of a part of a vessel acts; length : of its kind."""
+    return {f"{key}_position": effect.position, f"{key}_length": effect.length or length}
+
+
+def _leak(vessel: Vessel, effect: Effect) -> float:
+    """Conductance per length of the part that leaks [m²/(Pa s)]."""
+    start, stop = replace(vessel, **_part("leak", effect, 1.0)).part("leak")
+    return effect.size * _MEAN_FLOW / (_MEAN_PRESSURE * vessel.L * (stop - start))
+
+
 _VESSEL: dict[str, Callable[[Vessel, Effect], Vessel]] = {
     "wall_viscosity": lambda v, x: replace(v, phi0=v.phi0 + x.size * v.E),
     "nonlinear_wall_viscosity": lambda v, x: replace(v, r=v.r + x.size),
     "nonlinear_elasticity": lambda v, x: replace(v, e=v.e + x.size),
     "stress_relaxation": lambda v, x: replace(v, tau=x.size),
     "external_pressure": lambda v, x: replace(v, P_ext=x.size),
-    "wall_stiffness": lambda v, x: replace(v, E=v.E * (1.0 + x.size)),
+    "wall_stiffness": lambda v, x: replace(v, E_scale=1.0 + x.size, **_part("E", x, 1.0)),
     "taper": lambda v, x: replace(v, taper=x.size),
-    "side_branch": lambda v, x: replace(v, leak=x.size * _MEAN_FLOW / (_MEAN_PRESSURE * v.L)),
-    "stenosis": lambda v, x: replace(v, K=x.size),
+    "side_branch": lambda v, x: replace(v, leak=_leak(v, x), **_part("leak", x, 1.0)),
+    "stenosis": lambda v, x: replace(v, K=x.size, **_part("K", x, 0.1)),
     "springpot": lambda v, x: replace(v, springpot=x.size, order=x.second),
     "cubic_rate": lambda v, x: replace(v, phi3=x.size * v.phi0),
+    "strain_viscosity": lambda v, x: replace(v, c=x.size),
+    "coulomb": lambda v, x: replace(v, coulomb=x.size * v.E),
 }
 
 
@@ -130,6 +155,7 @@ _MODEL: dict[str, Callable[[Anatomy, Effect], Anatomy]] = {
     "terminal_compliance": _compliance,
     "junction_loss": _junction,
     "swinging_outlet": _swing,
+    "varying_tone": lambda m, x: replace(m, tone=x.size, tone_phase=x.second),
 }
 
 
@@ -138,13 +164,19 @@ def parameters(model: Anatomy, effect: Effect) -> dict[str, float]:
     if effect.name in _RATIOS and effect.where == ALL:
         key, ratio = _RATIOS[effect.name]
         return {f"all.{key}": ratio(model.vessels[0])} | {f"{v.name}.{key}": _value(v, key) for v in model.vessels}
+    if effect.name in _PARTS:
+        key, part, length = _PARTS[effect.name]
+        found = {name: {key: getattr(model.vessel(name), key)} for name in effect.where}
+        if (effect.position, effect.length or length) != (0.5, length):
+            found = {name: held | _part(part, effect, length) for name, held in found.items()}
+        return {f"{name}.{key}": value for name, held in found.items() for key, value in held.items()}
     if effect.name in _KEYS:
         key = _KEYS[effect.name]
         if effect.where == ALL:
             return {f"all.{key}": _value(model.vessels[0], key)}
-        return {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        plain = {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        return plain | {f"{name}.{key}_position": effect.position for name in effect.where if effect.length}
     plain = {
-        "wall_stiffness": ("E_scale", 1.0 + effect.size),
         "fluid_friction": ("friction_scale", 1.0 + effect.size),
         "velocity_profile": ("alpha", model.alpha),
         "unsteady_friction": ("unsteady_scale", model.unsteady),
@@ -164,6 +196,13 @@ def parameters(model: Anatomy, effect: Effect) -> dict[str, float]:
     return {f"{name}.size": effect.size for name in effect.where}  # no parameter of the catalogue
 
 
+def springpot_of(w: float, a: float, T: float) -> tuple[float, float]:
+    """The catalogue's share of a springpot, whose reference is 10 rad/s, of a wall with share w of order a in a beat of
+    T [s], and the factor by which its phi0 differs."""
+    q = w * (0.2 * 3.141592653589793 / T) ** (1.0 - a)
+    return q / (1.0 - w + q), 1.0 - w + q
+
+
 _RATIOS: dict[str, tuple[str, Callable[[Vessel], float]]] = {
     "wall_viscosity": ("phi0", lambda v: v.phi0 / v.E),
     "nonlinear_wall_viscosity": ("phiNL", lambda v: v.r),
@@ -176,8 +215,11 @@ _KEYS = {
     "stress_relaxation": "tau",
     "external_pressure": "P_ext",
     "taper": "taper",
-    "side_branch": "leak",
-    "stenosis": "K",
+}
+_PARTS = {
+    "wall_stiffness": ("E_scale", "E", 1.0),
+    "side_branch": ("leak", "leak", 1.0),
+    "stenosis": ("K", "K", 0.1),
 }
 
 

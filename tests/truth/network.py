@@ -24,7 +24,7 @@ import numpy as np
 from scipy.special import ive
 
 from .anatomy import Anatomy, End
-from .beat import Beat
+from .beat import Beat, anderson
 from .pieces import Node, Piece, cut, points, row_at
 from .wall import Walls, wall_at, walls_of
 
@@ -64,6 +64,7 @@ class Balance:
         self.walls = walls_of(
             model, [piece.vessel for piece in self.pieces], start + (stop - start) * self.points.xi, beat
         )
+        self.resting = self.walls.at_rest()
         self._constants()
 
     def _constants(self) -> None:
@@ -75,7 +76,7 @@ class Balance:
 
         self.length = column(lambda piece: piece.length)
         self.leak = column(lambda piece: piece.vessel.leak)
-        self.loss = column(lambda piece: piece.vessel.K / (2.0 * piece.length) if piece.narrow else 0.0)
+        self.loss = column(lambda piece: piece.vessel.K / (2.0 * piece.vessel.L))
         self.friction = m.friction * np.pi * m.nu
         self.venous = np.mean([end.P_venous for end in m.ends])
         middle = self.n // 2
@@ -89,7 +90,7 @@ class Balance:
 
     def rest(self) -> Array:
         """The unknowns at rest under P_0."""
-        s = self.walls.stretch(self.model.P_0 - self.walls.P_level)
+        s = self.resting.stretch(self.model.P_0 - self.walls.P_level)
         unknown = np.zeros((self.beat.K + 1, self.p, 2, self.n), complex)
         unknown[0, :, 0] = (self.walls.A0 * s * s / self.A_size)[..., 0]
         return unknown
@@ -199,7 +200,7 @@ class Balance:
                 raise NoPeriodicFlow("the iteration diverged")
             states.append(unknown)
             steps.append(step)
-            unknown = _combine(states[-_DEPTH:], steps[-_DEPTH:])
+            unknown = anderson(states[-_DEPTH:], steps[-_DEPTH:])
             if correction <= tolerance:
                 break
         return unknown, len(steps), correction
@@ -221,19 +222,6 @@ class Balance:
         return result
 
 
-def _combine(states: list[Array], steps: list[Array]) -> Array:
-    """Anderson's next iterate: the affine combination of the last ones with the smallest correction."""
-    if len(steps) == 1:
-        return states[0] + steps[0]
-    dS = np.stack([(b - a).ravel().view(float) for a, b in zip(steps[:-1], steps[1:], strict=True)], axis=1)
-    dX = np.stack([(b - a).ravel().view(float) for a, b in zip(states[:-1], states[1:], strict=True)], axis=1)
-    scale = np.linalg.norm(dS, axis=0)
-    scale[scale == 0.0] = 1.0
-    weights = np.linalg.lstsq(dS / scale, steps[-1].ravel().view(float), rcond=1e-10)[0] / scale
-    change = steps[-1].ravel().view(float) - (dX + dS) @ weights
-    return states[-1] + change.view(complex).reshape(states[-1].shape)
-
-
 class Linearised:
     """The equations linearised about the mean of a state, solved per harmonic."""
 
@@ -243,7 +231,7 @@ class Linearised:
         A, Q, _, P = (x.mean(axis=-1, keepdims=True) for x in balance.fields(unknown))
         self.A, self.Q, self.P = A, Q, P
         self.speed = np.abs(b.beat.values(np.moveaxis(unknown, 0, -1)[:, 1] * b.Q_size)).mean(axis=-1, keepdims=True)
-        self.Z = b.walls.impedance(A)  # (pieces, n, K + 1)
+        self.Z = b.resting.impedance(A)  # (pieces, n, K + 1)
         self._condense()
         self._nodes()
 
@@ -322,7 +310,7 @@ class Linearised:
     def _load(self, i: int, end: End) -> Array:
         b = self.b
         if end.kind == "reflection":
-            wall: Walls = wall_at(b.walls, i, -1)
+            wall: Walls = wall_at(b.resting, i, -1)
             s = wall.stretch(self.P[i, -1] - end.P_venous - wall.P_level)
             slope = wall.elastic_slope(s) / (2.0 * wall.A0 * s)  # dP_el/dA
             speed = s * np.sqrt(slope * wall.A0 / b.model.rho)  # c

@@ -1,13 +1,15 @@
 """Pieces of vessels and the points on them: where the equations of ``network.py`` are collocated.
 
-A vessel is one piece, or three if it has a stenosis (its middle tenth). A and Q live at n Chebyshev-Lobatto points of a
-piece, the two equations at n - 1 Gauss points: with two conditions a piece, as many equations as unknowns.
+A vessel is one piece, or several if it has a stenosis, or a leak or another stiffness in a part of it. A and Q live at
+n Chebyshev-Lobatto points of a piece, the two equations at n - 1 Gauss points: with two conditions a piece, as many
+equations as unknowns.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,17 +17,14 @@ from .anatomy import Anatomy, Vessel
 
 Array = np.ndarray
 
-_STENOSIS = (0.45, 0.55)
-
 
 @dataclass(frozen=True)
 class Piece:
-    """A part of a vessel between start and stop [x/L]; narrow: it holds the stenosis."""
+    """A part of a vessel between start and stop [x/L]; vessel : as it is there, K that of the whole length."""
 
     vessel: Vessel
     start: float
     stop: float
-    narrow: bool
 
     @property
     def length(self) -> float:
@@ -47,12 +46,15 @@ def cut(model: Anatomy) -> tuple[list[Piece], list[Node]]:
     first: dict[str, int] = {}
     last: dict[str, int] = {}
     for vessel in model.vessels:
-        marks = (0.0, *_STENOSIS, 1.0) if vessel.K else (0.0, 1.0)
+        marks = sorted({0.0, 1.0, *(mark for part in vessel.parts().values() for mark in part)})
         first[vessel.name] = len(pieces)
-        for i in range(len(marks) - 1):
-            if i:
-                nodes.append(Node(((len(pieces) - 1, 1), (len(pieces), 0)), 0.0))
-            pieces.append(Piece(vessel, marks[i], marks[i + 1], vessel.K != 0.0 and i == 1))
+        for start, stop in pairwise(marks):
+            here = vessel.at(0.5 * (start + stop))
+            if start > 0.0:
+                # a steep change of A keeps P + α ρU²/2; where A is the same on both sides there is nothing to keep
+                k = model.alpha if here.E != pieces[-1].vessel.E else 0.0
+                nodes.append(Node(((len(pieces) - 1, 1), (len(pieces), 0)), k))
+            pieces.append(Piece(here, start, stop))
         last[vessel.name] = len(pieces) - 1
     for join in model.joins:
         ends = [(last[name], 1) for name in join.inflow] + [(first[name], 0) for name in join.outflow]

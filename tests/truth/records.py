@@ -1,8 +1,9 @@
 """Cases with hidden effects, and the records and truths made of them.
 
 A case and a seed give one record: the base network that the workflow is given, the samples of every channel, and the
-truth. Every record, nulls too, has its own heart period, waveform and nuisance: one scale of all E and one of all phi0
-(20 %), and on the network one shift of all R_t (0.1), on the bench one scale of R0 (1 %).
+truth. Every record, nulls too, has its own heart period, waveform and animal (``animal.py``): one scale of all E and
+one of all phi0 (20 %), and on the network one shift of all R_t (0.1), on the bench one scale of R0 (1 %); where the
+case says so, every wall is off by itself, too.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ import numpy as np
 from fitting.records.record import write_record
 from solver import Network, load
 
+from . import varying
 from .anatomy import Anatomy, anatomy
-from .beat import Beat
+from .animal import Nuisance, nuisance, walls_of_its_own
+from .beat import Beat, at_phase
 from .bench import bench_wall, radius
 from .hide import Effect, hide, parameters
 from .network import Balance, Flow
-from .sensors import clock, measured, pulsatile, sensed
-from .shapes import arterial_pressure, ejection
+from .sensors import Clock, clock, measured, pulsatile, sensed
+from .shapes import MMHG, Arteries, arteries, ejection
 
 Array = np.ndarray
 
@@ -35,7 +38,12 @@ CHANNELS = {
     "all": tuple(f"{site}.{kind}" for site in SITES for kind in "PQR"),
     "three pressures": ("AA.P", "CA.P", "FA.P"),
 }
-SPREAD = {"E": 0.2, "phi0": 0.2, "R_t": 0.1, "R0": 0.01}  # prior standard deviations of the nuisance
+
+SENSORS = {  # standard deviations of pressure [Pa], flow (of its peak) and radius [m]
+    "radius 2 µm": (0.3 * MMHG, 0.02, 2e-6),
+    "radius 10 µm": (0.3 * MMHG, 0.02, 10e-6),
+}
+_WALLS = 1  # makes another seed of a record's one, of its walls
 
 # a beat's harmonics: bench walls are solved by dense matrices
 _NETWORK_BEAT = (80, 256)
@@ -47,7 +55,10 @@ class Case:
     """What one record hides.
 
     kind "bench" (P and R of one site, ``channels`` is its name) or "network" (``channels`` a key of CHANNELS; inlet.Q
-    is always there). base: "sheep", "elastic" (sheep without wall viscosity) or "sheep_nonlinear". dB: noise.
+    is always there). base: "sheep", "elastic" (sheep without wall viscosity) or "sheep_nonlinear". dB: noise. walls:
+    how far each wall is off by itself, in the standard deviations of ``animal.INDIVIDUAL``. sensors: a key of SENSORS,
+    whose noise is there in place of dB. varying: standard deviations of interval and stroke from beat to beat, of the
+    mean; ``Made.clean`` is the steady beat.
     """
 
     kind: str
@@ -57,6 +68,14 @@ class Case:
     base: str = "sheep"
     elastic_law: str = "beta"
     viscous_law: str = "monotone"
+    walls: float = 0.0
+    sensors: str = ""
+    varying: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def unlike(self) -> bool:
+        """Whether beats differ."""
+        return any(self.varying) or any(e.over_beats for e in self.effects)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,29 +93,14 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Nuisance:
-    """What every record's animal has of its own: scales of E, phi0 and R0, and a shift of R_t."""
-
-    E: float = 1.0
-    phi0: float = 1.0
-    R_t: float = 0.0
-    R0: float = 1.0
-
-    def applied(self, model: Anatomy) -> Anatomy:
-        """The model of this animal, before anything is hidden in it."""
-        vessels = (replace(v, E=v.E * self.E, phi0=v.phi0 * self.phi0, R0=v.R0 * self.R0) for v in model.vessels)
-        ends = (replace(e, R_t=float(np.clip(e.R_t + self.R_t, -0.9, 0.95))) for e in model.ends)
-        return replace(model, vessels=tuple(vessels), ends=tuple(ends))
-
-
-@dataclass(frozen=True)
 class Made:
     """A record and its truth.
 
     time (n,) [s]; channels (n,) each, SI; base: the network given to the workflow. truth: plain data with the effects,
-    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise;
-    noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; dt, beat and nuisance of
-    the record, for ``detect.py``.
+    their parameters and the nuisance. clean: coefficients of every channel as its sensor shows it, without noise, in
+    the steady beat; noise: its standard deviation; drive: coefficients of the true inflow or bench pressure; at and
+    samples: phases of the samples, and the channels there without noise; dt, beat and nuisance of the record, for
+    ``detect.py``.
     """
 
     case: Case
@@ -109,6 +113,8 @@ class Made:
     drive: Array
     beat: Beat
     nuisance: Nuisance
+    at: Clock
+    samples: Mapping[str, Array]
     flow: Flow | None = field(default=None, repr=False)
 
     @property
@@ -124,15 +130,61 @@ def make(case: Case, seed: int | tuple[int, ...]) -> Made:
     rng = np.random.default_rng(seed)
     K, samples = _NETWORK_BEAT if case.kind == "network" else _BENCH_BEAT
     beat = Beat(float(rng.uniform(0.4, 0.6)), K, samples)
-    nuisance = _nuisance(rng, case)
+    animal = nuisance(rng, case.kind)
     base = case.network()
-    drive = ejection(rng, beat, base.inlet.Q_max) if case.kind == "network" else arterial_pressure(rng, beat)
-    clean, flow = truth_channels(case, anatomy(base), nuisance, drive, beat)
-    noise = {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
-    at = clock(rng, beat.T, BEATS)
-    channels = {name: measured(rng, clean[name], at, noise[name], beat.T) for name in case.names}
-    truth = _truth(case, seed, anatomy(base), nuisance, beat, clean)
-    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, nuisance, flow)
+    if case.walls:  # by numbers of their own, so that all else is as without
+        animal = walls_of_its_own(_own_rng(seed), animal, anatomy(base), case.walls)
+    heart = ejection(rng, beat, base.inlet.Q_max if case.kind == "network" else 1.0)
+    bed = None if case.kind == "network" else arteries(rng, beat, heart)
+    drive = heart if bed is None else bed.pressure(heart, beat.omega)
+    clean, flow = truth_channels(case, anatomy(base), animal, drive, beat)
+    noise = _noise(case, clean, beat)
+    if case.unlike:
+        at, samples = _varying(rng, case, hidden_model(case, anatomy(base), animal), beat, heart, bed, clean)
+    else:
+        at = clock(rng, beat.T, BEATS)
+        samples = {name: at_phase(clean[name], at.phase) for name in case.names}
+    channels = {name: measured(rng, samples[name], at, noise[name], beat.T) for name in case.names}
+    truth = _truth(case, seed, anatomy(base), animal, beat, clean)
+    return Made(case, at.time, channels, base, truth, clean, noise, drive, beat, animal, at, samples, flow)
+
+
+def _noise(case: Case, clean: Mapping[str, Array], beat: Beat) -> dict[str, float]:
+    """Standard deviation of every channel's noise [SI]."""
+    if not case.sensors:
+        return {name: pulsatile(clean[name]) * 10.0 ** (-case.dB / 20.0) for name in case.names}
+    P, Q, R = SENSORS[case.sensors]
+
+    def of(name: str) -> float:
+        kind = name.rpartition(".")[2]
+        return Q * float(np.abs(beat.values(clean[name])).max()) if kind == "Q" else {"P": P, "R": R}[kind]
+
+    return {name: of(name) for name in case.names}
+
+
+def _varying(
+    rng: np.random.Generator,
+    case: Case,
+    model: Anatomy,
+    beat: Beat,
+    heart: Array,
+    bed: Arteries | None,
+    clean: dict[str, Array],
+) -> tuple[Clock, dict[str, Array]]:
+    """When a record of unlike beats is sampled, and every channel there without noise."""
+    whole = varying.run(rng, beat, BEATS, *case.varying)
+    if bed is None:
+        long = varying.network_channels(model, whole, heart, points_for(model))
+    else:
+        long = varying.bench_channels(model, whole, heart, bed, case.channels)
+    varying.faulty(long, case.effects, whole, clean)
+    at = varying.clock(rng, whole, BEATS)
+    samples = at_phase(np.stack([long[name] for name in case.names], axis=1), at.phase)
+    return at, dict(zip(case.names, samples.T, strict=True))
+
+
+def _own_rng(seed: int | tuple[int, ...]) -> np.random.Generator:
+    return np.random.default_rng((*(seed if isinstance(seed, tuple) else (seed,)), _WALLS))
 
 
 def write(made: Made, path: str | os.PathLike[str]) -> None:
@@ -144,19 +196,11 @@ def write(made: Made, path: str | os.PathLike[str]) -> None:
 _UNITS = {"P": "mmHg", "Q": "mL/s", "R": "mm"}
 
 
-def _nuisance(rng: np.random.Generator, case: Case) -> Nuisance:
-    z = np.clip(rng.standard_normal(4), -3.0, 3.0)
-    E, phi0 = np.exp(SPREAD["E"] * z[0]), np.exp(SPREAD["phi0"] * z[1])
-    if case.kind == "bench":
-        return Nuisance(float(E), float(phi0), R0=float(np.exp(SPREAD["R0"] * z[3])))
-    return Nuisance(float(E), float(phi0), R_t=float(SPREAD["R_t"] * z[2]))
-
-
 def truth_channels(
-    case: Case, base: Anatomy, nuisance: Nuisance, drive: Array, beat: Beat
+    case: Case, base: Anatomy, animal: Nuisance, drive: Array, beat: Beat
 ) -> tuple[dict[str, Array], Flow | None]:
     """Every recorded channel without noise, coefficients (K + 1,), for the true inflow or pressure ``drive``."""
-    model = hidden_model(case, base, nuisance)
+    model = hidden_model(case, base, animal)
     flow = None
     if case.kind == "network":
         flow = Balance(model, beat, points_for(model)).solve(drive)
@@ -171,9 +215,9 @@ def truth_channels(
     return clean, flow
 
 
-def hidden_model(case: Case, base: Anatomy, nuisance: Nuisance) -> Anatomy:
+def hidden_model(case: Case, base: Anatomy, animal: Nuisance) -> Anatomy:
     """The truth: the animal with all effects of the case."""
-    model = nuisance.applied(base)
+    model = animal.applied(base)
     for effect in case.effects:
         model = hide(model, effect)
     return model
@@ -188,11 +232,11 @@ def _truth(
     case: Case,
     seed: int | tuple[int, ...],
     base: Anatomy,
-    nuisance: Nuisance,
+    animal: Nuisance,
     beat: Beat,
     clean: Mapping[str, Array],
 ) -> dict[str, Any]:
-    model = hidden_model(case, base, nuisance)
+    model = hidden_model(case, base, animal)
 
     def values(effect: Effect) -> dict[str, float]:
         if effect.name == "channel_offset":  # in the channel's unit; a constant leaves the pulse as it was
@@ -204,5 +248,5 @@ def _truth(
         "seed": seed,
         "period": beat.T,
         "effects": [asdict(e) | {"parameters": values(e)} for e in case.effects],
-        "nuisance": asdict(nuisance),
+        "nuisance": asdict(animal),
     }

@@ -21,22 +21,26 @@ class _Point(NamedTuple):
     cost: float
 
 
-def refit(predict: Predict, x0: Array, step: Array, prior: Array, rounds: int = 8) -> float:
-    """√ of the smallest |r(x)|² + |(x - x0)/prior|², by Gauss-Newton with halved steps. r real, whitened."""
+def refit(predict: Predict, x0: Array, step: Array, prior: Array, rounds: int = 8, keep: bool = False) -> float:
+    """√ of the smallest |r(x)|² + |(x - x0)/prior|², by Gauss-Newton with halved steps. r real, whitened.
+
+    keep : the derivatives at x0 serve all steps.
+    """
 
     def at(x: Array) -> _Point:
         r = np.concatenate([predict(x), (x - x0) / prior])
         return _Point(x, r, float(r @ r))
 
-    here = at(x0)
+    here, J = at(x0), None
     for _ in range(rounds):
         if here.cost < 1e-6:
             break
-        try:
-            columns = [(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)]
-        except (NoPeriodicFlow, NoPeriodicRadius):
-            break  # at the edge of what has a periodic state
-        J = np.stack(columns, axis=1)
+        if J is None or not keep:
+            try:
+                columns = [(at(here.x + row).r - here.r) / h for row, h in zip(np.diag(step), step, strict=True)]
+            except (NoPeriodicFlow, NoPeriodicRadius):
+                break  # at the edge of what has a periodic state
+            J = np.stack(columns, axis=1)
         scale = np.linalg.norm(J, axis=0)
         scale[scale == 0.0] = 1.0
         move = -np.linalg.lstsq(J / scale, here.r, rcond=1e-10)[0] / scale

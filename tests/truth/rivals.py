@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from .anatomy import anatomy
+from .animal import Nuisance, individual, priors
 from .beat import Beat
 from .hide import ALL, CHANNEL, Effect, hide
 from .network import Balance, Linearised
-from .records import SITES, SPREAD, Case, Made, Nuisance, points_for
+from .records import SITES, Case, Made, points_for
 from .refit import weights, whitened
 from .sensors import pulsatile, sensed
 from .shapes import ejection
@@ -20,6 +21,7 @@ Array = np.ndarray
 
 _BEAT = Beat(0.5)
 _SHAPE_SEED = 20170807
+_STEP_LOG, _STEP_R_T = 0.01, 0.005  # of a scale's logarithm, of a reflection
 
 # sizes of the rivals' finite differences: small beside typical effects, so that the columns are tangents
 _WALLS = {
@@ -53,18 +55,25 @@ class Standard:
         self.state = self._stacked(self.flow.channels)
         response = Linearised(balance, self.flow.unknown).inlet_response()
         self.response = np.stack([response[name] for name in self.names])
-        self.nuisance = [
-            self._of(Nuisance(E=1.01), 0.01 / SPREAD["E"]),
-            self._of(Nuisance(phi0=1.01), 0.01 / SPREAD["phi0"]),
-            self._of(Nuisance(R_t=0.005), 0.005 / SPREAD["R_t"]),
-        ]
+        self.nuisance = self._of(priors("network", self.model, 0.0))
         self.rivals = self._rivals()
 
     def _stacked(self, channels: dict[str, Array]) -> Array:
         return np.stack([channels[name] for name in self.names])
 
-    def _of(self, nuisance: Nuisance, step: float) -> Array:
-        flow = Balance(nuisance.applied(self.model), _BEAT, self.n).solve(self.inflow, self.flow.unknown)
+    @cached_property
+    def walls(self) -> list[Array]:
+        """Change of every channel with one standard deviation of each wall and end by itself."""
+        return self._of(individual(self.model, 1.0))
+
+    def _of(self, prior: dict[str, float]) -> list[Array]:
+        """Change of every channel with one standard deviation of each nuisance."""
+        return [self._moved(name) * sd for name, sd in prior.items()]
+
+    def _moved(self, name: str) -> Array:
+        step = _STEP_R_T if name.endswith("R_t") else _STEP_LOG
+        model = Nuisance().moved({name: step}).applied(self.model)
+        flow = Balance(model, _BEAT, self.n).solve(self.inflow, self.flow.unknown)
         return (self._stacked(flow.channels) - self.state) / step
 
     def column(self, effect: Effect) -> Array:
@@ -133,7 +142,8 @@ def rival_sines(made: Made) -> dict[str, float]:
     def white(column: Array) -> Array:
         return whitened(column[kept], noise, basis.response[kept], made.noise["inlet.Q"], weight)
 
-    free = np.stack([white(c) for c in basis.nuisance], axis=1)
+    walls = [case.walls * c for c in basis.walls] if case.walls else []
+    free = np.stack([white(c) for c in (*basis.nuisance, *walls)], axis=1)
     free = np.concatenate([free, np.eye(free.shape[1])])  # the prior
     Q = np.linalg.qr(free)[0]
 
@@ -142,9 +152,10 @@ def rival_sines(made: Made) -> dict[str, float]:
         return v - Q @ (Q.T @ v)
 
     own = unabsorbed(basis.column(effect))
+    ours = _this_animal(case)
     sine: dict[str, float] = {}
     for rival in basis.rivals:
-        if (rival.name, rival.where) == (effect.name, effect.where):
+        if (rival.name, rival.where) == (effect.name, effect.where) or rival.name in ours:
             continue
         columns = np.stack([unabsorbed(c) for c in rival.columns], axis=1)
         size = np.linalg.norm(columns, axis=0)
@@ -153,3 +164,10 @@ def rival_sines(made: Made) -> dict[str, float]:
             rest = own - units @ np.linalg.lstsq(units, own, rcond=1e-10)[0]
             sine[f"{rival.name}@{','.join(rival.where)}"] = float(np.linalg.norm(rest) / np.linalg.norm(own))
     return sine
+
+
+def _this_animal(case: Case) -> tuple[str, ...]:
+    """Effects that are merely an animal's walls where these are off by themselves: a stiffness, a scale of phi0."""
+    if not case.walls:
+        return ()
+    return ("wall_stiffness",) if case.base == "elastic" else ("wall_stiffness", "wall_viscosity")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .beat import Beat, at_phase
+from .beat import Beat
 from .hide import Effect
 
 Array = np.ndarray
@@ -59,7 +59,7 @@ class Clock:
 
 def clock(rng: np.random.Generator, T: float, beats: int) -> Clock:
     """``beats`` beats from any phase on, sampled at 200-250 Hz; all channels share the jitter."""
-    dt = round(1.0 / rng.uniform(200.0, 250.0), 6)
+    dt = sampling_step(rng)
     starts = np.concatenate([[0.0], np.cumsum(T + _JITTER * rng.standard_normal(beats + 2))])
     first = rng.uniform(0.0, 1.0)
     begin, end = np.interp([first, first + beats], np.arange(len(starts)), starts)
@@ -67,9 +67,14 @@ def clock(rng: np.random.Generator, T: float, beats: int) -> Clock:
     return Clock(time, np.interp(begin + time, starts, np.arange(len(starts))))
 
 
-def measured(rng: np.random.Generator, c: Array, at: Clock, noise: float, T: float) -> Array:
-    """Samples of a channel: white noise of the given standard deviation, a drift below it, 12 bits over the range."""
-    clean = at_phase(c, at.phase)
+def sampling_step(rng: np.random.Generator) -> float:
+    """[s], of 200-250 Hz."""
+    return round(1.0 / rng.uniform(200.0, 250.0), 6)
+
+
+def measured(rng: np.random.Generator, clean: Array, at: Clock, noise: float, T: float) -> Array:
+    """A channel at its samples as measured: white noise of the given standard deviation, a drift below it, and 12 bits
+    over the range."""
     low, high = clean.min(), clean.max()
     x = clean + noise * rng.standard_normal(len(clean)) + noise * _drift(rng, at.time, T)
     step = 1.5 * (high - low) / 2**_BITS

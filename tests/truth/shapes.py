@@ -6,6 +6,8 @@ is left beyond the 40 harmonics that are kept.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from .beat import Beat
@@ -39,17 +41,42 @@ def ejection(rng: np.random.Generator, beat: Beat, Q_max: float) -> Array:
     return _limited(beat, x * u(0.85, 1.05) * Q_max / x.max())
 
 
-def arterial_pressure(rng: np.random.Generator, beat: Beat) -> Array:
-    """Pressure, coefficients (K + 1,) [Pa]: mean 80-110 mmHg, pulse 30-50 mmHg.
+@dataclass(frozen=True)
+class Arteries:
+    """What makes a pressure of an ejection: a Windkessel of ``tau`` [s] behind ``direct``, a wave that comes back.
 
-    An ejection into a Windkessel of time constant 0.2-0.45 s, with a reflected wave that comes back later.
+    The reflected share comes after ``delay`` of a beat T [s], smoothed. pulse : wanted and found; mean [Pa].
     """
-    u, iw = rng.uniform, 1j * beat.omega
+
+    T: float
+    direct: float
+    tau: float
+    reflected: float
+    delay: float
+    pulse: tuple[float, float]
+    mean: float
+
+    def pressure(self, flow: Array, omega: Array) -> Array:
+        """Coefficients (K + 1,) [Pa] of those of an ejection at angular frequencies omega."""
+        c = self._shape(flow, 1j * omega) * self.pulse[0] * MMHG / self.pulse[1]
+        c[0] = self.mean
+        return c
+
+    def _shape(self, flow: Array, iw: Array) -> Array:
+        c = flow * (self.direct + 1.0 / (1.0 + iw * self.tau))
+        return c * (1.0 + self.reflected * np.exp(-iw * self.delay * self.T) / (1.0 + iw * 0.02))
+
+
+def arteries(rng: np.random.Generator, beat: Beat, flow: Array) -> Arteries:
+    """Arteries in which an ejection makes 80-110 mmHg with a pulse of 30-50 mmHg; a time constant of 0.2-0.45 s."""
+    u = rng.uniform
+    tau, direct = u(0.2, 0.45), u(0.04, 0.1)
+    found = Arteries(beat.T, direct, tau, u(0.1, 0.4), u(0.06, 0.14), (1.0, 1.0), 0.0)
+    pulse = float(np.ptp(beat.values(found._shape(flow, 1j * beat.omega))))
+    return replace(found, pulse=(u(30.0, 50.0), pulse), mean=u(80.0, 110.0) * MMHG)
+
+
+def arterial_pressure(rng: np.random.Generator, beat: Beat) -> Array:
+    """Pressure on an artery, coefficients (K + 1,) [Pa]."""
     flow = ejection(rng, beat, 1.0)
-    tau = u(0.2, 0.45)
-    c = flow * (u(0.04, 0.1) + 1.0 / (1.0 + iw * tau))
-    c = c * (1.0 + u(0.1, 0.4) * np.exp(-iw * u(0.06, 0.14) * beat.T) / (1.0 + iw * 0.02))
-    pulse = np.ptp(beat.values(c))
-    c = c * u(30.0, 50.0) * MMHG / pulse
-    c[0] = u(80.0, 110.0) * MMHG
-    return c
+    return arteries(rng, beat, flow).pressure(flow, beat.omega)

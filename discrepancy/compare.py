@@ -1,0 +1,160 @@
+"""Compare hypotheses on one record: what was found so far, ranked, under one weighting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.inference.added import extended
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, followers, joins
+
+from . import thresholds as at
+from .weigh import Named, ranked, scores, shortlist, weighed
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What was compared so far.
+
+    problem : as it was weighted at last. nones : without effect, with walls that have all in common or differ.
+    ranked : best first. columns : of every candidate at the best of ``nones``, whitened.
+    """
+
+    problem: Forward
+    nones: tuple[Named, ...]
+    ranked: tuple[Named, ...]
+    columns: Mapping[str, Array]
+    terms: tuple[Term, ...]
+
+    @property
+    def none(self) -> Named:
+        """The better one without effect."""
+        return min(self.nones, key=lambda n: n.score)
+
+    @property
+    def best(self) -> Named:
+        """The best hypothesis, that without effect included."""
+        return min((*self.ranked, *self.nones), key=lambda n: n.score)
+
+    @classmethod
+    def of(
+        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
+    ) -> Compared:
+        """Of fits, weighed."""
+        named = [weighed(problem, f, terms) for f in fits]
+        nones, rest = tuple(n for n in named if not n.fit.terms), [n for n in named if n.fit.terms]
+        return cls(problem, nones, ranked(rest), columns, terms)
+
+    @property
+    def fits(self) -> list[Fit]:
+        """Of all hypotheses."""
+        return [n.fit for n in (*self.nones, *self.ranked)]
+
+    def joined_by(self, fits: Sequence[Fit]) -> Compared:
+        """With further hypotheses; of one that was there the better fit."""
+        known = {key_of(f): f for f in self.fits}
+        for f in fits:
+            if key_of(f) not in known or f.cost < known[key_of(f)].cost:
+                known[key_of(f)] = f
+        return Compared.of(self.problem, list(known.values()), self.columns, self.terms)
+
+    def restated(self, problem: Forward) -> Compared:
+        """Under the weights of another problem of the same record."""
+        if problem is self.problem:
+            return self
+        fits = problem.restated(self.fits, self.problem)
+        return Compared.of(problem, fits, problem.rewhitened(self.columns, self.problem), self.terms)
+
+    def polished(self, runs: Runs) -> Compared:
+        """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
+        sharp = self.problem.sharpened(self.best.fit, runs)
+        if sharp is self.problem:
+            return self
+        near = [n.fit for n in (*self.nones, *self.ranked) if n.score < self.best.score + at.NEAR]
+        again = {key_of(f): f for f in sharp.refine(near[: at.SHORTLIST // 2], runs) if f is not None}
+        old = self.restated(sharp)
+        return Compared.of(sharp, [again.get(key_of(f), f) for f in old.fits], old.columns, self.terms)
+
+    def joined(self, other: Compared) -> Compared:
+        """With the hypotheses of another comparison of the same record, under the weights of the better one."""
+        better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
+        worse = worse.restated(better.problem)
+        own = better if better.none.score <= worse.none.score else worse
+        everything = [*better.fits, *worse.fits]
+        return Compared.of(better.problem, everything, own.columns, self.terms)
+
+
+def key_of(fit: Fit) -> tuple[tuple[str, ...], bool]:
+    """What tells hypotheses apart: their effects, and whether walls differ."""
+    return _labels(fit), any(u.group for u in fit.unknowns)
+
+
+def _labels(fit: Fit) -> tuple[str, ...]:
+    return tuple(t.label for t in fit.terms)
+
+
+def further(found: Compared, runs: Runs) -> Iterator[Compared]:
+    """With more effects, or finer ones, until the best explains the record or nothing new is left to try."""
+    tried: set[tuple[str, ...]] = set()
+    while found.best.fit.terms and not found.best.explains:
+        fits = more(found, runs, tried)
+        if not fits:
+            return
+        known = found.best.score
+        found = found.joined_by(fits)
+        found = found.polished(runs) if found.best.score < known else found
+        yield found
+
+
+def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:
+    """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
+    to one for each; of one combination the better fit. None where what is promised stays far above noise.
+
+    tried : labels of the hypotheses that were taken up before; grows.
+    """
+    fits: dict[frozenset[str], Fit] = {}
+    for first in _firsts(found, tried):
+        tried.add(_labels(first))
+        for fit in (*_seconds(found, first, runs), *_refinements(found.problem, first, runs)):
+            key = frozenset(_labels(fit))
+            if key not in fits or fit.cost < fits[key].cost:
+                fits[key] = fit
+    return list(fits.values())
+
+
+def _firsts(found: Compared, tried: set[tuple[str, ...]]) -> list[Fit]:
+    """The best hypotheses that have room for another effect, one of each effect."""
+    chosen: dict[str, Fit] = {}
+    for n in found.ranked:
+        near, room = n.fit.cost < at.BRANCH_COST * found.ranked[0].fit.cost, len(n.fit.terms) < at.MOST_EFFECTS
+        if near and room and _labels(n.fit) not in tried and len(chosen) < at.BRANCHES:
+            chosen.setdefault(n.fit.terms[-1].effect, n.fit)
+    return list(chosen.values())
+
+
+def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:
+    """A second effect beside the first, where its linear promise comes near the noise."""
+    problem, there = found.problem, set(_labels(first))
+    others = [t for t in found.terms if t.label not in there and not t.rewires and joins(t, first.terms)]
+    others += followers(extended(problem.network, first), problem.site, found.terms)
+    (anew,) = problem.refine([first], runs)
+    base = first if anew is None else anew
+    columns = problem.columns(base, others, runs)
+    enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2)
+    promising = shortlist([s for s in scores(base, columns, others) if s.left < enough], at.SHORTLIST)
+    fits = problem.refit([(*first.terms, t) for t in promising], base, runs, columns) if promising else []
+    return [f for f in fits if f is not None]
+
+
+def _refinements(problem: Forward, first: Fit, runs: Runs) -> list[Fit]:
+    """Every effect of walls everywhere with a size of its own for each segment."""
+    finer = [problem.refined(first, t) for t in first.terms]
+    hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
+    return [f for f in problem.refit(hypotheses, runs=runs) if f is not None] if hypotheses else []

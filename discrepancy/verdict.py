@@ -1,0 +1,165 @@
+"""The verdict: which hypotheses stand, exact or with an error of the model beside them, and what may be said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.inference import evidence
+from fitting.inference.fit import Fit, misfit
+from fitting.inference.forward import Forward
+from fitting.inference.misfit import settled
+from fitting.inference.terms import Term
+
+from . import thresholds as at
+from .compare import Compared
+from .weigh import Named, ranked, shares, with_errors
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What a record says.
+
+    verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
+    effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened. confidence :
+    probability that the best name (effect and place) is right. reason : for unknown; of partial, what remains.
+    complete : whether the search came to its end.
+    """
+
+    verdict: str
+    problem: Forward
+    base: Named
+    ranked: tuple[Named, ...]
+    members: tuple[Named, ...]
+    columns: Mapping[str, Array]
+    terms: tuple[Term, ...]
+    confidence: float
+    reason: str | None = None
+    complete: bool = True
+
+    @property
+    def best(self) -> Named:
+        return self.ranked[0] if self.ranked else self.base
+
+    @property
+    def walls(self) -> str:
+        """Whether the arteries have all in common, or deviations of their own."""
+        return "individual" if self.base.individual else "common"
+
+
+def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Naming:
+    """The verdict on what was compared."""
+    problem = found.problem
+    loose = {n.key: with_errors(problem, n, terms) for n in (*found.nones, *found.ranked[: at.LOOSE])}
+    exact = [n for n in (*found.nones, *found.ranked) if n.stands]
+    ways = ranked([*exact, *loose.values()])
+    best = ways[0]
+    chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
+    ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
+    none = next((n for n in found.nones if n.individual == best.individual), found.none)
+    make = _Maker(found, tuple(terms), complete)
+    if not best.fit.terms:
+        if best.parts is None or none.explains:
+            return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))
+        return make("unknown", problem, none, found.ranked, (), _named(ways), _left(none.fit, problem))
+    confidence = sum(n.probability for n in ways if n.label == best.label)
+    if best.parts is None:
+        same = tuple(n for n in ways if n.parts is None and n.fit.terms)
+        rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
+        members = _class(same)
+        return make(_said(best, members), problem, none, same + rest, members, confidence)
+    return _partial(make, found, none, loose, ways, confidence)
+
+
+def _class(order: Sequence[Named]) -> tuple[Named, ...]:
+    """What cannot be ruled out, each by its best: walls that differ or not are one name."""
+    found: dict[str, Named] = {}
+    for n in order:
+        if n.score - order[0].score < 2.0 * math.log(at.CLASS_ODDS):
+            found.setdefault(n.label, n)
+    return tuple(found.values())
+
+
+def _said(best: Named, members: Sequence[Named]) -> str:
+    """The verdict of exact hypotheses."""
+    if len(best.fit.terms) == 1:
+        return "effect" if len(members) == 1 else "ambiguous"
+    sites = [t.place.rpartition(".")[0] for t in best.fit.terms if t.is_sensor]
+    return "ambiguous" if len(sites) == 2 and sites[0] == sites[1] else "several"
+
+
+def _partial(
+    make: _Maker,
+    found: Compared,
+    none: Named,
+    loose: Mapping[tuple[str, bool], Named],
+    ways: Sequence[Named],
+    confidence: float,
+) -> Naming:
+    """What explains a part of the gap and not all of it."""
+    problem, best = found.problem, next(n for n in ways if n.fit.terms)
+    exact = next(n for n in found.ranked if n.key == best.key)
+    closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
+    left = _left(exact.fit, problem)
+    if closed < at.PART_CLOSED:
+        reason = f"{exact.label} comes nearest, but more remains: {left}"
+        return make("unknown", problem, none, found.ranked, (), confidence, reason)
+    assert best.parts is not None
+    wide = problem.widened(best.parts)
+    none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
+    order = (first, *ranked(rest))
+    chance = {n.key: n.probability for n in ways if n.parts is not None}
+    order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
+    same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)
+    labels = {n.label for n in _class(same)}
+    members = tuple({n.label: n for n in reversed(order) if n.label in labels}.values())[::-1]
+    return make("partial", wide, none, order, members, confidence, left)
+
+
+def _anew(wide: Forward, before: Forward, found: Sequence[Named]) -> list[Named]:
+    """Hypotheses under the errors of the model."""
+    fits = [settled(f) for f in wide.restated([n.fit for n in found], before)]
+    return [
+        replace(
+            n, fit=f, misfit=misfit(f, wide.dof_of_noise), score=n.score + evidence.score(f) - evidence.score(n.fit)
+        )
+        for n, f in zip(found, fits, strict=True)
+    ]
+
+
+def _named(ways: Sequence[Named]) -> float:
+    """Probability that an effect of the catalogue acts."""
+    return sum(n.probability for n in ways if n.fit.terms)
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """Makes namings of one comparison."""
+
+    found: Compared
+    terms: tuple[Term, ...]
+    complete: bool
+
+    def __call__(
+        self, verdict: str, problem: Forward, base: Named, order: Sequence[Named], members: Sequence[Named],
+        confidence: float, reason: str | None = None,
+    ) -> Naming:  # fmt: skip
+        return Naming(
+            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence, reason,
+            self.complete,
+        )  # fmt: skip
+
+
+def _left(fit: Fit, problem: Forward) -> str:
+    """Where the residual of a fit is largest, in words."""
+    power = {int(s): float(np.mean(fit.z[fit.signal == s] ** 2)) for s in np.unique(fit.signal)}
+    rms = math.sqrt(float(np.mean(fit.z**2)))
+    low = float(np.mean(fit.z[fit.order <= 3] ** 2)) ** 0.5
+    worst = max(power, key=lambda s: power[s])
+    where = f", most in {problem.signals[worst]}" if len(power) > 1 else ""
+    return f"whitened RMS {rms:.2g} ({low:.2g} up to the third harmonic){where}"

@@ -1,0 +1,98 @@
+"""Walls that differ: every artery and outlet with deviations of its own, and the effects that are left after them.
+
+What the model lacks must not be taken up by walls that are bent out of shape for it, nor the other way round. So the
+first look is from afar: with an error of the model of some per cent of every channel's pulse, under which the walls
+move no further than they are likely to. From there every effect is judged by what it adds to the evidence, each with
+the spread of walls that suits it best, looking closer and closer; the best are refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from fitting.inference.evidence import Linear
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, of_animal
+
+from . import thresholds as at
+from .compare import Compared, further
+from .weigh import weighed
+
+Array = np.ndarray
+
+
+def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """What is known after every stage. problem : with deviations."""
+    terms = tuple(t for t in terms if not of_animal(problem.network, t))
+    afar = _seen(problem, at.AFAR)
+    (base,) = afar.refit([()], runs=runs)
+    if base is None:
+        return
+    columns = afar.columns(base, terms, runs)
+    near, chosen, none = afar, dict[str, Term](), 0.0
+    for part in at.CLOSER:
+        closer = _seen(problem, part)
+        (base,) = closer.restated([base], near)
+        columns, near = closer.rewhitened(columns, near), closer
+        none, promised = _promised(base, columns, terms)
+        chosen |= {t.label: t for score, t in promised[: at.EACH] if score < none}
+    if not chosen or promised[0][0] > none - at.NEAR:  # an animal without effect is not ruled out
+        found = _exact(problem, near, [base], columns, terms, runs)
+        if found.none.explains:
+            columns = problem.rewhitened(columns, near)
+            chosen, near, base = _left_over(found.none.fit, columns, terms), problem, found.none.fit
+            found = Compared.of(problem, [base], columns, terms)
+        yield found
+    if chosen:
+        hypotheses = [(), *((t,) for t in chosen.values())]
+        fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
+        found = _exact(problem, near, fits, columns, terms, runs)
+        yield found
+    rewiring = [(t,) for t in terms if t.rewires]
+    if rewiring and not found.best.explains:
+        near = _seen(found.problem, at.CLOSER[-1])
+        (base,) = near.restated([found.none.fit], found.problem)
+        fits = [base, *(f for f in near.refit(rewiring, base, runs) if f is not None)]
+        yield (found := found.joined(_exact(found.problem, near, fits, found.columns, terms, runs)))
+    yield from further(found, runs)
+
+
+def _seen(problem: Forward, part: float) -> Forward:
+    """The record with an error of the model of this part of every channel."""
+    return problem.widened(np.full(len(problem.parts), part))
+
+
+def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> tuple[float, list[tuple[float, Term]]]:
+    """-2 ln evidence without effect, and what the columns of every effect promise, best first."""
+    found = []
+    for term in terms:
+        if term.label in columns:
+            x = np.concatenate([base.x, np.zeros(len(term.unknowns))])
+            names = [u.name for u in term.unknowns]
+            J = np.column_stack([base.J, columns[term.label]])
+            linear = Linear(base.z, J, x, (*base.unknowns, *term.unknowns), names, base.log_volume)
+            found.append((linear.inferred().score, term))
+    return Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
+
+
+def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Term]:
+    """The few effects that may still add to what explains the record already."""
+    best, promised = _promised(none, columns, terms)
+    return {t.label: t for score, t in promised[: at.EACH] if score < best + at.IN_DOUBT}
+
+
+def _exact(
+    problem: Forward, near: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...],
+    runs: Runs,
+) -> Compared:  # fmt: skip
+    """The hypotheses within reach of the best, searched on without an error of the model; the others as they are."""
+    order = sorted((weighed(near, f, terms).score, i) for i, f in enumerate(fits))
+    reach = [i for score, i in order if score < order[0][0] + at.NEAR][: at.REFINED]
+    exact = problem.restated(fits, near)
+    refined = dict(zip(reach, problem.refine([exact[i] for i in reach], runs), strict=True))
+    found = [refined.get(i) or f for i, f in enumerate(exact)]
+    return Compared.of(problem, found, problem.rewhitened(columns, near), terms).polished(runs)

@@ -1,0 +1,175 @@
+"""Weigh hypotheses: the score test that picks those worth a refit, and the evidence that ranks what was refitted.
+
+Every hypothesis is held in two ways: exact, or with a random error of the model beside it
+(:mod:`fitting.inference.misfit`). The model without effect and with such an error is "something else". A number of
+prices make the prior: effects are equally likely beforehand, and so are the places of one effect, so that many
+candidates do not make a discovery likelier.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.inference import evidence
+from fitting.inference.fit import Fit, misfit, projected
+from fitting.inference.forward import Forward
+from fitting.inference.misfit import estimated, widened
+from fitting.inference.search import bounded_step
+from fitting.inference.terms import Term
+from fitting.inference.unknown import bounds, penalty, precision, precisions
+
+from . import thresholds as at
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Named:
+    """A hypothesis with its score, -2 ln of evidence and prior. probability : among all. separation : d' to the best.
+    above_best : by how much its score is worse than the best one's. parts : (n_parts,) of the errors of the model that
+    it is held with, None for an exact one; ``fit`` is then whitened with them."""
+
+    fit: Fit
+    score: float
+    misfit: float
+    probability: float = 0.0
+    separation: float = 0.0
+    above_best: float = 0.0
+    parts: Array | None = None
+
+    @property
+    def label(self) -> str:
+        return " + ".join(term.label for term in self.fit.terms)
+
+    @property
+    def key(self) -> tuple[str, bool]:
+        """What tells hypotheses apart: their effects, and whether walls differ."""
+        return self.label, self.individual
+
+    @property
+    def individual(self) -> bool:
+        """Whether every artery has deviations of its own."""
+        return any(u.group for u in self.fit.unknowns)
+
+    @property
+    def explains(self) -> bool:
+        """Whether its residual is noise."""
+        return self.misfit < (at.MISFIT_SEVERAL if len(self.fit.terms) > 1 else at.MISFIT)
+
+    @property
+    def stands(self) -> bool:
+        """Whether it may be said as it is: its residual is noise, and each of two effects shows beside the other."""
+        return self.explains and (len(self.fit.terms) < 2 or self.visibility >= at.VISIBLE)
+
+    @property
+    def visibility(self) -> float:
+        """d' of the weakest of its effects, beside the others."""
+        found = []
+        for term in self.fit.terms:
+            mine = np.array([u in term.unknowns for u in self.fit.unknowns], bool)
+            prior = precision(self.fit.prior, self.fit.x)[~mine]
+            change = self.fit.J[:, mine] @ self.fit.x[mine]
+            found.append(float(np.linalg.norm(projected(self.fit.J[:, ~mine], prior, change[:, None]))))
+        return min(found, default=math.inf)
+
+
+# --- the score test ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score test of a term: the gain of the cost that its column promises, and the cost that would be left."""
+
+    term: Term
+    gain: float
+    left: float
+
+
+def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> list[Score]:
+    """Promised gains, largest first."""
+    found = []
+    for term in terms:
+        if term.label not in columns:
+            continue
+        J = np.column_stack([base.J, columns[term.label]])
+        low, high = (np.concatenate([a, b]) for a, b in zip(bounds(base.unknowns), bounds(term.unknowns), strict=True))
+        n = len(base.x)
+        x = np.concatenate([base.x, np.zeros(len(term.unknowns))])
+        prior = precisions((*base.unknowns, *term.unknowns))
+        step = bounded_step(J, base.z, prior, x, low, high)
+        left = base.z + J @ step
+        promised = float(left @ left) + penalty(prior[:n], (x + step)[:n])
+        found.append(Score(term, base.cost - base.log_volume - promised, promised))
+    return sorted(found, key=lambda s: -s.gain)
+
+
+def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
+    """The best place of every effect that promises a part of what the best promises, then the best of all."""
+    if len(ranked) <= size:
+        return [score.term for score in ranked]
+    least = max(at.BIC_NONE, at.PROMISING * ranked[0].gain)
+    chosen: dict[str, Term] = {}
+    effects: set[str] = set()
+    for score in ranked:
+        if score.term.effect not in effects and (score.gain > least or len(effects) < at.FEWEST):
+            effects.add(score.term.effect)
+            chosen[score.term.label] = score.term
+    for score in ranked:
+        if len(chosen) < size and score.gain > least:
+            chosen.setdefault(score.term.label, score.term)
+    return list(chosen.values())
+
+
+# --- evidence ---------------------------------------------------------------------------------------------------------
+
+
+def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
+    """-2 ln of the prior of a hypothesis: its effects and places among all, and walls that have all in common."""
+    effects = {t.effect for t in terms}
+    value = 0.0 if any(u.group for u in fit.unknowns) else groups * evidence.beforehand(0.0)
+    for i, term in enumerate(fit.terms):
+        places = sum(t.effect == term.effect for t in terms)
+        value += 2.0 * math.log(max(len(effects), 1) * max(places, 1)) + (at.BIC_NONE if i == 0 else at.SECOND)
+    return value
+
+
+def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
+    """An exact hypothesis."""
+    groups = len({u.group for u in problem.individual().deviations})
+    return Named(fit, evidence.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
+
+
+def with_errors(problem: Forward, exact: Named, terms: Sequence[Term]) -> Named:
+    """The same hypothesis with the errors of the model that make the record most probable.
+
+    exact : whitened as ``problem`` is.
+    """
+    blocks = problem.blocks(exact.fit)
+    parts = estimated(exact.fit, blocks, len(problem.parts))
+    fit = widened(exact.fit, blocks, parts)
+    cost = at.ELSE + at.PART * float(np.count_nonzero(parts))
+    gained = evidence.score(fit) - evidence.score(exact.fit)
+    return replace(exact, fit=fit, score=exact.score + gained + cost, parts=parts)
+
+
+def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
+    """Hypotheses by score, with their distance from the best."""
+    if not found:
+        return ()
+    best = min(n.score for n in found)
+    lowest = min(n.fit.cost for n in found)
+    return tuple(
+        replace(n, above_best=n.score - best, separation=math.sqrt(max(n.fit.cost - lowest, 0.0)))
+        for n in sorted(found, key=lambda n: n.score)
+    )
+
+
+def shares(all_ways: Sequence[Named]) -> list[float]:
+    """Probabilities of hypotheses among themselves."""
+    best = min(n.score for n in all_ways)
+    weights = [math.exp(-0.5 * (n.score - best)) for n in all_ways]
+    return [w / sum(weights) for w in weights]

@@ -1,0 +1,115 @@
+"""The evidence of a hypothesis, by Laplace's approximation, and the widths of priors that the record itself tells.
+
+    -2 ln p(data | hypothesis) = |z|² + ln det C - 2 ln(priors) + ln det(JᵀJ + Λ) - p ln 2π   at the maximum,
+
+with the whitened residual z, its Jacobian J and the curvature Λ of the priors. What is refitted has a prior about 0.
+The size of an effect has one that favours no decade: from hardly visible to typical, sizes are equally likely on a
+logarithmic scale. Every unknown so pays for what the data made of its prior; BIC is the limit of many data.
+
+Unknowns of a group share the width of their Gaussian priors: the one that makes the record most probable (empirical
+Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .fit import Fit
+from .unknown import Unknown, penalty, precision
+
+Array = np.ndarray
+
+DECADES = 3.0  # over which the sizes of an effect are spread
+WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0)  # that a group may have, in its stated spreads
+DOUBT = 1.0  # standard deviation of the logarithm of a width about the stated spread
+COMMON = 0.5  # probability beforehand that a group has no deviations
+_SWEEPS = 3
+_FREE = 1e-9  # precision that stands for none
+_LOG_RANGE = DECADES * math.log(10.0)
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Of every group, in its stated spreads. score : -2 ln evidence there."""
+
+    of: Mapping[str, float]
+    score: float
+
+
+class Linear:
+    """Unknowns p about a point as a linear problem: what widths do to its evidence, in a fraction of a millisecond.
+
+    z : (n,) whitened residual at x : (p,). J : (n, p). effects : names of the unknowns that are the sizes of effects.
+    log_volume : ln det C.
+    """
+
+    def __init__(
+        self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], effects: Sequence[str], log_volume: float = 0.0
+    ) -> None:
+        y = z - J @ x
+        self.gram, self.right = J.T @ J, J.T @ y
+        self.free = np.array([u.name in effects for u in unknowns], bool)
+        self.groups = [u.group for u in unknowns]
+        self.signs = np.array([2.0 if u.low < 0.0 else 1.0 for u in unknowns])
+        grouped = np.array([bool(g) for g in self.groups], bool)
+        prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
+        local = precision(prior, x)
+        plain = ~self.free & ~grouped
+        self.sd = np.where(self.free, 1.0, np.sqrt(1.0 / local))
+        # the tails of the priors of what all have in common, to second order about x
+        self.rest = float(y @ y) + log_volume + penalty(prior[plain], x[plain]) - float(local[plain] @ x[plain] ** 2)
+        self.rest += float(np.log(local[plain]).sum() - np.log(prior[plain]).sum())
+
+    @classmethod
+    def of(cls, fit: Fit) -> Linear:
+        """Of a fit, about where it is."""
+        names = [u.name for term in fit.terms for u in term.unknowns]
+        return cls(fit.z, fit.J, fit.x, fit.unknowns, names, fit.log_volume)
+
+    def at(self, widths: Mapping[str, float] | None = None) -> float:
+        """-2 ln evidence, up to a constant of the record, with these widths of the groups."""
+        w = self.sd if not widths else np.array(
+            [widths.get(g, s) if g else s for g, s in zip(self.groups, self.sd, strict=True)]
+        )  # fmt: skip
+        A = w[:, None] * self.gram * w + np.diag(np.where(self.free, _FREE, 1.0))
+        L = np.linalg.cholesky(A)
+        half = np.linalg.solve(L, w * self.right)
+        value = self.rest - float(half @ half) + 2.0 * float(np.log(np.diag(L)).sum())
+        return value + (self._sizes(A, w * self.right) if self.free.any() else 0.0)
+
+    def _sizes(self, A: Array, right: Array) -> float:
+        """-2 ln of the priors 1/(2 |x| ln range) of effects, less ln 2π of each; not below its standard deviation."""
+        inverse = np.linalg.inv(A)
+        size = np.maximum(np.abs(inverse @ right), np.sqrt(np.diag(inverse)))[self.free]
+        return float(2.0 * np.log(self.signs[self.free] * size * _LOG_RANGE).sum()) - len(size) * math.log(
+            2.0 * math.pi
+        )
+
+    def inferred(self) -> Widths:
+        """The most probable widths, one group after the other, a few times."""
+        found = dict.fromkeys(dict.fromkeys(g for g in self.groups if g), 1.0)
+        best = math.inf
+        for _ in range(_SWEEPS):
+            value = best
+            for group in found:
+                value, found[group] = min((self.at({**found, group: w}) + beforehand(w), w) for w in WIDTHS)
+            if value > best - 0.1:
+                break
+            best = value
+        return Widths(found, self.at(found) + sum(map(beforehand, found.values())))
+
+
+def beforehand(width: float) -> float:
+    """-2 ln of the prior of a width: 0 for a group without deviations, else log-normal about the stated spread."""
+    if width == 0.0:
+        return -2.0 * math.log(COMMON)
+    return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
+
+
+def score(fit: Fit) -> float:
+    """-2 ln evidence of a fit, up to a constant of the record, with the most probable widths of its groups."""
+    return Linear.of(fit).inferred().score

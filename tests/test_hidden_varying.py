@@ -1,0 +1,105 @@
+"""Records of the generator whose beats differ, against the solver and an integrator of others; noise in units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from compare import relative_error
+from scipy.integrate import solve_ivp
+from truth import varying
+from truth.anatomy import anatomy
+from truth.beat import Beat, at_phase
+from truth.hide import Effect
+from truth.network import Balance
+from truth.records import BEATS, Case, make
+from truth.sensors import pulsatile
+from truth.shapes import MMHG, arteries, ejection
+
+from solver import Network, Settings, simulate_periodic
+
+BEAT = Beat(0.5)
+
+
+def runs(beats: int, rate: float, stroke: float, beat: Beat = BEAT) -> varying.Run:
+    """Unlike beats, always the same."""
+    return varying.run(np.random.default_rng(3), beat, beats, rate, stroke)
+
+
+def test_beats_differ_as_stated() -> None:
+    """Intervals by 3 %, strokes by 5 % of their means over 2000 beats; a stroke is the flow of its beat."""
+    many = runs(2000, 0.03, 0.05)
+    assert np.std(many.interval) == pytest.approx(0.03 * 0.5, rel=0.05)
+    assert np.std(many.stroke) == pytest.approx(0.05, rel=0.05)
+    few, q = runs(4, 0.03, 0.05), ejection(np.random.default_rng(4), BEAT, 55e-6)
+    flow = few.beat.values(few.flow(q))
+    time = few.beat.phase * few.beat.T
+    inside = (time >= few.onset[2] - 0.1) & (time < few.onset[3] - 0.1)
+    volume = flow[inside].sum() * few.beat.T / few.beat.samples
+    assert volume == pytest.approx(few.stroke[2] * q[0].real * 0.5, rel=1e-5)
+
+
+def test_alike_beats_are_the_beat(sheep: Network) -> None:
+    """Without variation the long period holds the steady beat, to 1e-6 of the pulse."""
+    q = ejection(np.random.default_rng(4), BEAT, sheep.inlet.Q_max)
+    long = varying.network_channels(anatomy(sheep), runs(2, 0.0, 0.0), q, 10)
+    once = Balance(anatomy(sheep), BEAT).solve(q).channels
+    for name, c in once.items():
+        assert np.abs(long[name][::4] - c).max() <= 1e-6 * pulsatile(c), name
+
+
+def test_a_varying_network_agrees_with_the_solver(sheep: Network) -> None:
+    """Six unlike beats as one period of the solver's time steps (1 ms): every site within 1e-5 of the pulse."""
+    q, whole = ejection(np.random.default_rng(4), BEAT, sheep.inlet.Q_max), runs(4, 0.03, 0.05)
+    c, T = whole.flow(q), whole.beat.T
+    truth = varying.network_channels(anatomy(sheep), whole, q, 10)
+    settings = Settings(tolerance=1e-7)
+    found = simulate_periodic(sheep, lambda t: at_phase(c, t / T), T, settings=settings, tolerance=1e-6)
+    errors = {n: relative_error(n, at_phase(x, found.time / T), found[n]) for n, x in truth.items()}
+    assert max(errors.values()) <= 1e-5, errors
+
+
+def test_a_varying_bench_against_an_ode_solver(sheep: Network) -> None:
+    """The wall integrated by Radau over six unlike beats, from where it begins: <= 1e-6 of R's pulse."""
+    beat = Beat(0.5, 60, 192)
+    rng = np.random.default_rng(2)
+    heart = ejection(rng, beat, 1.0)
+    bed, whole = arteries(rng, beat, heart), runs(4, 0.03, 0.05, beat)
+    model = replace(anatomy(sheep), viscous_law="monotone")
+    v = replace(model.vessel("AA"), r=0.4, e=2.0)
+    truth = varying.bench_channels(model.with_vessels(v), whole, heart, bed, "AA")
+    P, T, K_h = truth["AA.P"], whole.beat.T, v.h / (0.75 * v.R0)
+
+    def rate(t: float, s: np.ndarray) -> np.ndarray:
+        strain = s[0] - 1.0
+        elastic = v.E * K_h * strain * (1.0 + 2.0 * strain)
+        stress = (at_phase(P, np.array([t / T]))[0] - elastic) * s[0] / K_h / v.phi0
+        return np.array([np.log1p(0.8 * stress) / 0.8])
+
+    R = whole.beat.values(truth["AA.R"])[::24]
+    times = whole.beat.phase[::24] * T
+    run = solve_ivp(rate, (0.0, T), [R[0] / v.R0], "Radau", times, first_step=1e-5, rtol=1e-9, atol=1e-12)
+    assert np.abs(run.y[0] * v.R0 - R).max() <= 1e-6 * np.ptp(R)
+
+
+@pytest.mark.parametrize("kind", ["bench", "network"])
+def test_a_record_of_unlike_beats(kind: str) -> None:
+    """As long as its beats, with the noise of the steady beat, and a faulty sensor's offset in the truth's unit."""
+    site = "AA" if kind == "bench" else "three pressures"
+    case = Case(kind, site, 40.0, (Effect("channel_offset", ("AA.P",), 0.5),), varying=(0.03, 0.05))
+    made, steady = make(case, 5), make(replace(case, varying=(0.0, 0.0)), 5)
+    assert made.time[-1] == pytest.approx(BEATS * made.beat.T, rel=0.05)
+    assert made.noise == steady.noise and made.truth["effects"] == steady.truth["effects"]
+    P, alike = made.channels["AA.P"], steady.channels["AA.P"]
+    assert P.mean() == pytest.approx(alike.mean(), abs=0.2 * pulsatile(made.clean["AA.P"]))
+    rough = np.std(np.diff(P, 6)) / np.sqrt(924.0)
+    assert rough == pytest.approx(made.noise["AA.P"], rel=0.1)
+
+
+def test_noise_in_units() -> None:
+    """Pressure to 0.3 mmHg, flow to 2 % of its peak, radius to 10 µm."""
+    made = make(Case("network", "all", 0.0, sensors="radius 10 µm"), 5)
+    peak = made.beat.values(made.clean["CA.Q"]).max()
+    assert made.noise["CA.P"] == 0.3 * MMHG and made.noise["CA.R"] == 10e-6
+    assert made.noise["CA.Q"] == pytest.approx(0.02 * peak, rel=1e-12)
