@@ -41,18 +41,19 @@ def loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     both = replace(beats, values={P: beats.values[P], R: moved[0]}).covariance((P, R))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
     coherent = followed**2 > _COHERENT * both[:, 0, 0].real * could
-    if seen is None and not coherent[1:_LOW].any():
-        return raw, np.zeros(N)
+    gaps = any(np.isnan(beats.values[name]).any() for name in names)  # phases are then means of other beats each
+    seam = np.zeros(beats.N) if seen is None else seen.seam[0]
+    known = np.abs(SEAM_ERROR * coefficients(seam)) ** 2
+    if gaps or (seen is None and not coherent[1:_LOW].any()):
+        raw[:, 0, 0] += known
+        return raw, resample(seam, N)
     share = noise_share(beats, (P,), moved, K + 1)
     steady = replace(beats, values={P: beats.values[P] - scaled(moved[0], 1.0 - share), R: beats.values[R]})
     noise = steady.covariance(names) * share[:, None, None]
     own, S_R = steady.covariance((P,))[:, 0, 0].real, noise[:, 1, 1].real
     noise[:, 1, 1] = np.maximum(S_R, raw[1:, 1, 1].real.min())
     noise[:, 0, 0] = np.maximum(own - (1.0 - share) * np.abs(A) ** 2 * S_R, own[1:].min())
-    if seen is None:
-        return noise, np.zeros(N)
-    seam = seen.seam[0]
-    noise[:, 0, 0] += np.abs(SEAM_ERROR * coefficients(seam)) ** 2
+    noise[:, 0, 0] += known
     return noise, resample(seam, N)
 
 
