@@ -53,9 +53,11 @@ def named(effect: str) -> Naming:
 
 @pytest.mark.parametrize("effect", SHOWN)
 def test_a_fault_of_the_flow_meter_is_found(effect: str) -> None:
-    """Gain 1.05, 5 ms late, 1.5 mL/s too much, a slow meter of 8 Hz: named at the inlet (so smooth a wave that is late may
-    be of a quick catheter), its numbers in their 95 % intervals, and the most probable inflow is the true one to 0.5 %
-    of its RMS (measured 0.16 %; as shown it is 5 %, 8 %, 14 % and 48 % off)."""
+    """Gain 1.05, 5 ms late, 1.5 mL/s too much, a meter of 8 Hz: named at the inlet, numbers in their 95 % intervals.
+
+    So smooth a wave that is late may be of a quick catheter. The most probable inflow is the true one to 0.5 % of its
+    RMS (measured 0.16 %; as shown it is 5 %, 8 %, 14 % and 48 % off).
+    """
     naming = named(effect)
     problem, fit = naming.problem, naming.best.fit
     assert naming.best.label == f"{effect} at inlet.Q"

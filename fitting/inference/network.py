@@ -45,8 +45,10 @@ Array = np.ndarray
 
 COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
 SCREEN_DT = 5e-3  # s, for the derivatives of the score test
+_FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
 _BATCH = 64  # members at once
+_CHEAP = 16  # members that cost hardly more than one
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 
@@ -195,6 +197,11 @@ class NetworkProblem(Forward):
 
     def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
         """z : (n,) and its columns (n, p) by all unknowns, of every member."""
+        coarse, many = self._stepping(COARSE_DT), sum(len(m.x) for m in members) > _CHEAP
+        if many and self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps
+            found = coarse.derivatives(members, runs)
+            there = zip(self.observe(members, runs), found, strict=True)
+            return [None if x is None or own is None else (self.residual(x), own[1]) for x, own in there]
         steps = [finite_steps(m.unknowns, m.x, _STEP) for m in members]
         moved = [np.concatenate([m.x[None], m.x + np.diag(s)]) for m, s in zip(members, steps, strict=True)]
         X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
@@ -208,9 +215,13 @@ class NetworkProblem(Forward):
             result.append((z[0], (z[1:] - z[0]).T / step))
         return result
 
+    def _stepping(self, dt: float) -> NetworkProblem:
+        """The same in steps of dt [s], or in the longest that show a beat's harmonics."""
+        settings = replace(self.simulator.settings, dt=min(dt, self.simulator.T / max(_FEWEST, 2 * self.K + 2)))
+        return replace(self, simulator=replace(self.simulator, settings=settings))
+
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
-        screen = replace(self, simulator=replace(self.simulator, settings=settings))
+        screen = self._stepping(SCREEN_DT)
         return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
@@ -392,7 +403,7 @@ def network_problem(
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
-    settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
+    settings = Settings(dt=min(COARSE_DT, beats.T / _FEWEST), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0
