@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic, Settings
+from solver import Settings
 from solver.network import Network
 from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.felt import Felt
 from ..records.inflow import inflow
 from ..records.noise import (
     MAX_HARMONICS,
@@ -24,18 +25,19 @@ from ..records.noise import (
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    mean_beat,
+    periodic_beat,
     pulses,
     solver_error,
     target,
 )
 from .added import allowed
+from .batches import mesh_of, simulated
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .misfit import Block, sizes
-from .observation import driven, inlet_sensor, mean_wander, meter, sense
+from .observation import mean_wander, meter, sense
 from .search import Search, search
-from .simulator import Runs, Simulator, linear_response, started
+from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
 from .terms import EVERY, Term, deviations, nuisances, refined, rewired
 from .unknown import Unknown, finite_steps, parameter_values
@@ -44,8 +46,9 @@ Array = np.ndarray
 
 COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
 SCREEN_DT = 5e-3  # s, for the derivatives of the score test
+_FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
-_BATCH = 64  # members at once
+_CHEAP = 16  # members that cost hardly more than one
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 
@@ -55,7 +58,7 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
-    deviations : what every artery has of its own; none where all have it in common.
+    felt : by the network as given, of beats that differ. deviations : what every artery has of its own, if any.
     """
 
     kind = "network"
@@ -69,6 +72,7 @@ class NetworkProblem(Forward):
     target: Target
     error: Array
     response: Array
+    felt: Felt | None = None
     deviations: tuple[Unknown, ...] = ()
 
     @property
@@ -88,11 +92,13 @@ class NetworkProblem(Forward):
         wander = mean_wander(beats, fitted, self.signals)
         covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
         drive = inflow(beats, self.simulator.settings.dt)
+        own = varying(beats, self.network, self.signals, self.K)
         return replace(
             self,
             beats=beats,
             simulator=replace(self.simulator, drive=drive),
-            target=Target.of(self.signals, mean_beat(beats, self.signals, self.K), covariance),
+            target=Target.of(self.signals, periodic_beat(beats, self.signals, self.K, own), covariance),
+            felt=own,
         )
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -149,39 +155,11 @@ class NetworkProblem(Forward):
 
         runs : counts them, and ends them in time.
         """
-        runs = runs or Runs()
-        groups: dict[str, list[int]] = {}
-        for i, member in enumerate(members):
-            groups.setdefault(_group(member.terms), []).append(i)
-        X: list[Array | None] = [None] * len(members)
-        for group in groups.values():
-            for at in range(0, len(group), _BATCH):
-                part = group[at : at + _BATCH]
-                for i, result in zip(part, self._batch([members[i] for i in part], runs), strict=True):
-                    X[i] = result
+        X = simulated(self.simulator, members, runs or Runs())
         return [
             None if x is None else sense(member, self.signals, x, self.simulator.T)
             for member, x in zip(members, X, strict=True)
         ]
-
-    def _batch(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-        network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
-        nominal = network.parameters()
-        moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
-        names = dict.fromkeys(name for each in moved for name in each)
-        # a sensor of an output needs no simulation of its own
-        table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
-        unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
-        parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
-        try:
-            inflow = driven(self.simulator.drive, [members[i] for i in first])
-            X = self.simulator.coefficients(network, parameters, runs, inflow)
-            return [X[i] for i in inverse.ravel()]
-        except (NonPhysicalState, NotPeriodic, ValueError):
-            if len(members) == 1:
-                return [None]
-        half = len(members) // 2
-        return self._batch(members[:half], runs) + self._batch(members[half:], runs)
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -191,6 +169,11 @@ class NetworkProblem(Forward):
 
     def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
         """z : (n,) and its columns (n, p) by all unknowns, of every member."""
+        coarse, many = self._stepping(COARSE_DT), sum(len(m.x) for m in members) > _CHEAP
+        if many and self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps
+            found = coarse.derivatives(members, runs)
+            there = zip(self.observe(members, runs), found, strict=True)
+            return [None if x is None or own is None else (self.residual(x), own[1]) for x, own in there]
         steps = [finite_steps(m.unknowns, m.x, _STEP) for m in members]
         moved = [np.concatenate([m.x[None], m.x + np.diag(s)]) for m, s in zip(members, steps, strict=True)]
         X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
@@ -204,16 +187,20 @@ class NetworkProblem(Forward):
             result.append((z[0], (z[1:] - z[0]).T / step))
         return result
 
+    def _stepping(self, dt: float) -> NetworkProblem:
+        """The same in steps of dt [s], or in the longest that show a beat's harmonics."""
+        settings = replace(self.simulator.settings, dt=min(dt, self.simulator.T / max(_FEWEST, 2 * self.K + 2)))
+        return replace(self, simulator=replace(self.simulator, settings=settings))
+
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
-        screen = replace(self, simulator=replace(self.simulator, settings=settings))
+        screen = self._stepping(SCREEN_DT)
         return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
         plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
         for term in plain:
-            groups.setdefault(_group((*at.terms, term)), []).append(term)
+            groups.setdefault(mesh_of((*at.terms, term)), []).append(term)
         found: dict[str, Array] = {}
         for group in groups.values():
             members = [at.member]
@@ -221,7 +208,7 @@ class NetworkProblem(Forward):
                 for i in range(len(term.unknowns)):
                     x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
                     members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if _group((*at.terms, group[0])) != _group(at.terms):  # the same mesh for the point that they leave from
+            if mesh_of((*at.terms, group[0])) != mesh_of(at.terms):  # the same mesh for the point that they leave from
                 members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
             X = self.observe(members, runs)
             if X[0] is None:
@@ -346,7 +333,9 @@ class NetworkProblem(Forward):
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
         H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
-        return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
+        felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
+        weights = target(self.beats, self.signals, H, error, felt)
+        return replace(self, target=weights, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors at the best of their starting points: that costs one simulation for all of them."""
@@ -370,12 +359,6 @@ class NetworkProblem(Forward):
         return found if allowed(self.network, found) else None
 
 
-def _group(terms: Sequence[Term]) -> str:
-    """Hypotheses that share a mesh and outlets run in one batch."""
-    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
-    return " ".join(sorted(set(own)))
-
-
 def network_problem(
     beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None
 ) -> NetworkProblem:
@@ -386,7 +369,7 @@ def network_problem(
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
-    settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
+    settings = Settings(dt=min(COARSE_DT, beats.T / _FEWEST), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0
@@ -394,4 +377,6 @@ def network_problem(
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
-    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
+    felt = varying(beats, network, chosen, K)
+    weights = target(beats, chosen, H, error, felt)
+    return NetworkProblem(network, beats, chosen, K, simulator, weights, error, H[: K + 1], felt)
