@@ -106,7 +106,8 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     if abs(beats - 1.0) > _SAME and not several:
         return None
     x = without_gaps(channels[found.channel])
-    if np.mean(np.abs(intervals - usual) <= _NEAR * usual) < _MOSTLY or _likeness(x, found.at, usual) < _ALIKE:
+    near = np.abs(intervals - usual) <= _NEAR * usual
+    if near.mean() < _MOSTLY or _likeness(x, found.at[:-1][near], usual) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
     if not (several or _wander(found.at, passed) > _UNEQUAL * usual or pulses.std() > _PULSES * pulses.mean()):
@@ -141,7 +142,7 @@ def _wander(at: Array, passed: Array) -> float:
 def _likeness(x: Array, at: Array, length: float) -> float:
     """The median correlation of whole beats with their mean."""
     n = int(0.9 * length)
-    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int) if i + n <= len(x)])
+    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int)])
     beats = beats - beats.mean(axis=1, keepdims=True)
     mean = beats.mean(axis=0)
     size = np.linalg.norm(beats, axis=1) * np.linalg.norm(mean)
