@@ -17,8 +17,9 @@ from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
-_UNEQUAL = 0.015  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
+_UNEQUAL = 0.02  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
 _PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
+_NOISE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 _ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
 _MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
 _NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
@@ -107,10 +108,12 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
         return None
     x = without_gaps(channels[found.channel])
     near = np.abs(intervals - usual) <= _NEAR * usual
-    if near.mean() < _MOSTLY or _likeness(x, found.at[:-1][near], usual) < _ALIKE:
+    if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
-    if not (several or _wander(found.at, passed) > _UNEQUAL * usual or pulses.std() > _PULSES * pulses.mean()):
+    noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
+    varied = pulses.std() > max(_PULSES, _NOISE * noise) * pulses.mean()
+    if not (several or varied or _wander(found.at, passed) > _UNEQUAL * usual):
         return None
     starts = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     starts = starts[starts >= 0]
