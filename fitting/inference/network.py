@@ -34,11 +34,11 @@ from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .misfit import Block, sizes
 from .observation import driven, inlet_sensor, mean_wander, meter, sense
-from .search import Search, search
+from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, deviations, nuisances, refined, rewired
-from .unknown import Unknown, finite_steps, parameter_values
+from .terms import EVERY, Term, deviations, nuisances, placed, refined, rewired
+from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
 
@@ -78,8 +78,10 @@ class NetworkProblem(Forward):
         return degrees_of_freedom(self.beats.n_beats)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
-        return refined(self.network, term, [float(each) for each in x])
+        return refined(self.network, term, _sizes(fit, term))
+
+    def placed(self, fit: Fit, term: Term) -> Term | None:
+        return placed(self.network, term, _sizes(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         at = np.arange(len(self.signals))
@@ -274,6 +276,8 @@ class NetworkProblem(Forward):
             own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
             for t in new:
                 own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+            if not all(u.name in own for u in unknowns):
+                return search
             search.J, search.z = np.stack([own[u.name] for u in unknowns], axis=1), start.z
             search.settle(start.z)
         return search
@@ -360,16 +364,26 @@ class NetworkProblem(Forward):
         return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
-        """With new sensors at the best of their starting points: that costs one simulation for all of them."""
-        before = set() if start is None else {t.label for t in start.terms}
+        """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
+        before = set() if start is None else set(start.unknowns)
         for term in member.terms:
-            known = term.is_sensor or term.place == EVERY  # others would need a simulation for every starting point
-            if term.starts and known and term.label not in before:
+            few = (
+                term.is_sensor or term.place == EVERY or term.label in {t.label for t in (start.terms if start else ())}
+            )
+            if term.starts and few and not set(term.unknowns) <= before:
                 trials = begun(member, term)
-                X = self.observe(trials, runs)
-                costs = [np.inf if each is None else float(np.sum(self.residual(each) ** 2)) for each in X]
+                costs = [np.inf if X is None else self._promise(X, start) for X in self.observe(trials, runs)]
                 member = trials[int(np.argmin(costs))]
         return member
+
+    def _promise(self, X: Array, start: Fit | None) -> float:
+        """The cost of an observation (K+1, m), and where a fit is known, what its unknowns may still take up of it."""
+        z = self.residual(X)
+        if start is None or not len(start.x):
+            return float(z @ z)
+        step = bounded_step(start.J, z, start.prior, start.x, *bounds(start.unknowns))
+        left = z + start.J @ step
+        return float(left @ left)
 
     def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.J is None:
@@ -379,6 +393,11 @@ class NetworkProblem(Forward):
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
         return found if allowed(self.network, found) else None
+
+
+def _sizes(fit: Fit, term: Term) -> list[float]:
+    """The numbers of a term in a fit."""
+    return [float(x) for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
 
 
 def _group(terms: Sequence[Term]) -> str:
