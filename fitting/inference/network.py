@@ -17,6 +17,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.felt import Felt
 from ..records.inflow import inflow
 from ..records.noise import (
     MAX_HARMONICS,
@@ -24,7 +25,7 @@ from ..records.noise import (
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    mean_beat,
+    periodic_beat,
     pulses,
     solver_error,
     target,
@@ -35,7 +36,7 @@ from .forward import Drive, Forward
 from .misfit import Block, sizes
 from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .search import Search, bounded_step, search
-from .simulator import Runs, Simulator, linear_response, started
+from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
 from .terms import EVERY, Term, deviations, nuisances, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
@@ -57,7 +58,7 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
-    deviations : what every artery has of its own; none where all have it in common.
+    felt : by the network as given, of beats that differ. deviations : what every artery has of its own, if any.
     """
 
     kind = "network"
@@ -71,6 +72,7 @@ class NetworkProblem(Forward):
     target: Target
     error: Array
     response: Array
+    felt: Felt | None = None
     deviations: tuple[Unknown, ...] = ()
 
     @property
@@ -92,11 +94,13 @@ class NetworkProblem(Forward):
         wander = mean_wander(beats, fitted, self.signals)
         covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
         drive = inflow(beats, self.simulator.settings.dt)
+        own = varying(beats, self.network, self.signals, self.K)
         return replace(
             self,
             beats=beats,
             simulator=replace(self.simulator, drive=drive),
-            target=Target.of(self.signals, mean_beat(beats, self.signals, self.K), covariance),
+            target=Target.of(self.signals, periodic_beat(beats, self.signals, self.K, own), covariance),
+            felt=own,
         )
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
@@ -361,7 +365,9 @@ class NetworkProblem(Forward):
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
         H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
-        return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
+        felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
+        weights = target(self.beats, self.signals, H, error, felt)
+        return replace(self, target=weights, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
@@ -424,4 +430,6 @@ def network_problem(
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
-    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
+    felt = varying(beats, network, chosen, K)
+    weights = target(beats, chosen, H, error, felt)
+    return NetworkProblem(network, beats, chosen, K, simulator, weights, error, H[: K + 1], felt)
