@@ -30,10 +30,11 @@ from ..records.noise import (
     solver_error,
     target,
 )
+from . import channel_errors
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .misfit import Block, sizes
+from .misfit import Block
 from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
@@ -313,28 +314,13 @@ class NetworkProblem(Forward):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        kinds = dict.fromkeys(name.rpartition(".")[2] for name in self.signals)
-        return (*self.signals, *(f"means of {kind}" for kind in kinds))
+        return channel_errors.parts(self.signals)
 
     def blocks(self, fit: Fit) -> list[Block]:
-        m, K, size = len(self.signals), self.K, sizes(self.target.X)
-        kinds = np.array([self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals])
-        white = self.target.whitener * size[:, None, :]
-        found = [Block(np.arange(m), white[0].real, kinds)]
-        own = np.tile(np.arange(m), 2)
-        for k in range(1, K + 1):
-            a, b = white[k].real, white[k].imag
-            rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
-            found.append(Block(rows, np.block([[a, -b], [b, a]]), own))
-        return found
+        return channel_errors.blocks(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        m, size = len(self.signals), sizes(self.target.X)
-        at, kinds = np.arange(m), [self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals]
-        covariance = self.target.covariance.copy()
-        covariance[0, at, at] += (parts[kinds] * size[0]) ** 2
-        covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
-        return replace(self, target=Target.of(self.signals, self.target.X, covariance))
+        return replace(self, target=channel_errors.widened(self.target, parts))
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
