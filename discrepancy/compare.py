@@ -172,4 +172,4 @@ def _refinements(problem: Forward, first: Fit, runs: Runs) -> list[Fit]:
     """Every effect of walls everywhere with a size of its own for each segment."""
     finer = [problem.refined(first, t) for t in first.terms]
     hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
-    return [f for f in problem.refit(hypotheses, runs=runs) if f is not None] if hypotheses else []
+    return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []

@@ -39,7 +39,7 @@ from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, deviations, nuisances, placed, refined, rewired
+from .terms import EVERY, Term, about_common, deviations, nuisances, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -81,7 +81,8 @@ class NetworkProblem(Forward):
         return degrees_of_freedom(self.beats.n_beats)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        return refined(self.network, term, _sizes(fit, term))
+        finer = about_common if self.deviations else refined
+        return finer(self.network, term, _sizes(fit, term))
 
     def placed(self, fit: Fit, term: Term) -> Term | None:
         return placed(self.network, term, _sizes(fit, term))
