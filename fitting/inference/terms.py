@@ -56,7 +56,8 @@ class Term:
     @property
     def cuts(self) -> bool:
         """Whether the network's mesh becomes another one."""
-        return bool(effect_of(self).cuts)
+        effect = effect_of(self)
+        return bool(effect.cuts) or any(u.name.rpartition(".")[2] in effect.along for u in self.unknowns)
 
 
 def effect_of(term: Term) -> Effect:
