@@ -35,15 +35,9 @@ from .added import allowed
 from .batches import mesh_of, simulated
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-<<<<<<< HEAD
 from .misfit import Block
-from .observation import driven, inlet_sensor, mean_wander, meter, sense
-from .search import Search, bounded_step, search
-=======
-from .misfit import Block, sizes
 from .observation import mean_wander, meter, sense
-from .search import Search, search
->>>>>>> main
+from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
 from .terms import EVERY, Term, about_common, deviations, nuisances, placed, refined, rewired
