@@ -32,7 +32,7 @@ from ..records.noise import (
 )
 from . import channel_errors
 from .added import allowed
-from .batches import mesh_of, simulated
+from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .misfit import Block
@@ -204,7 +204,7 @@ class NetworkProblem(Forward):
         plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
         for term in plain:
-            groups.setdefault(mesh_of((*at.terms, term)), []).append(term)
+            groups.setdefault(kind_of((*at.terms, term)), []).append(term)
         found: dict[str, Array] = {}
         for group in groups.values():
             members = [at.member]
@@ -212,7 +212,7 @@ class NetworkProblem(Forward):
                 for i in range(len(term.unknowns)):
                     x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
                     members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if mesh_of((*at.terms, group[0])) != mesh_of(at.terms):  # the same mesh for the point that they leave from
+            if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
                 members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
             X = self.observe(members, runs)
             if X[0] is None:

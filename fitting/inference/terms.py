@@ -54,6 +54,11 @@ class Term:
         return effect_of(self).rewires
 
     @property
+    def remembers(self) -> bool:
+        """Whether it adds states to the solution."""
+        return effect_of(self).remembers
+
+    @property
     def cuts(self) -> bool:
         """Whether the network's mesh becomes another one."""
         effect = effect_of(self)
