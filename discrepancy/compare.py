@@ -58,12 +58,12 @@ class Compared:
         return [n.fit for n in (*self.nones, *self.ranked)]
 
     def joined_by(self, fits: Sequence[Fit]) -> Compared:
-        """With further hypotheses; of one that was there the better fit."""
-        known = {key_of(f): f for f in self.fits}
-        for f in fits:
-            if key_of(f) not in known or f.cost < known[key_of(f)].cost:
-                known[key_of(f)] = f
-        return Compared.of(self.problem, list(known.values()), self.columns, self.terms)
+        """With further hypotheses; of one that was there the more probable fit."""
+        known = {n.key: n for n in (*self.nones, *self.ranked)}
+        for n in (weighed(self.problem, f, self.terms) for f in fits):
+            if n.key not in known or n.score < known[n.key].score:
+                known[n.key] = n
+        return Compared.of(self.problem, [n.fit for n in known.values()], self.columns, self.terms)
 
     def restated(self, problem: Forward) -> Compared:
         """Under the weights of another problem of the same record."""
@@ -100,11 +100,18 @@ def _labels(fit: Fit) -> tuple[str, ...]:
     return tuple(t.label for t in fit.terms)
 
 
-def further(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """With more effects, or finer ones, until the best explains the record or nothing new is left to try."""
+def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterator[Compared]:
+    """With more effects, or finer ones, until the best explains the record or nothing new is left to try.
+
+    branches : of how many hypotheses at a time.
+    """
     tried: set[tuple[str, ...]] = set()
+    if found.best.fit.terms:
+        elsewhere = along(found, runs)
+        if elsewhere:
+            yield (found := found.joined_by(elsewhere))
     while found.best.fit.terms and not found.best.explains:
-        fits = more(found, runs, tried)
+        fits = more(found, runs, tried, branches)
         if not fits:
             return
         known = found.best.score
@@ -113,14 +120,25 @@ def further(found: Compared, runs: Runs) -> Iterator[Compared]:
         yield found
 
 
-def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:
+def along(found: Compared, runs: Runs) -> list[Fit]:
+    """The best effects of a part of a segment, wherever along it they may lie: of the best alone if it explains all."""
+    local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and n.fit.cost < at.ALONG_COST * found.best.fit.cost]
+    fits = []
+    for fit in local[:1] if found.best.explains else local[: at.ALONG]:
+        term = found.problem.placed(fit, fit.terms[0])
+        if term is not None:
+            fits += [f for f in found.problem.refit([(term,)], fit, runs) if f is not None]
+    return fits
+
+
+def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
     """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
     to one for each; of one combination the better fit. None where what is promised stays far above noise.
 
     tried : labels of the hypotheses that were taken up before; grows.
     """
     fits: dict[frozenset[str], Fit] = {}
-    for first in _firsts(found, tried):
+    for first in _firsts(found, tried, branches):
         tried.add(_labels(first))
         for fit in (*_seconds(found, first, runs), *_refinements(found.problem, first, runs)):
             key = frozenset(_labels(fit))
@@ -129,12 +147,12 @@ def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:
     return list(fits.values())
 
 
-def _firsts(found: Compared, tried: set[tuple[str, ...]]) -> list[Fit]:
+def _firsts(found: Compared, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
     """The best hypotheses that have room for another effect, one of each effect."""
     chosen: dict[str, Fit] = {}
     for n in found.ranked:
         near, room = n.fit.cost < at.BRANCH_COST * found.ranked[0].fit.cost, len(n.fit.terms) < at.MOST_EFFECTS
-        if near and room and _labels(n.fit) not in tried and len(chosen) < at.BRANCHES:
+        if near and room and _labels(n.fit) not in tried and len(chosen) < branches:
             chosen.setdefault(n.fit.terms[-1].effect, n.fit)
     return list(chosen.values())
 
@@ -157,4 +175,4 @@ def _refinements(problem: Forward, first: Fit, runs: Runs) -> list[Fit]:
     """Every effect of walls everywhere with a size of its own for each segment."""
     finer = [problem.refined(first, t) for t in first.terms]
     hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
-    return [f for f in problem.refit(hypotheses, runs=runs) if f is not None] if hypotheses else []
+    return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []

@@ -30,17 +30,18 @@ from ..records.noise import (
     solver_error,
     target,
 )
+from . import channel_errors
 from .added import allowed
-from .batches import mesh_of, simulated
+from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .misfit import Block, sizes
+from .misfit import Block
 from .observation import mean_wander, meter, sense
-from .search import Search, search
+from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, deviations, nuisances, refined, rewired
-from .unknown import Unknown, finite_steps, parameter_values
+from .terms import EVERY, Term, about_common, deviations, nuisances, placed, refined, rewired
+from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
 
@@ -80,8 +81,11 @@ class NetworkProblem(Forward):
         return degrees_of_freedom(self.beats.n_beats)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
-        return refined(self.network, term, [float(each) for each in x])
+        finer = about_common if self.deviations else refined
+        return finer(self.network, term, _sizes(fit, term))
+
+    def placed(self, fit: Fit, term: Term) -> Term | None:
+        return placed(self.network, term, _sizes(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         at = np.arange(len(self.signals))
@@ -200,7 +204,7 @@ class NetworkProblem(Forward):
         plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
         for term in plain:
-            groups.setdefault(mesh_of((*at.terms, term)), []).append(term)
+            groups.setdefault(kind_of((*at.terms, term)), []).append(term)
         found: dict[str, Array] = {}
         for group in groups.values():
             members = [at.member]
@@ -208,7 +212,7 @@ class NetworkProblem(Forward):
                 for i in range(len(term.unknowns)):
                     x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
                     members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if mesh_of((*at.terms, group[0])) != mesh_of(at.terms):  # the same mesh for the point that they leave from
+            if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
                 members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
             X = self.observe(members, runs)
             if X[0] is None:
@@ -250,6 +254,8 @@ class NetworkProblem(Forward):
             own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
             for t in new:
                 own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+            if not all(u.name in own for u in unknowns):
+                return search
             search.J, search.z = np.stack([own[u.name] for u in unknowns], axis=1), start.z
             search.settle(start.z)
         return search
@@ -281,28 +287,13 @@ class NetworkProblem(Forward):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        kinds = dict.fromkeys(name.rpartition(".")[2] for name in self.signals)
-        return (*self.signals, *(f"means of {kind}" for kind in kinds))
+        return channel_errors.parts(self.signals)
 
     def blocks(self, fit: Fit) -> list[Block]:
-        m, K, size = len(self.signals), self.K, sizes(self.target.X)
-        kinds = np.array([self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals])
-        white = self.target.whitener * size[:, None, :]
-        found = [Block(np.arange(m), white[0].real, kinds)]
-        own = np.tile(np.arange(m), 2)
-        for k in range(1, K + 1):
-            a, b = white[k].real, white[k].imag
-            rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
-            found.append(Block(rows, np.block([[a, -b], [b, a]]), own))
-        return found
+        return channel_errors.blocks(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        m, size = len(self.signals), sizes(self.target.X)
-        at, kinds = np.arange(m), [self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals]
-        covariance = self.target.covariance.copy()
-        covariance[0, at, at] += (parts[kinds] * size[0]) ** 2
-        covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
-        return replace(self, target=Target.of(self.signals, self.target.X, covariance))
+        return replace(self, target=channel_errors.widened(self.target, parts))
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
@@ -338,16 +329,26 @@ class NetworkProblem(Forward):
         return replace(self, target=weights, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
-        """With new sensors at the best of their starting points: that costs one simulation for all of them."""
-        before = set() if start is None else {t.label for t in start.terms}
+        """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
+        before = set() if start is None else set(start.unknowns)
         for term in member.terms:
-            known = term.is_sensor or term.place == EVERY  # others would need a simulation for every starting point
-            if term.starts and known and term.label not in before:
+            few = (
+                term.is_sensor or term.place == EVERY or term.label in {t.label for t in (start.terms if start else ())}
+            )
+            if term.starts and few and not set(term.unknowns) <= before:
                 trials = begun(member, term)
-                X = self.observe(trials, runs)
-                costs = [np.inf if each is None else float(np.sum(self.residual(each) ** 2)) for each in X]
+                costs = [np.inf if X is None else self._promise(X, start) for X in self.observe(trials, runs)]
                 member = trials[int(np.argmin(costs))]
         return member
+
+    def _promise(self, X: Array, start: Fit | None) -> float:
+        """The cost of an observation (K+1, m), and where a fit is known, what its unknowns may still take up of it."""
+        z = self.residual(X)
+        if start is None or not len(start.x):
+            return float(z @ z)
+        step = bounded_step(start.J, z, start.prior, start.x, *bounds(start.unknowns))
+        left = z + start.J @ step
+        return float(left @ left)
 
     def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.J is None:
@@ -357,6 +358,11 @@ class NetworkProblem(Forward):
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
         return found if allowed(self.network, found) else None
+
+
+def _sizes(fit: Fit, term: Term) -> list[float]:
+    """The numbers of a term in a fit."""
+    return [float(x) for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
 
 
 def network_problem(

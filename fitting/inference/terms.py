@@ -13,7 +13,7 @@ from typing import Any
 
 from solver import effects
 from solver.catalogue import quantities_of, value_of
-from solver.coordinate import SCALE, SHIFT
+from solver.coordinate import SCALE, SHIFT, Coordinate
 from solver.effect import ALL_PLACES, Effect
 from solver.network import Network
 from solver.quantity import Quantity
@@ -21,9 +21,11 @@ from solver.quantity import Quantity
 from .unknown import Unknown, with_prior
 
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+HOW_WIDTH = 2.0  # of how and where it acts, in typical steps
 EVERY = "every segment"
 OWN = "of its own"
 _WIDEST = 5.0  # of a nuisance's logarithm
+_SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
 
@@ -50,6 +52,11 @@ class Term:
     def rewires(self) -> bool:
         """Whether the network itself becomes another one: its outlet has another condition."""
         return effect_of(self).rewires
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it adds states to the solution."""
+        return effect_of(self).remembers
 
     @property
     def cuts(self) -> bool:
@@ -82,8 +89,14 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 
 def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
     """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
-    unknowns = tuple(with_prior(c, PRIOR_WIDTH) for c in effect.coordinates(network, place, bench))
+    unknowns = tuple(_searched(effect, c) for c in effect.coordinates(network, place, bench))
     return Term(effect.name, place, (place,), unknowns, effect.starts) if unknowns else None
+
+
+def _searched(effect: Effect, coordinate: Coordinate) -> Unknown:
+    """A size, which may be anything; or how an effect acts, which is known beforehand to a few typical steps."""
+    of_size = coordinate.name.rpartition(".")[2] not in (*effect.how, *effect.along)
+    return with_prior(coordinate, PRIOR_WIDTH if of_size else HOW_WIDTH, of_size)
 
 
 def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:
@@ -123,6 +136,34 @@ def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     each = [t.unknowns for t in found if t is not None]
     unknowns = tuple(u for own in each for u in own)
     return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
+
+
+def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of walls everywhere whose size differs between segments by a part of what they have in common, x."""
+    effect = effect_of(term)
+    if term.place != ALL_PLACES or effect.owner != "segment" or not all(x) or len(term.unknowns[0].moves) < 2:
+        return None
+    own = []
+    for unknown, size in zip(term.unknowns, x, strict=True):
+        for variable, step in unknown.moves:
+            spread = effect.terms[variable.rpartition(".")[2]].individual or _SPREAD
+            moves, low = ((variable, spread * size * step),), -1.0 / spread  # not of the other sign
+            each = Unknown(f"{variable} {OWN}", SHIFT, moves, low, -low, unknown.unit, ratio=unknown.ratio)
+            own.append(replace(each, group=variable.rpartition(".")[2]))
+    unknowns = (*term.unknowns, *own)
+    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
+
+
+def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part.
+
+    None where there is no such thing.
+    """
+    effect = effect_of(term)
+    there = {u.name for u in term.unknowns}
+    along = [_searched(effect, c) for c in effect.coordinates_along(network, term.place) if c.name not in there]
+    starts = tuple((*x, *start) for start in effect.starts_along)
+    return replace(term, unknowns=(*term.unknowns, *along), starts=starts) if along else None
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:
