@@ -165,7 +165,8 @@ def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:
     (anew,) = problem.refine([first], runs)
     base = first if anew is None else anew
     columns = problem.columns(base, others, runs)
-    enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2)
+    # on a bench, every refit is cheaper than a wrong guess
+    enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2) if problem.site is None else np.inf
     promising = shortlist([s for s in scores(base, columns, others) if s.left < enough], at.SHORTLIST)
     fits = problem.refit([(*first.terms, t) for t in promising], base, runs, columns) if promising else []
     return [f for f in fits if f is not None]
