@@ -100,11 +100,12 @@ def _labels(fit: Fit) -> tuple[str, ...]:
     return tuple(t.label for t in fit.terms)
 
 
-def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterator[Compared]:
+def further(found: Compared, runs: Runs, branches: int | None = None) -> Iterator[Compared]:
     """With more effects, or finer ones, until the best explains the record or nothing new is left to try.
 
-    branches : of how many hypotheses at a time.
+    branches : of how many hypotheses at a time; more on a bench, where a refit costs nothing.
     """
+    branches = branches or (at.BRANCHES if found.problem.site is None else at.BENCH_BRANCHES)
     tried: set[tuple[str, ...]] = set()
     if found.best.fit.terms:
         elsewhere = along(found, runs)
