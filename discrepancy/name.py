@@ -65,7 +65,8 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
 def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
     """Walls with all in common and, where something is missing, walls that differ; then more effects with both.
 
-    Two effects of walls with all in common are tried even where walls that differ explain the record: they are fewer.
+    Two effects of walls with all in common are tried even where an effect of walls that differ explains the record:
+    they are fewer numbers.
     """
     for common in _with_common_walls(problem, terms, runs):
         yield common
@@ -74,6 +75,8 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     found = common
     for own in with_own_walls(problem.individual(), terms, runs):
         yield (found := common.joined(own))
+    if not found.best.fit.terms and found.best.explains:
+        return
     if not common.best.explains:
         for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
             yield (found := found.joined(more))

@@ -80,7 +80,7 @@ def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) ->
 def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Term]:
     """The few effects that may still add to what explains the record already."""
     best, promised = _promised(none, columns, terms)
-    return {t.label: t for score, t in promised[: at.EACH] if score < best}
+    return {t.label: t for score, t in promised[: at.EACH] if score < best - at.WORTH}
 
 
 def _exact(
