@@ -20,7 +20,7 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 
 from . import thresholds as at
-from .compare import Compared, further
+from .compare import Compared, further, rewirings
 from .verdict import Naming, decided
 from .walls import with_own_walls
 from .weigh import scores, shortlist
@@ -99,9 +99,7 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     fits = [f for f in problem.refit([(t,) for t in plain], base, runs, columns) if f is not None]
     found = Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms)
     yield (found := _polished(found, runs))
-    # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
-    rewiring = [(t,) for t in terms if t.rewires]
-    if rewiring and not found.none.explains and not found.best.explains:
+    if rewiring := rewirings(found):
         problem, base = found.problem, found.none.fit
         lowest = min((n.fit.cost for n in found.ranked), default=base.cost)
         fits = [f for f in problem.refit(rewiring, base, runs, known=lowest) if f is not None]
