@@ -124,7 +124,7 @@ def further(found: Compared, runs: Runs, branches: int | None = None) -> Iterato
 def rewirings(found: Compared) -> list[tuple[Term, ...]]:
     """Outlets of another kind, which have two unknowns more: worth a refit where nothing else explains the record, and
     where what explains it acts in the segment of the outlet."""
-    if found.none.explains:
+    if not found.best.fit.terms and found.none.explains:
         return []
     near = {t.place for n in found.ranked if n.score < found.best.score + at.NEAR for t in n.fit.terms}
     return [(t,) for t in found.terms if t.rewires and (t.place in near or not found.best.explains)]
