@@ -10,7 +10,7 @@ from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import Pressure, Reflection, Resistance, Windkessel
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
-from .simulate import NotPeriodic, Waveforms, sampled_inflow, simulate, simulate_periodic
+from .simulate import NotPeriodic, Waveforms, repeating_beat, sampled_inflow, simulate, simulate_periodic
 
 
 def load(name_or_path: str) -> Network:
@@ -38,6 +38,7 @@ __all__ = [
     "find_network",
     "load",
     "read_network",
+    "repeating_beat",
     "sampled_inflow",
     "simulate",
     "simulate_periodic",

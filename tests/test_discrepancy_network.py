@@ -23,7 +23,7 @@ from fitting.inference.added import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
 from fitting.inference.network import NetworkProblem, network_problem
 from fitting.inference.observation import sense
-from fitting.inference.simulator import Runs, Simulator
+from fitting.inference.simulator import OutOfTime, Runs, Simulator
 from fitting.inference.terms import Term, candidates, joins, sensor_terms
 from fitting.inference.unknown import quantile
 from fitting.records.beats import Beats
@@ -252,23 +252,16 @@ def test_shorter_steps_that_break_down_are_not_taken(healthy: NetworkProblem, mo
     assert len(tried) == 1
 
 
-def test_a_start_too_far_off_is_left(healthy: NetworkProblem) -> None:
-    """Run on from a periodic state in which the walls are 100 times wider, it breaks down; it then starts from rest."""
-    member, runs = at(healthy, [0.0, 0.0, 0.0]).member, Runs()
-    (expected,) = healthy.observe([member], runs)
-    (key,) = runs.beats
-    beat = runs.beats[key]
-    assert beat.end is not None and expected is not None
-    state = beat.end.state
-    y = state.y.copy()
-    state.layout.part(y, "A")[:] *= 100.0
-    wide = replace(beat.end, state=replace(state, y=y))
-    runs.beats[key] = replace(beat, end=wide)
-    with pytest.raises(NonPhysicalState):
-        healthy.simulator.coefficients(NETWORK, {}, runs)
-    (found,) = healthy.observe([member], runs)
-    assert found is not None
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+def test_nothing_is_simulated_after_the_deadline(healthy: NetworkProblem) -> None:
+    """The clock says 5 s when a batch begins, and 11 s within it; the limit is 4 s, 10 s, none."""
+    member = at(healthy, [0.0, 0.0, 0.0]).member
+    for deadline, times in ((4.0, [5.0]), (10.0, [5.0, 11.0])):
+        ticks = iter(times)
+        with pytest.raises(OutOfTime, match="allow more time"):
+            healthy.observe([member], Runs(deadline=deadline, clock=ticks.__next__))
+        assert not list(ticks)
+    (X,) = healthy.observe([member], Runs())
+    assert X is not None
 
 
 def test_an_outlet_that_is_rewired_reflects_no_more() -> None:

@@ -120,7 +120,7 @@ def problem_of(
     meter: Meter,
 ) -> Problem:  # fmt: skip
     """The fine problem of a record."""
-    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-6)
+    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-7)
     return Problem(beats, unknowns, simulator, meter)
 
 

@@ -144,24 +144,24 @@ class NetworkProblem(Forward):
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
 
-        runs : what was simulated before, to start from; without, from rest.
+        runs : counts them, and ends them in time.
         """
         runs = runs or Runs()
         groups: dict[str, list[int]] = {}
         for i, member in enumerate(members):
             groups.setdefault(_group(member.terms), []).append(i)
         X: list[Array | None] = [None] * len(members)
-        for key, group in groups.items():
+        for group in groups.values():
             for at in range(0, len(group), _BATCH):
                 part = group[at : at + _BATCH]
-                for i, result in zip(part, self._batch(key, [members[i] for i in part], runs), strict=True):
+                for i, result in zip(part, self._batch([members[i] for i in part], runs), strict=True):
                     X[i] = result
         return [
             None if x is None else sense(member, self.signals, x, self.simulator.T)
             for member, x in zip(members, X, strict=True)
         ]
 
-    def _batch(self, key: str, members: Sequence[Member], runs: Runs) -> list[Array | None]:
+    def _batch(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
         network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
         nominal = network.parameters()
         moved = [parameter_values(m.unknowns, network, m.x) for m in members]
@@ -171,14 +171,13 @@ class NetworkProblem(Forward):
         unique, inverse = np.unique(table, axis=0, return_inverse=True)
         parameters = {n: unique[:, i] for i, n in enumerate(names)}
         try:
-            X = self.simulator.coefficients(network, parameters, runs, key)
+            X = self.simulator.coefficients(network, parameters, runs)
             return [X[i] for i in inverse.ravel()]
         except (NonPhysicalState, NotPeriodic, ValueError):
-            if len(members) == 1:  # it may only be too far from the state that it started from: once more from rest
-                known = runs.beats.pop((key, self.simulator.settings), None)
-                return [None] if known is None else self._batch(key, members, runs)
+            if len(members) == 1:
+                return [None]
         half = len(members) // 2
-        return self._batch(key, members[:half], runs) + self._batch(key, members[half:], runs)
+        return self._batch(members[:half], runs) + self._batch(members[half:], runs)
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -204,7 +203,7 @@ class NetworkProblem(Forward):
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
         screen = replace(self, simulator=replace(self.simulator, settings=settings))
-        return screen._columns(at, terms, (runs or Runs()).fresh())
+        return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
         plain = [t for t in terms if not t.rewires]
@@ -276,7 +275,7 @@ class NetworkProblem(Forward):
         member, problem, runs = fit.member, self, runs or Runs()
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
-            X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs.fresh())[0]
+            X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs)[0]
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))
@@ -388,6 +387,6 @@ def network_problem(
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
-    error = solver_error(X, simulator.finer().coefficients(network, {}, runs.fresh())[0], pulses(beats, chosen))
+    error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, Settings, simulate_periodic
+from solver import NonPhysicalState, Settings, repeating_beat
 from solver.network import Network
-from solver.simulate import Waveforms
 
 from ..records.noise import NEIGHBOURS, response
 
@@ -34,16 +34,25 @@ class Meter:
         self.tell(self.simulations)
 
 
-@dataclass
+class OutOfTime(Exception):
+    """The deadline of some simulations is over; what was found before stands."""
+
+
+@dataclass(frozen=True)
 class Runs:
-    """The state of some simulations: the periodic beats that later ones may start from, by network and settings."""
+    """How simulations are run together: counted, and until when.
+
+    deadline : of ``clock`` [s]; no batch runs beyond it. None: no limit.
+    """
 
     meter: Meter = field(default_factory=Meter)
-    beats: dict[Hashable, Waveforms] = field(default_factory=dict)
+    deadline: float | None = None
+    clock: Callable[[], float] = time.monotonic
 
-    def fresh(self) -> Runs:
-        """Counted together, started from rest."""
-        return Runs(self.meter)
+    def check(self) -> None:
+        """Raise OutOfTime after the deadline."""
+        if self.deadline is not None and self.clock() > self.deadline:
+            raise OutOfTime("the time limit is over before the search was complete; allow more time.")
 
 
 @dataclass(frozen=True)
@@ -72,34 +81,22 @@ class Simulator:
         half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
-    def coefficients(self, network: Network, parameters: Mapping[str, Array], runs: Runs, key: str = "") -> Array:
-        """X : (B, K+1, m) of the periodic beats; ``key`` names networks that can start from one another's state.
+    def coefficients(self, network: Network, parameters: Mapping[str, Array], runs: Runs) -> Array:
+        """X : (B, K+1, m) of the periodic beats.
 
-        Raises ValueError, NonPhysicalState and NotPeriodic as the solver.
+        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
         """
-        beat = self._beat(network, parameters, runs.beats.get((key, self.settings)))
-        runs.beats[key, self.settings] = beat.member(0)
+        runs.check()
+
+        def drive(t: Array) -> Array:
+            return self.drive(t + self.start)
+
+        beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
+                              tolerance=self.tolerance, progress=lambda *_: runs.check())  # fmt: skip
         runs.meter.add(next((np.size(value) for value in parameters.values()), 1))
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
         turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
         return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1] * turn[:, None]
-
-    def _beat(self, network: Network, parameters: Mapping[str, Array], start: Waveforms | None) -> Waveforms:
-        """The periodic beats; from rest where the earlier state has another mesh (a cut elsewhere)."""
-        try:
-            return simulate_periodic(
-                network,
-                lambda t: self.drive(t + self.start),
-                self.T,
-                parameters=parameters,
-                settings=self.settings,
-                tolerance=self.tolerance,
-                start=start,
-            )
-        except ValueError:
-            if start is None:
-                raise
-        return self._beat(network, parameters, None)
 
 
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
