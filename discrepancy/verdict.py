@@ -97,6 +97,8 @@ def _partial(
     assert best.parts is not None
     wide = problem.widened(best.parts)
     none, *rest = _anew(wide, problem, [found.none, *found.ranked[: at.LOOSE]])
+    columns = wide.rewhitened(found.columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
+    make = replace(make, found=replace(found, columns=columns))
     order = ranked(rest)
     members = tuple(n for n in order if n.above_best < 2.0 * math.log(at.CLASS_ODDS))
     return make("partial", wide, none, order, members, confidence, left)

@@ -76,8 +76,8 @@ def synthetic_channel(i: int, name: str, added: bool) -> ChannelBeats:
     return ChannelBeats(name, measured, band, before, after, gap, (1.01, 1.04) if added else None)
 
 
-def candidate(effect: NamedEffect, delta_bic: float, in_class: bool) -> Candidate:
-    return Candidate(effect.name, effect.where, effect.parameters, delta_bic, 1.0, 1.1, delta_bic / 2, in_class)
+def candidate(effect: NamedEffect, behind: float, in_class: bool) -> Candidate:
+    return Candidate(effect.name, effect.where, effect.parameters, behind, 1.0, 1.1, behind / 2, in_class)
 
 
 def isolability(n: int) -> Isolability:

@@ -34,10 +34,11 @@ from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .misfit import Block, sizes
 from .observation import mean_wander, sense
+from .prior import Calibrated, calibrated, possible
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, deviations, nuisances, refined, rewired
+from .terms import EVERY, Term, nuisances, refined, rewired
 from .unknown import Unknown, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -55,7 +56,7 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
-    deviations : what every artery has of its own; none where all have it in common.
+    deviations : what every artery has of its own; none where all have it in common. possible : what it may have.
     """
 
     kind = "network"
@@ -70,6 +71,7 @@ class NetworkProblem(Forward):
     error: Array
     response: Array
     deviations: tuple[Unknown, ...] = ()
+    possible: tuple[Unknown, ...] = ()
 
     @property
     def dof_of_noise(self) -> float:
@@ -135,11 +137,13 @@ class NetworkProblem(Forward):
         network = rewired(self.network, terms)
         there = network.parameters()
         own = [u for u in self.deviations if set(u.variables) <= there.keys()]
-        nuisance = [u for u in (*nuisances(network), *own) if not set(u.variables) <= mine]
+        known = calibrated(own)
+        common = [u for u in nuisances(network) if not set(u.variables) <= known]
+        nuisance = [u for u in (*common, *own) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
     def individual(self) -> NetworkProblem:
-        return replace(self, deviations=deviations(self.network))
+        return replace(self, deviations=self.possible)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
@@ -372,9 +376,10 @@ def _group(terms: Sequence[Term]) -> str:
 
 
 def network_problem(
-    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None
-) -> NetworkProblem:
-    """The problem of a record with inlet.Q and some outputs of the network.
+    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
+    prior: Calibrated | None = None,
+) -> NetworkProblem:  # fmt: skip
+    """The problem of a record with inlet.Q and some outputs of the network. prior : of a calibration.
 
     Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
     """
@@ -389,4 +394,6 @@ def network_problem(
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
-    return NetworkProblem(network, beats, chosen, K, simulator, target(beats, chosen, H, error), error, H[: K + 1])
+    own = target(beats, chosen, H, error)
+    may = possible(network, prior)
+    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], possible=may)

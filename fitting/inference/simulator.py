@@ -18,10 +18,6 @@ Array = np.ndarray
 _SHORTER = 2  # times that the step is halved where the model as given breaks down
 
 
-class OutOfTime(Exception):
-    """The time that was given for simulations is over."""
-
-
 @dataclass
 class Meter:
     """Counts what is simulated. tell : told the number of parameter sets so far, after every batch."""
