@@ -27,8 +27,8 @@ _MEANINGS: Mapping[str, str] = {
     "several": "The model and the record disagree by more than noise, and one effect does not explain it. The effects "
     "below do so together, strongest first; other pairs that would do as well are in the class.",
     "partial": "The model and the record disagree by more than noise. The effect below explains a significant part of "
-    "it, and no other candidate does so as well; but more than noise remains. What remains counts as a random error of the "
-    "model, which makes the interval wider and the name less certain than one without.",
+    "it, and no other candidate does so as well; but more than noise remains. What remains counts as a random error of "
+    "the model, which makes the interval wider and the name less certain than one without.",
     "unknown": "The model and the record disagree by more than noise, and no effect of the catalogue explains it. "
     "Nothing was added to the model.",
     "unusable": "Nothing was compared and nothing was added to the model, because the record or its use is at fault, "
