@@ -1,6 +1,7 @@
 """The honest bank of hidden effects: how well find and name do on records of an independent generator.
 
     python benchmarks/hidden_effects.py run    --kind bench --tuning --jobs 2
+    python benchmarks/hidden_effects.py run    --kind network --group walls --tuning
     python benchmarks/hidden_effects.py report --tuning [--write]
 
 The records come from ``tests/truth``, which shares no numerical code with the solver; what they hide is known to the
@@ -25,12 +26,13 @@ from typing import Annotated
 import typer
 
 from benchmarks.hidden.bank import ROOT, Bank, NotThisBank, read, sources_hash
+from benchmarks.hidden.calibration import diagram
 from benchmarks.hidden.failures import failures as listed
 from benchmarks.hidden.report import report as tables
 from benchmarks.hidden.report import write as put
 from benchmarks.hidden.through_fmu import sample, table
 from solver import load
-from tests.truth.plan import REPORTED_SEED, TUNING_SEED
+from tests.truth.plan import GROUPS
 
 app = typer.Typer(add_completion=False, help="Records with hidden effects: judge them, and report.")
 
@@ -45,17 +47,31 @@ Tuning = Annotated[bool, typer.Option("--tuning/--reported", help="Which seed: o
 Out = Annotated[Path | None, typer.Option(help="The file of lines; build/hidden_<kind>_<seed>.jsonl if not given.")]
 
 
-def _path(kind: str, seed: int, out: Path | None) -> Path:
-    return out or ROOT / "build" / f"hidden_{kind}_{seed}.jsonl"
+class Name(StrEnum):
+    standard = "standard"
+    walls = "walls"
+    sensors = "sensors"
+    varying = "varying"
+    offcentre = "offcentre"
+    outside_walls = "outside_walls"
 
 
-def _fmu_path(kind: str, seed: int) -> Path:
-    return ROOT / "build" / f"hidden_{kind}_{seed}_fmu.jsonl"
+GroupOption = Annotated[Name, typer.Option(help="Which group of records; see tests/truth/plan.py.")]
+
+
+def _seed(group: str, tuning: bool) -> int:
+    return GROUPS[group].tuning if tuning else GROUPS[group].reported
+
+
+def _path(kind: str, group: str, seed: int, suffix: str = "") -> Path:
+    middle = kind if group == "standard" else f"{group}_{kind}"
+    return ROOT / "build" / f"hidden_{middle}_{seed}{suffix}.jsonl"
 
 
 @app.command()
 def run(
     kind: KindOption,
+    group: GroupOption = Name.standard,
     tuning: Tuning = True,
     limit: Annotated[int | None, typer.Option(min=1, help="Only the first records of the plan.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
@@ -64,10 +80,13 @@ def run(
     nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
 ) -> None:
     """Judge the records of the plan that are not yet in the file."""
-    seed = TUNING_SEED if tuning else REPORTED_SEED
+    seed = _seed(group, tuning)
+    if kind.value not in GROUPS[group].records:
+        raise SystemExit(f"group {group.value} has no {kind.value} records; give --kind network.")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its processes end with it
     try:
-        Bank(_path(kind, seed, out), kind.value, seed, sources_hash()).run(limit, jobs, mixed, nulls)
+        path = out or _path(kind.value, group.value, seed)
+        Bank(path, kind.value, seed, sources_hash(), group.value).run(limit, jobs, mixed, nulls)
     except NotThisBank as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:
@@ -84,16 +103,17 @@ def report(
     failures: Annotated[bool, typer.Option("--failures", help="List the records to look at.")] = False,
 ) -> None:
     """Print the tables of what has been judged so far."""
-    seed = TUNING_SEED if tuning else REPORTED_SEED
-    paths = out or [_path(k.value, seed, None) for k in Kind]
+    known = [(k.value, name, _seed(name, tuning)) for name, g in GROUPS.items() for k in Kind if k.value in g.records]
+    paths = out or [_path(*each) for each in known]
     lines = [x for path in paths for x in read(path) if kind is None or x["kind"] == kind.value]
     if not lines:
         raise SystemExit(f"{', '.join(map(str, paths))}: no records; run the bank first.")
-    samples = [x for path in through or [_fmu_path(k.value, seed) for k in Kind] for x in read(path)]
+    samples = [x for path in through or [_path(*each, "_fmu") for each in known] for x in read(path)]
     text = tables(lines, load("sheep"), samples)
     print(text)
     if write:
         put(text, ROOT / "docs" / "hidden-effects.md")
+        (ROOT / "docs" / "images" / "reliability.png").write_bytes(diagram(lines))
     if failures:
         print(listed(lines, load("sheep")))
 
@@ -101,15 +121,16 @@ def report(
 @app.command()
 def fmu(
     kind: KindOption,
+    group: GroupOption = Name.standard,
     tuning: Tuning = True,
     every: Annotated[int, typer.Option(min=1, help="Take every so many-th record of the plan.")] = 20,
     limit: Annotated[int | None, typer.Option(min=1, help="Only the first records of the plan.")] = None,
     out: Out = None,
 ) -> None:
     """Take a sample of the records through the whole workflow with its rebuilt FMUs, and print the gaps."""
-    seed = TUNING_SEED if tuning else REPORTED_SEED
-    path = out or _fmu_path(kind.value, seed)
-    for line in sample(kind.value, seed, every, limit, path):
+    seed = _seed(group, tuning)
+    path = out or _path(kind.value, group.value, seed, "_fmu")
+    for line in sample(kind.value, group.value, seed, every, limit, path):
         named = ", ".join(line["named"]) or "nothing"
         print(f"{line['index']}: hidden {', '.join(line['hidden']) or 'nothing'}; {line['verdict']}, added {named}")
     print(table(read(path)))

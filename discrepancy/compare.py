@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,53 +21,79 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Compared:
-    """What was compared so far. problem : as it was weighted at last. none : without effect. ranked : best first.
-    columns : of every candidate at ``none``, whitened."""
+    """What was compared so far.
+
+    problem : as it was weighted at last. nones : without effect, with walls that have all in common or differ.
+    ranked : best first. columns : of every candidate at the best of ``nones``, whitened.
+    """
 
     problem: Forward
-    none: Named
+    nones: tuple[Named, ...]
     ranked: tuple[Named, ...]
     columns: Mapping[str, Array]
     terms: tuple[Term, ...]
 
     @property
+    def none(self) -> Named:
+        """The better one without effect."""
+        return min(self.nones, key=lambda n: n.score)
+
+    @property
     def best(self) -> Named:
         """The best hypothesis, that without effect included."""
-        return min((*self.ranked, self.none), key=lambda n: n.score)
+        return min((*self.ranked, *self.nones), key=lambda n: n.score)
 
-    def with_fits(self, none: Fit, fits: Sequence[Fit]) -> Compared:
-        """With other fits, weighed."""
-        problem, terms = self.problem, self.terms
-        found = ranked([weighed(problem, f, terms) for f in fits])
-        return replace(self, none=weighed(problem, none, terms), ranked=found)
+    @classmethod
+    def of(
+        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
+    ) -> Compared:
+        """Of fits, weighed."""
+        named = [weighed(problem, f, terms) for f in fits]
+        nones, rest = tuple(n for n in named if not n.fit.terms), [n for n in named if n.fit.terms]
+        return cls(problem, nones, ranked(rest), columns, terms)
+
+    @property
+    def fits(self) -> list[Fit]:
+        """Of all hypotheses."""
+        return [n.fit for n in (*self.nones, *self.ranked)]
+
+    def joined_by(self, fits: Sequence[Fit]) -> Compared:
+        """With further hypotheses; of one that was there the better fit."""
+        known = {key_of(f): f for f in self.fits}
+        for f in fits:
+            if key_of(f) not in known or f.cost < known[key_of(f)].cost:
+                known[key_of(f)] = f
+        return Compared.of(self.problem, list(known.values()), self.columns, self.terms)
 
     def restated(self, problem: Forward) -> Compared:
         """Under the weights of another problem of the same record."""
         if problem is self.problem:
             return self
-        none, *fits = problem.restated([self.none.fit, *(n.fit for n in self.ranked)], self.problem)
-        columns = problem.rewhitened(self.columns, self.problem)
-        return replace(self, problem=problem, columns=columns).with_fits(none, fits)
+        fits = problem.restated(self.fits, self.problem)
+        return Compared.of(problem, fits, problem.rewhitened(self.columns, self.problem), self.terms)
 
     def polished(self, runs: Runs) -> Compared:
         """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
         sharp = self.problem.sharpened(self.best.fit, runs)
         if sharp is self.problem:
             return self
-        near = [n.fit for n in self.ranked if n.score < self.ranked[0].score + at.NEAR][: at.SHORTLIST // 2]
-        anew, *again = sharp.refine([self.none.fit, *near], runs)
-        known = {_labels(f): f for f in again if f is not None}
+        near = [n.fit for n in (*self.nones, *self.ranked) if n.score < self.best.score + at.NEAR]
+        again = {key_of(f): f for f in sharp.refine(near[: at.SHORTLIST // 2], runs) if f is not None}
         old = self.restated(sharp)
-        fits = [known.get(_labels(n.fit), n.fit) for n in old.ranked]
-        return old.with_fits(old.none.fit if anew is None else anew, fits)
+        return Compared.of(sharp, [again.get(key_of(f), f) for f in old.fits], old.columns, self.terms)
 
     def joined(self, other: Compared) -> Compared:
         """With the hypotheses of another comparison of the same record, under the weights of the better one."""
         better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
         worse = worse.restated(better.problem)
-        none = min(better.none, worse.none, key=lambda n: n.score)
-        own = better if none is better.none else worse
-        return replace(own, problem=better.problem, none=none, ranked=ranked([*better.ranked, *worse.ranked]))
+        own = better if better.none.score <= worse.none.score else worse
+        everything = [*better.fits, *worse.fits]
+        return Compared.of(better.problem, everything, own.columns, self.terms)
+
+
+def key_of(fit: Fit) -> tuple[tuple[str, ...], bool]:
+    """What tells hypotheses apart: their effects, and whether walls differ."""
+    return _labels(fit), any(u.group for u in fit.unknowns)
 
 
 def _labels(fit: Fit) -> tuple[str, ...]:
@@ -81,9 +107,9 @@ def further(found: Compared, runs: Runs) -> Iterator[Compared]:
         fits = more(found, runs, tried)
         if not fits:
             return
-        known = found.best
-        joined = found.with_fits(found.none.fit, [*(n.fit for n in found.ranked), *fits])
-        found = joined.polished(runs) if joined.best.score < known.score else joined
+        known = found.best.score
+        found = found.joined_by(fits)
+        found = found.polished(runs) if found.best.score < known else found
         yield found
 
 

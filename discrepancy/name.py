@@ -23,7 +23,7 @@ from . import thresholds as at
 from .compare import Compared, further
 from .verdict import Naming, decided
 from .walls import with_own_walls
-from .weigh import scores, shortlist, weighed
+from .weigh import scores, shortlist
 
 COMMON, INDIVIDUAL = "common", "individual"
 
@@ -65,7 +65,7 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     (base,) = problem.refit([()], runs=runs)
     if base is None:
         raise ArithmeticError("the model as given cannot be simulated with this record")
-    found = Compared(problem, weighed(problem, base, terms), (), {}, terms)
+    found = Compared.of(problem, [base], {}, terms)
     if found.none.misfit < at.FAR_OFF:  # else the best hypothesis will tell how fine the steps must be
         found = found.polished(runs)
     yield found
@@ -73,16 +73,15 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     columns = problem.columns(base, terms, runs)
     plain = shortlist(scores(base, columns, terms), at.SHORTLIST)
     fits = [f for f in problem.refit([(t,) for t in plain], base, runs, columns) if f is not None]
-    found = Compared(problem, found.none, (), columns, terms).with_fits(_lower(problem, base, fits, runs), fits)
+    found = Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms)
     yield (found := _polished(found, runs))
     # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
     rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not found.none.explains and not found.best.explains:
         problem, base = found.problem, found.none.fit
         lowest = min((n.fit.cost for n in found.ranked), default=base.cost)
-        fits = [n.fit for n in found.ranked]
-        fits += [f for f in problem.refit(rewiring, base, runs, known=lowest) if f is not None]
-        yield (found := _polished(found.with_fits(base, fits), runs))
+        fits = [f for f in problem.refit(rewiring, base, runs, known=lowest) if f is not None]
+        yield (found := _polished(found.joined_by(fits), runs))
     yield from further(found, runs)
 
 

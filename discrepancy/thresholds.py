@@ -39,6 +39,7 @@ FEWEST = 4  # effects that are refitted whatever they promise
 AFAR = 0.03  # error of the model, in pulses, under which walls that differ are seen first
 CLOSER = (0.01, 0.003)  # the same, for closer looks at what the effects promise
 EACH = 6  # effects of each look that are refitted
+IN_DOUBT = 0.0  # score above that without effect up to which an effect is refitted where none explains the record
 REFINED = 5  # hypotheses that are searched on without error
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named
 INVISIBLE = 3.0  # d' of a typical effect below which sensors cannot see it

@@ -54,25 +54,35 @@ class Naming:
 
 def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Naming:
     """The verdict on what was compared."""
-    problem, none = found.problem, found.none
-    loose = {n.key: with_errors(problem, n, terms) for n in (none, *found.ranked[: at.LOOSE])}
-    exact = [n for n in (none, *found.ranked) if n.explains]
+    problem = found.problem
+    loose = {n.key: with_errors(problem, n, terms) for n in (*found.nones, *found.ranked[: at.LOOSE])}
+    exact = [n for n in (*found.nones, *found.ranked) if n.stands]
     ways = ranked([*exact, *loose.values()])
     best = ways[0]
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
+    none = next((n for n in found.nones if n.individual == best.individual), found.none)
     make = _Maker(found, tuple(terms), complete)
     if not best.fit.terms:
-        if best.parts is None or not none.misfit >= at.MISFIT:
+        if best.parts is None or none.explains:
             return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))
         return make("unknown", problem, none, found.ranked, (), _named(ways), _left(none.fit, problem))
     confidence = sum(n.probability for n in ways if n.label == best.label)
     if best.parts is None:
         same = tuple(n for n in ways if n.parts is None and n.fit.terms)
         rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
-        members = tuple(n for n in same if n.score - best.score < 2.0 * math.log(at.CLASS_ODDS))
+        members = _class(same)
         return make(_said(best, members), problem, none, same + rest, members, confidence)
-    return _partial(make, found, loose, ways, confidence)
+    return _partial(make, found, none, loose, ways, confidence)
+
+
+def _class(order: Sequence[Named]) -> tuple[Named, ...]:
+    """What cannot be ruled out, each by its best: walls that differ or not are one name."""
+    found: dict[str, Named] = {}
+    for n in order:
+        if n.score - order[0].score < 2.0 * math.log(at.CLASS_ODDS):
+            found.setdefault(n.label, n)
+    return tuple(found.values())
 
 
 def _said(best: Named, members: Sequence[Named]) -> str:
@@ -84,23 +94,32 @@ def _said(best: Named, members: Sequence[Named]) -> str:
 
 
 def _partial(
-    make: _Maker, found: Compared, loose: Mapping[tuple[str, bool], Named], ways: Sequence[Named], confidence: float
+    make: _Maker,
+    found: Compared,
+    none: Named,
+    loose: Mapping[tuple[str, bool], Named],
+    ways: Sequence[Named],
+    confidence: float,
 ) -> Naming:
     """What explains a part of the gap and not all of it."""
     problem, best = found.problem, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
-    closed = 1.0 - math.sqrt(exact.fit.chi2 / found.none.fit.chi2)
+    closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
     left = _left(exact.fit, problem)
-    if closed < at.PART_CLOSED or best.score > loose[found.none.key].score - at.BIC_NONE:
+    if closed < at.PART_CLOSED:
         reason = f"{exact.label} comes nearest, but more remains: {left}"
-        return make("unknown", problem, found.none, found.ranked, (), confidence, reason)
+        return make("unknown", problem, none, found.ranked, (), confidence, reason)
     assert best.parts is not None
     wide = problem.widened(best.parts)
-    none, *rest = _anew(wide, problem, [found.none, *found.ranked[: at.LOOSE]])
+    none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
+    order = (first, *ranked(rest))
+    chance = {n.key: n.probability for n in ways if n.parts is not None}
+    order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
+    same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)
+    labels = {n.label for n in _class(same)}
+    members = tuple({n.label: n for n in reversed(order) if n.label in labels}.values())[::-1]
     columns = wide.rewhitened(found.columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
     make = replace(make, found=replace(found, columns=columns))
-    order = ranked(rest)
-    members = tuple(n for n in order if n.above_best < 2.0 * math.log(at.CLASS_ODDS))
     return make("partial", wide, none, order, members, confidence, left)
 
 

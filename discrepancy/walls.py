@@ -33,27 +33,31 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Ite
     if base is None:
         return
     columns = afar.columns(base, terms, runs)
-    near = afar
-    promising: dict[str, Term] = {}
+    near, chosen, none = afar, dict[str, Term](), 0.0
     for part in at.CLOSER:
         closer = _seen(problem, part)
         (base,) = closer.restated([base], near)
-        columns = closer.rewhitened(columns, near)
-        near = closer
-        promising |= {t.label: t for t in _promising(base, columns, terms)[: at.EACH]}
-    plain = [(), *((t,) for t in promising.values())]
-    fits = [f for f in near.refit(plain, base, runs, columns) if f is not None]
-    found = _exact(problem, near, fits, columns, terms, runs)
-    if found is None:
-        return
-    yield found
+        columns, near = closer.rewhitened(columns, near), closer
+        none, promised = _promised(base, columns, terms)
+        chosen |= {t.label: t for score, t in promised[: at.EACH] if score < none}
+    if not chosen or promised[0][0] > none - at.NEAR:  # an animal without effect is not ruled out
+        found = _exact(problem, near, [base], columns, terms, runs)
+        if found.none.explains:
+            columns = problem.rewhitened(columns, near)
+            chosen, near, base = _left_over(found.none.fit, columns, terms), problem, found.none.fit
+            found = Compared.of(problem, [base], columns, terms)
+        yield found
+    if chosen:
+        hypotheses = [(), *((t,) for t in chosen.values())]
+        fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
+        found = _exact(problem, near, fits, columns, terms, runs)
+        yield found
     rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not found.best.explains:
         near = _seen(found.problem, at.CLOSER[-1])
         (base,) = near.restated([found.none.fit], found.problem)
-        more = [f for f in near.refit(rewiring, base, runs) if f is not None]
-        other = _exact(found.problem, near, [base, *more], found.columns, terms, runs)
-        yield (found := found if other is None else found.joined(other))
+        fits = [base, *(f for f in near.refit(rewiring, base, runs) if f is not None)]
+        yield (found := found.joined(_exact(found.problem, near, fits, found.columns, terms, runs)))
     yield from further(found, runs)
 
 
@@ -62,9 +66,8 @@ def _seen(problem: Forward, part: float) -> Forward:
     return problem.widened(np.full(len(problem.parts), part))
 
 
-def _promising(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> list[Term]:
-    """Effects by the evidence that their columns promise, best first."""
-    none = Linear.of(base).inferred().score
+def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> tuple[float, list[tuple[float, Term]]]:
+    """-2 ln evidence without effect, and what the columns of every effect promise, best first."""
     found = []
     for term in terms:
         if term.label in columns:
@@ -73,22 +76,23 @@ def _promising(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -
             J = np.column_stack([base.J, columns[term.label]])
             linear = Linear(base.z, J, x, (*base.unknowns, *term.unknowns), names, base.log_volume)
             found.append((linear.inferred().score, term))
-    return [term for score, term in sorted(found, key=lambda each: each[0]) if score < none]
+    return Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
+
+
+def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Term]:
+    """The few effects that may still add to what explains the record already."""
+    best, promised = _promised(none, columns, terms)
+    return {t.label: t for score, t in promised[: at.EACH] if score < best + at.IN_DOUBT}
 
 
 def _exact(
     problem: Forward, near: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...],
     runs: Runs,
-) -> Compared | None:  # fmt: skip
+) -> Compared:  # fmt: skip
     """The hypotheses within reach of the best, searched on without an error of the model; the others as they are."""
     order = sorted((weighed(near, f, terms).score, i) for i, f in enumerate(fits))
     reach = [i for score, i in order if score < order[0][0] + at.NEAR][: at.REFINED]
     exact = problem.restated(fits, near)
     refined = dict(zip(reach, problem.refine([exact[i] for i in reach], runs), strict=True))
-    fits = [refined.get(i) or f for i, f in enumerate(exact)]
-    none = next((f for f in fits if not f.terms), None)
-    if none is None:
-        return None
-    rest = [f for f in fits if f.terms]
-    found = Compared(problem, weighed(problem, none, terms), (), problem.rewhitened(columns, near), terms)
-    return found.with_fits(none, rest).polished(runs)
+    found = [refined.get(i) or f for i, f in enumerate(exact)]
+    return Compared.of(problem, found, problem.rewhitened(columns, near), terms).polished(runs)

@@ -61,6 +61,11 @@ class Named:
         return self.misfit < (at.MISFIT_SEVERAL if len(self.fit.terms) > 1 else at.MISFIT)
 
     @property
+    def stands(self) -> bool:
+        """Whether it may be said as it is: its residual is noise, and each of two effects shows beside the other."""
+        return self.explains and (len(self.fit.terms) < 2 or self.visibility >= at.VISIBLE)
+
+    @property
     def visibility(self) -> float:
         """d' of the weakest of its effects, beside the others."""
         found = []

@@ -16,9 +16,8 @@ from truth.anatomy import Anatomy, End, Place, Vessel, anatomy
 from truth.beat import Beat, at_phase
 from truth.bench import bench_wall, radius
 from truth.detect import BenchProblem, NetworkProblem, d_prime, detect
-from truth.hide import ALL, CHANNEL, FLOW, OUTSIDE, WALL, Effect, hide, parameters
+from truth.hide import ALL, Effect, hide, parameters
 from truth.network import Balance, Linearised, womersley_excess
-from truth.plan import REPORTED, REPORTED_SEED, TUNING_SEED, plan, seed_of
 from truth.records import BEATS, FITTED, Case, make, write
 from truth.refit import DRIFT, refit
 from truth.sensors import pulsatile
@@ -315,31 +314,3 @@ def test_d_prime_counts_noise_and_samples() -> None:
     mean = abs(x[0]) ** 2 / (1.0 / samples + DRIFT)
     alone = 0.01 * np.sqrt(mean + samples * pulsatile(x) ** 2) / made.noise["CA.Q"]
     assert 0.6 * alone <= d_prime(NetworkProblem(made), []) <= alone
-
-
-# --- the plan --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", ["bench", "network"])
-def test_plan(kind: str) -> None:
-    """The reported plan: enough nulls, every effect of the catalogue, seeds apart, the same each time."""
-    cases = plan(kind, REPORTED[kind], REPORTED_SEED)
-    assert cases == plan(kind, REPORTED[kind], REPORTED_SEED)
-    assert len(cases) >= {"bench": 1000, "network": 250}[kind]
-    assert sum(not c.effects for c in cases) >= {"bench": 300, "network": 100}[kind]
-    names = {e.name for c in cases for e in c.effects}
-    needed = {*WALL, *FLOW, *CHANNEL} if kind == "network" else {*WALL, *CHANNEL} - {"wall_stiffness"}
-    assert needed <= names
-    outside = {e.name for c in cases for e in c.effects} & set(OUTSIDE)
-    assert outside == (set(OUTSIDE) if kind == "network" else {"springpot", "cubic_rate"})
-    assert TUNING_SEED != REPORTED_SEED
-    assert seed_of(kind, TUNING_SEED, 0) != seed_of(kind, REPORTED_SEED, 0)
-
-
-@pytest.mark.parametrize("kind", ["bench", "network"])
-def test_records_of_the_plan_can_be_made(kind: str) -> None:
-    """The first eight of the tuning plan."""
-    for i, case in enumerate(plan(kind, 40, TUNING_SEED)[:8]):
-        made = make(case, seed_of(kind, TUNING_SEED, i))
-        assert set(made.channels) == set(case.names)
-        assert all(np.isfinite(x).all() for x in made.channels.values())

@@ -13,13 +13,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from tests.truth.plan import REPORTED, plan
+from tests.truth.plan import whole
 
 from .row import Line, row
 
 ROOT = Path(__file__).resolve().parents[2]
-JUDGING = ("name", "study", "thresholds")
-JUDGED_BY = (*(f"discrepancy/{module}.py" for module in JUDGING), "fitting", "solver", "tests/truth")
+JUDGED_BY = ("discrepancy", "fitting", "solver", "tests/truth")
 
 
 class NotThisBank(ValueError):
@@ -28,12 +27,13 @@ class NotThisBank(ValueError):
 
 @dataclass(frozen=True)
 class Bank:
-    """Records of the plan of ``kind`` and ``seed`` in a file, judged by sources of one hash."""
+    """Records of the plan of ``group``, ``kind`` and ``seed`` in a file, judged by sources of one hash."""
 
     path: Path
     kind: str
     seed: int
     sources: str
+    group: str = "standard"
 
     def lines(self, mixed: bool = False) -> list[Line]:
         """The whole lines of the file; a half-written last one is cut off. mixed : other sources are taken, too.
@@ -62,13 +62,15 @@ class Bank:
         """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
         hidden effect only."""
         done = {x["index"] for x in self.lines(mixed)}
-        cases = plan(self.kind, REPORTED[self.kind], self.seed)[:limit]
+        cases = whole(self.kind, self.group, self.seed)[:limit]
         wanted = [i for i, case in enumerate(cases) if not (nulls and case.effects)]
         todo = [i for i in wanted if i not in done]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("a", encoding="utf-8") as file, _bar(console) as bar:
-            task = bar.add_task(f"{self.kind} records", total=len(wanted), completed=len(wanted) - len(todo))
-            for line in _each([(self.kind, self.seed, i, cases[i]) for i in todo], jobs):
+            task = bar.add_task(
+                f"{self.group} {self.kind} records", total=len(wanted), completed=len(wanted) - len(todo)
+            )
+            for line in _each([(self.kind, self.seed, i, cases[i], self.group) for i in todo], jobs):
                 file.write(json.dumps(line | {"sources": self.sources}) + "\n")
                 file.flush()
                 bar.advance(task)

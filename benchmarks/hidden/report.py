@@ -9,13 +9,22 @@ from typing import Any
 from solver.files import write_whole
 from solver.network import Network
 
+from . import real, through_fmu
 from . import tables as t
-from . import through_fmu
 from . import words as w
-from .targets import targets
+from .calibration import reliability
+from .standard import standard
 
 Line = dict[str, Any]
 
+TITLES = {
+    "standard": "Standard records",
+    "walls": "Every wall off by itself",
+    "sensors": "Noise in the sensors' units",
+    "varying": "Beats that vary",
+    "offcentre": "Effects away from the middle",
+    "outside_walls": "Outside the catalogue, every wall off by itself",
+}
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
 
@@ -23,15 +32,36 @@ def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()
     """All tables that the lines have records for. network : whose junctions say what is adjacent. through : the lines
     of a sample that went through the rebuilt FMUs."""
     made = w.judged(lines)
-    parts = [origin(lines), "## Targets", targets(made, network)]
-    for kind in ("bench", "network"):
-        own = [x for x in made if x["kind"] == kind]
+    groups = {name: [x for x in made if w.group(x) == name] for name in ("standard", *real.GROUPS)}
+    parts = [origin(lines)]
+    for name, own in groups.items():
         if own:
-            parts += [f"## {kind.capitalize()}: {len(own)} records", t.verdicts(own)]
-            parts += [part for title, table in _sections(kind, own, network) for part in (f"### {title}", table)]
+            table = standard(own, network) if name == "standard" else real.GROUPS[name](own)
+            parts += [f"## {TITLES[name]}", table, *_by_kind(name, own, network)]
     if through:
         parts += ["## Through the rebuilt FMUs", through_fmu.table(through)]
     return "\n\n".join(parts) + "\n"
+
+
+def _by_kind(group: str, lines: Sequence[Line], network: Network) -> list[str]:
+    parts = []
+    for kind in ("bench", "network"):
+        own = [x for x in lines if x["kind"] == kind]
+        if own:
+            parts += [f"### {kind.capitalize()}: {len(own)} records", t.verdicts(own)]
+            sections = _sections(kind, own, network) if group == "standard" else _short(own)
+            parts += [part for title, table in sections for part in (f"#### {title}", table)]
+    return parts
+
+
+def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
+    """What a group other than the standard one shows besides its targets."""
+    if w.of(own, "single"):
+        yield "Power", t.power(own)
+        yield "By effect", t.by_effect(own)
+    yield "Confidence", reliability(own)
+    if w.of(own, "outside"):
+        yield "Outside the catalogue", t.outside(own)
 
 
 def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tuple[str, str]]:
@@ -41,7 +71,7 @@ def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tupl
     if kind == "network":
         yield "Places", t.places(own, network)
     yield "What is not told apart", t.ambiguous(own)
-    yield "Confidence", t.reliability(own)
+    yield "Confidence", reliability(own)
     yield "Parameters of the added term", t.parameters(own)
     yield "Two effects", t.pairs(own)
     yield "Outside the catalogue", t.outside(own)
@@ -52,12 +82,16 @@ def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tupl
 def origin(lines: Sequence[Line]) -> str:
     """Which records these are."""
     said = []
-    for kind, seed in sorted({(x["kind"], x["seed"]) for x in lines}):
-        own = [x for x in lines if (x["kind"], x["seed"]) == (kind, seed)]
+    for group, kind, seed in sorted({_plan(x) for x in lines}):
+        own = [x for x in lines if _plan(x) == (group, kind, seed)]
         lost = sum(x["verdict"] == "not made" for x in own)
         without = f" ({lost} without a periodic state, left out)" if lost else ""
-        said.append(f"{len(own)} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
+        said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
     return "; ".join(said) + "."
+
+
+def _plan(x: Line) -> tuple[str, str, int]:
+    return w.group(x), x["kind"], x["seed"]
 
 
 def _hashes(lines: Sequence[Line]) -> list[str]:

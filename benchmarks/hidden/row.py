@@ -31,10 +31,11 @@ Line = dict[str, Any]
 SHOWN = 6  # hypotheses of the ranking that a line keeps
 
 
-def row(kind: str, seed: int, index: int, case: Case) -> Line:
+def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -> Line:
     """The line of one record. What goes wrong is said in "error", by the generator or by the workflow."""
-    line: Line = {"index": index, "kind": kind, "seed": seed, "channels": case.channels, "dB": case.dB,
+    line: Line = {"index": index, "kind": kind, "seed": seed, "group": group, "channels": case.channels, "dB": case.dB,
                   "base": case.base, "elastic_law": case.elastic_law, "viscous_law": case.viscous_law,
+                  "walls": case.walls, "sensors": case.sensors, "varying": list(case.varying),
                   "effects": [asdict(e) for e in case.effects]}  # fmt: skip
     try:
         made = make(case, seed_of(kind, seed, index))
@@ -71,6 +72,7 @@ def verdict_of(study: Study, naming: Naming) -> Line:
         "verdict": naming.verdict,
         "reason": naming.reason,
         "confidence": naming.confidence if naming.ranked else None,
+        "log_odds": log_odds(naming.confidence) if naming.ranked else None,
         "base_score": naming.base.score,
         "base_misfit": naming.base.misfit,
         "class": [_terms(n) for n in naming.members],
@@ -146,6 +148,11 @@ def _neutral(name: str) -> bool:
 def parameters_of(made: Made, name: str) -> dict[str, float]:
     """The true parameters of the effect of that name."""
     return next(e["parameters"] for e in made.truth["effects"] if e["name"] == name)
+
+
+def log_odds(p: float) -> float | None:
+    """ln p/(1 - p), by which a confidence is calibrated; None where it is sure."""
+    return math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else None
 
 
 def finite(x: float) -> float | None:

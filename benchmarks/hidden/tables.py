@@ -17,16 +17,15 @@ from .counts import Share, markdown, share
 Line = dict[str, Any]
 
 POWER_BINS = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0, 30.0, 60.0, 120.0, np.inf)
-CONFIDENCE_BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 SEPARABLE = 6.0
 
 
 def verdicts(lines: Sequence[Line]) -> str:
     """How many of each group get which verdict."""
-    names = ("none", "effect", "ambiguous", "several", "unknown", "unusable", "crashed")
+    names = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable", "crashed")
     rows = []
     for group in ("null", "single", "pair", "outside"):
-        count = Counter(x["verdict"] for x in lines if w.group(x) == group)
+        count = Counter(x["verdict"] for x in lines if w.hides(x) == group)
         rows.append((group, sum(count.values()), *(count[name] or "" for name in names)))
     return markdown(("hidden", "records", *names), rows)
 
@@ -63,7 +62,7 @@ def confusion(lines: Sequence[Line], least: float = 6.0) -> str:
     return f"{note}\n\n" + markdown(("hidden \\ told", *header), rows)
 
 
-_VERDICTS = ("none", "several", "unknown", "unusable", "crashed")
+_VERDICTS = ("none", "several", "partial", "unknown", "unusable", "crashed")
 
 
 def _bold(n: int, diagonal: bool) -> str:
@@ -120,41 +119,10 @@ def _counted(count: Counter[str]) -> str:
     return ", ".join(f"{name} {n}" for name, n in count.most_common())
 
 
-def reliability(lines: Sequence[Line]) -> str:
-    """Stated confidence against how often it is right."""
-    stated = [x for x in lines if w.claims(x)]
-    rows = []
-    for own in _binned(stated):
-        low, high = min(x["confidence"] for x in own), max(x["confidence"] for x in own)
-        mean = np.mean([x["confidence"] for x in own])
-        rows.append((f"{low:.3f}–{high:.3f}", len(own), f"{mean:.3f}", share(own, w.confident_right)))
-    error = (
-        f"Calibration error (mean distance of stated from right, weighted): {calibration_error(stated):.3f}."
-        if stated
-        else ""
-    )
-    note = "Every record with a name, whatever is hidden; right: name and place of what tops the class."
-    return f"{note} {error}\n\n" + markdown(("confidence", "records", "mean stated", "right"), rows)
-
-
-def _binned(stated: Sequence[Line]) -> list[list[Line]]:
-    index = [min(int(np.searchsorted(CONFIDENCE_BINS, x["confidence"], side="right")) - 1, len(CONFIDENCE_BINS) - 2)
-             for x in stated]  # fmt: skip
-    bins = [[x for x, i in zip(stated, index, strict=True) if i == j] for j in range(len(CONFIDENCE_BINS) - 1)]
-    return [own for own in bins if own]
-
-
-def calibration_error(stated: Sequence[Line]) -> float:
-    """Expected calibration error: Σ n_b/n |mean confidence - share right| over the bins."""
-    gaps = [len(own) * abs(float(np.mean([x["confidence"] for x in own])) - share(own, w.confident_right).value)
-            for own in _binned(stated)]  # fmt: skip
-    return sum(gaps) / len(stated)
-
-
 def parameters(lines: Sequence[Line]) -> str:
     """Errors of the parameters of the effects that were named, singly and right, where they are."""
     rows = []
-    chosen = [x for x in lines if w.group(x) == "single" and w.right_place(x) and w.single(x)]
+    chosen = [x for x in lines if w.hides(x) == "single" and w.right_place(x) and w.single(x)]
     for name in sorted({w.truths(x)[0] for x in chosen}):
         own = [e for x in chosen if w.truths(x)[0] == name for e in w.errors(x)]
         for key in dict.fromkeys(e[0] for e in own):

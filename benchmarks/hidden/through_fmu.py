@@ -12,28 +12,28 @@ import numpy as np
 
 from discrepancy.workflow import discover
 from solver import write_network
-from tests.truth.plan import REPORTED, plan, seed_of
+from tests.truth.plan import seed_of, whole
 from tests.truth.records import Case, make, write
 
 from .bank import read
 from .row import Line
 
 
-def sample(kind: str, seed: int, every: int, limit: int | None, path: Path) -> Iterator[Line]:
+def sample(kind: str, group: str, seed: int, every: int, limit: int | None, path: Path) -> Iterator[Line]:
     """Every ``every``-th record of a plan that is not yet in the file; each line is appended as it finishes."""
     done = {line["index"] for line in read(path)}
-    cases = plan(kind, REPORTED[kind], seed)[:limit]
+    cases = whole(kind, group, seed)[:limit]
     for index in range(0, len(cases), every):
         if index not in done:
-            line = _through(kind, seed, index, cases)
+            line = _through(kind, seed, index, cases[index])
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             yield line
 
 
-def _through(kind: str, seed: int, index: int, cases: list[Case]) -> Line:
-    made = make(cases[index], seed_of(kind, seed, index))
+def _through(kind: str, seed: int, index: int, case: Case) -> Line:
+    made = make(case, seed_of(kind, seed, index))
     with tempfile.TemporaryDirectory(prefix="hidden_") as folder:
         record, model = Path(folder) / "record.csv", Path(folder) / "model.toml"
         write(made, record)
@@ -44,7 +44,7 @@ def _through(kind: str, seed: int, index: int, cases: list[Case]) -> Line:
             "index": index,
             "kind": kind,
             "seed": seed,
-            "hidden": [effect.name for effect in cases[index].effects],
+            "hidden": [effect.name for effect in case.effects],
             "verdict": outcome.verdict,
             "named": [effect.name for effect in outcome.effects],
             "before": outcome.gap_before,

@@ -1,8 +1,9 @@
 """What the bank counts, said of one line.
 
 - **d'** of a hidden effect and its **separation** from the nearest rival are the generator's, from truth and noise.
-- **named right**: the truth tops the class. **single name**: verdict ``effect``. **wrong**: ``effect`` with another
-  name. **in the class**: one of its members has the true name. What ``unknown`` says comes nearest is not a name.
+- **named right**: the truth tops the class. **single name**: verdict ``effect``, or ``partial`` with one name alone.
+  **wrong**: a single name, and another one. **in the class**: one of its members has the true name. ``partial`` names,
+  and says that more remains; what ``unknown`` says comes nearest is not a name.
 - On the bench "where" is left out: only the site's wall and its two sensors are there, and the effect says which.
 """
 
@@ -12,10 +13,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from solver.network import Network
-from solver.units import INFLOW
-from tests.truth.hide import OUTSIDE
+from tests.truth.hide import OUTSIDE, SPRINGPOT
 
 Line = dict[str, Any]
+_CATALOGUE = {SPRINGPOT: "fractional_viscosity"}  # what the catalogue calls it
 Where = tuple[str, ...]
 
 
@@ -25,27 +26,31 @@ def judged(lines: Iterable[Line]) -> list[Line]:
 
 
 def group(line: Line) -> str:
-    """ "null", "single", "pair" of the catalogue, or "outside" it, as a wrong inlet flow is in whatever way."""
+    """The group of the plan."""
+    return str(line.get("group", "standard"))
+
+
+def hides(line: Line) -> str:
+    """ "null", "single", "pair" of the catalogue, or "outside" it."""
     effects = line["effects"]
-    if any(e["name"] in OUTSIDE or e["where"][0] == INFLOW for e in effects):
+    if any(e["name"] in OUTSIDE for e in effects):
         return "outside"
     return ("null", "single", "pair")[len(effects)]
 
 
 def beyond(line: Line) -> str:
     """What of a line is outside the catalogue."""
-    e = next(e for e in line["effects"] if e["name"] in OUTSIDE or e["where"][0] == INFLOW)
-    return str(e["name"]) if e["name"] in OUTSIDE else f"{e['name']} at {INFLOW}"
+    return str(next(e["name"] for e in line["effects"] if e["name"] in OUTSIDE))
 
 
 def of(lines: Iterable[Line], wanted: str, least: float = 0.0) -> list[Line]:
-    """Lines of a group with d' of at least ``least``."""
-    return [x for x in lines if group(x) == wanted and d_prime(x) >= least]
+    """Lines that hide what is wanted (see ``hides``) with d' of at least ``least``."""
+    return [x for x in lines if hides(x) == wanted and d_prime(x) >= least]
 
 
 def truths(line: Line) -> tuple[str, ...]:
     """Names of what is hidden."""
-    return tuple(e["name"] for e in line["effects"])
+    return tuple(_CATALOGUE.get(e["name"], e["name"]) for e in line["effects"])
 
 
 def d_prime(line: Line) -> float:
@@ -60,34 +65,50 @@ def separation(line: Line) -> float:
 
 def detected(line: Line) -> bool:
     """Whether anything was found at all."""
-    return line["verdict"] in ("effect", "ambiguous", "several", "unknown")
+    return claims(line) or line["verdict"] == "unknown"
 
 
 def claims(line: Line) -> bool:
-    """Whether names were given: one, a class, or several."""
-    return line["verdict"] in ("effect", "ambiguous", "several")
+    """Whether names were given: one, a class, or several, be it that more remains."""
+    return line["verdict"] in ("effect", "ambiguous", "several", "partial")
+
+
+def partial(line: Line) -> bool:
+    """Names were given, and that more remains."""
+    return line["verdict"] == "partial"
+
+
+def unusable(line: Line) -> bool:
+    """The record was refused."""
+    return line["verdict"] == "unusable"
+
+
+def alarm(line: Line) -> bool:
+    """Anything but silence, or a refusal of the record."""
+    return line["verdict"] not in ("none", "unusable")
 
 
 def top(line: Line) -> tuple[str, ...]:
     """Names of what tops the class; of ``unknown`` what comes nearest; none otherwise."""
-    if line["verdict"] in ("effect", "ambiguous", "several", "unknown") and line.get("top"):
+    if detected(line) and line.get("top"):
         return tuple(t["name"] for t in line["top"][0]["terms"])
     return ()
 
 
 def single(line: Line) -> bool:
-    """Verdict effect: one name is given."""
-    return line["verdict"] == "effect"
+    """One name is given, without an alternative."""
+    alone = line["verdict"] == "partial" and len(line.get("class", ())) < 2 and len(top(line)) == 1
+    return alone or line["verdict"] == "effect"
 
 
 def committed(line: Line) -> bool:
-    """Verdict effect or several: names are given without an alternative."""
+    """Verdict effect or several: names are given without an alternative, and without saying that more remains."""
     return line["verdict"] in ("effect", "several")
 
 
 def named_right(line: Line) -> bool:
     """The one true name tops the class."""
-    return line["verdict"] in ("effect", "ambiguous") and top(line) == truths(line)
+    return line["verdict"] in ("effect", "ambiguous", "partial") and top(line) == truths(line)
 
 
 def single_right(line: Line) -> bool:
@@ -106,8 +127,8 @@ def in_class(line: Line) -> bool:
 
 
 def both_named(line: Line) -> bool:
-    """Two effects, and these two names top the class."""
-    return line["verdict"] == "several" and sorted(top(line)) == sorted(truths(line))
+    """Two names top the class, and they are all that is hidden."""
+    return claims(line) and len(top(line)) == 2 and sorted(top(line)) == sorted(truths(line))
 
 
 def pair_alone(line: Line) -> bool:
@@ -122,12 +143,12 @@ def wrong_pair(line: Line) -> bool:
 
 def one_and_more(line: Line) -> bool:
     """Two effects, and at least one of the two is named, with another one or with "more remains"."""
-    return line["verdict"] in ("several", "unknown") and bool(set(top(line)) & set(truths(line)))
+    return line["verdict"] in ("several", "unknown", "partial") and bool(set(top(line)) & set(truths(line)))
 
 
 def told(line: Line) -> str:
     """The column of the confusion matrix: the name on top, or the verdict where there is none."""
-    if line["verdict"] in ("effect", "ambiguous"):
+    if line["verdict"] in ("effect", "ambiguous", "partial") and len(top(line)) == 1:
         return top(line)[0]
     return str(line["verdict"])
 
@@ -160,9 +181,9 @@ def _meet(network: Network, a: str, b: str) -> bool:
 
 def confident_right(line: Line) -> bool:
     """Whether what the stated confidence is of is true: name and place, of ``several`` both names."""
-    if line["verdict"] == "several":
+    if len(top(line)) > 1:
         return both_named(line)
-    if group(line) == "pair":
+    if hides(line) == "pair":
         return top(line)[0] in truths(line)
     return right_place(line)
 

@@ -22,6 +22,7 @@ WALL = (
     "external_pressure",
     "wall_stiffness",
 )
+SPRINGPOT = "springpot"
 FLOW = (
     "taper",
     "fluid_friction",
@@ -34,9 +35,9 @@ FLOW = (
     "junction_loss",
 )
 CHANNEL = ("channel_lag", "channel_gain", "channel_offset", "catheter_resonance")
-OUTSIDE_WALL = ("springpot", "cubic_rate", "strain_viscosity", "coulomb", "varying_tone")
-OUTSIDE_FLOW = ("swinging_outlet", "inflow_bent", "inflow_rectified")
-OUTSIDE = OUTSIDE_WALL + OUTSIDE_FLOW
+OUTSIDE_WALL = ("cubic_rate", "strain_viscosity", "coulomb", "varying_tone")
+OUTSIDE_SENSOR = ("inflow_bent", "inflow_rectified")
+OUTSIDE = (*OUTSIDE_WALL, "swinging_outlet", *OUTSIDE_SENSOR)
 
 _MEAN_PRESSURE = 10e3  # [Pa], with which the size of a side branch becomes its conductance
 _MEAN_FLOW = 15e-6  # [m³/s], the same
@@ -173,7 +174,8 @@ def parameters(model: Anatomy, effect: Effect) -> dict[str, float]:
         key = _KEYS[effect.name]
         if effect.where == ALL:
             return {f"all.{key}": _value(model.vessels[0], key)}
-        return {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        plain = {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        return plain | {f"{name}.{key}_position": effect.position for name in effect.where if effect.length}
     plain = {
         "fluid_friction": ("friction_scale", 1.0 + effect.size),
         "velocity_profile": ("alpha", model.alpha),

@@ -1,87 +1,99 @@
 """The lists of cases of the bank: which effects, where, how large, in how much noise; drawn from ranges fixed here.
 
-Sizes are log-uniform from hardly visible to typical or above: d' about 1 to 1000 at 40 dB. A quarter of the cases are
-nulls, a tenth is outside the catalogue, a tenth has two effects; the rest goes round all effects in turn, each at a
-random place. The order is shuffled, so that any first part of a plan is a fair sample of it. Tuning uses its own seed,
-and a reported seed whose records were looked at becomes one of tuning (20260401 and
-20261121 have).
+A plan belongs to a group, which says what its records are like; each group has a seed of its own for tuning and one for
+the reported run. The order of a plan is shuffled, so that any first part of it is a fair sample. A reported seed whose
+records were looked at becomes one of tuning (20260401, 20261121 and 20270315 of the standard group have).
+
+    standard       identical beats, common nuisances; a tenth outside the catalogue, a tenth with two effects
+    walls          every wall off by itself, by half, once or one and a half times what is usual
+    sensors        noise in mmHg, per cent of the peak flow and micrometres
+    varying        intervals that vary by 3 % and strokes by 5 % from beat to beat
+    offcentre      stenoses and leaks away from the middle of their segment, half of them in individual walls
+    outside_walls  effects outside the catalogue in individual walls
+
+In groups other than the standard one sizes are from the upper half of their ranges. Where walls are off by themselves
+nothing is hidden that is merely this animal's wall: another stiffness, or another phi0 where there is one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 
-from .hide import ALL, CHANNEL, OUTSIDE, OUTSIDE_WALL, WALL, Effect
-from .records import SITES, Case
+from .hide import ALL, CHANNEL, OUTSIDE, OUTSIDE_WALL, SPRINGPOT, WALL, Effect
+from .records import SENSORS, SITES, Case
+from .sizes import BENCH_SIZES, NETWORK_SIZES, POSITIVE_RATIO, RADIUS_GAIN
 
-TUNING_SEED = 11
-REPORTED_SEED = 20270315
-REPORTED = {"bench": 1200, "network": 400}  # of these a quarter are nulls
-
-SHARE_NULL, SHARE_OUTSIDE, SHARE_PAIR = 0.25, 0.1, 0.1
 NOISE = {40.0: 0.5, 30.0: 0.35, 20.0: 0.15}
 
 SEGMENTS = (*SITES, "VA1", "VA2", "VA3")
 OUTLETS = ("CA", "FA", "VA1", "VA2", "VA3")
 JUNCTIONS = ("AA", "BT", "PD", "MD", "DD")
 
-# smallest and largest size (see Effect), and the share of cases with the opposite sign
-BENCH_SIZES: dict[str, tuple[float, float, float]] = {
-    "wall_viscosity": (3e-5, 0.03, 0.0),
-    "nonlinear_wall_viscosity": (0.02, 1.4, 0.6),
-    "nonlinear_elasticity": (0.1, 5.0, 0.0),
-    "stress_relaxation": (5e-4, 0.3, 0.0),
-    "external_pressure": (300.0, 1.5e4, 0.5),
-    "channel_lag": (1e-4, 1e-2, 0.0),
-    "channel_gain": (1e-3, 0.2, 0.5),
-    "channel_offset": (0.02, 2.0, 0.5),
-    "catheter_resonance": (0.01, 0.1, 0.0),
-    "springpot": (0.01, 1.0, 0.0),
-    "cubic_rate": (0.02, 2.0, 0.0),
-}
-NETWORK_SIZES: dict[str, tuple[float, float, float]] = {
-    "wall_viscosity": (1e-5, 0.02, 0.0),
-    "nonlinear_wall_viscosity": (5e-3, 1.4, 0.6),
-    "nonlinear_elasticity": (0.02, 5.0, 0.0),
-    "stress_relaxation": (2e-4, 0.1, 0.0),
-    "external_pressure": (1.0, 1500.0, 0.5),
-    "wall_stiffness": (3e-4, 0.5, 0.5),
-    "taper": (3e-3, 0.4, 0.7),
-    "fluid_friction": (3e-3, 2.0, 0.0),
-    "velocity_profile": (0.01, 0.33, 0.0),
-    "unsteady_friction": (3e-3, 1.0, 0.0),
-    "terminal_reflection": (3e-4, 0.4, 0.5),
-    "terminal_compliance": (1e-4, 0.2, 0.0),
-    "side_branch": (2e-3, 0.3, 0.0),
-    "stenosis": (0.05, 100.0, 0.0),
-    "junction_loss": (0.01, 1.0, 0.0),
-    "channel_lag": (1e-5, 0.01, 0.0),
-    "channel_gain": (3e-4, 0.1, 0.5),
-    "channel_offset": (3e-4, 0.2, 0.5),
-    "catheter_resonance": (7e-3, 0.07, 0.0),
-    "springpot": (0.01, 1.0, 0.0),
-    "cubic_rate": (5e-3, 0.5, 0.0),
-    "swinging_outlet": (1e-3, 0.3, 0.0),
-    "inflow_bent": (1e-3, 0.2, 0.5),
-    "inflow_rectified": (5e-3, 1.0, 0.0),
-}
-_POSITIVE_RATIO = 0.5  # φ_NL/φ0 of the positive sign ends here, as in the paper: beyond, the upstroke stiffens at once
-
-_RADIUS_GAIN = 0.01  # a radius pulsates by a few per cent of its mean, so that a gain shows a hundred times more
+# what the standard group calls outside the catalogue when it shares its records out: fixed, as its plan is
+_BEYOND = (SPRINGPOT, "cubic_rate", "swinging_outlet", "inflow_bent", "inflow_rectified")
 
 
-def plan(kind: str, n: int, seed: int) -> list[Case]:
-    """n cases of a kind, "bench" or "network"; the same seed, the same plan."""
+@dataclass(frozen=True)
+class Group:
+    """A group of records.
+
+    records : how many of each kind the reported plan has; nulls, outside, pairs : shares of them, the rest has one
+    effect. least : where in the ranges sizes begin. walls, sensors : drawn from evenly (see Case). only : effects, if
+    not all. position : where along its segment a local effect may be.
+    """
+
+    tuning: int
+    reported: int
+    records: Mapping[str, int]
+    nulls: float
+    outside: float = 0.0
+    pairs: float = 0.0
+    least: float = 0.5
+    walls: tuple[float, ...] = (0.0,)
+    sensors: tuple[str, ...] = ("",)
+    varying: tuple[float, float] = (0.0, 0.0)
+    only: tuple[str, ...] = ()
+    position: tuple[float, float] | None = None
+
+
+_SPREADS = (0.5, 1.0, 1.5)
+GROUPS = {
+    "standard": Group(11, 20290611, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
+    "walls": Group(21, 20290612, {"network": 320}, 0.4, walls=_SPREADS),
+    "sensors": Group(22, 20290613, {"bench": 240, "network": 120}, 0.4, sensors=tuple(SENSORS)),
+    "varying": Group(23, 20290614, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),
+    "offcentre": Group(24, 20290615, {"network": 100}, 0.0, walls=(0.0, 1.0), only=("stenosis", "side_branch"),
+                       position=(0.15, 0.85)),
+    "outside_walls": Group(25, 20290616, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
+}  # fmt: skip
+TUNING_SEED, REPORTED_SEED = GROUPS["standard"].tuning, GROUPS["standard"].reported
+REPORTED = GROUPS["standard"].records
+
+
+def plan(kind: str, n: int, seed: int, group: str = "standard") -> list[Case]:
+    """n cases of a kind, "bench" or "network"; the same group and seed, the same plan."""
     rng = np.random.default_rng((seed, ("bench", "network").index(kind), n))
-    draw = _Draw(kind, rng)
-    nulls, outside, pairs = (round(n * share) for share in (SHARE_NULL, SHARE_OUTSIDE, SHARE_PAIR))
-    names = [name for name in draw.sizes if name not in OUTSIDE]
-    beyond = [name for name in draw.sizes if name in OUTSIDE]
-    lists: list[tuple[str, ...]] = [()] * nulls + [(beyond[i % len(beyond)],) for i in range(outside)]
+    what = GROUPS[group]
+    draw = _Draw(kind, rng, what)
+    beyond = _BEYOND if group == "standard" else OUTSIDE
+    nulls, outside, pairs = (round(n * share) for share in (what.nulls, what.outside, what.pairs))
+    names = [name for name in draw.sizes if name not in beyond and name not in OUTSIDE and draw.takes(name)]
+    far = [name for name in draw.sizes if name in beyond]
+    lists: list[tuple[str, ...]] = [()] * nulls + [(far[i % len(far)],) for i in range(outside)]
     lists += [draw.pair(names) for _ in range(pairs)]
     lists += [(names[i % len(names)],) for i in range(n - len(lists))]
     cases = [draw.case(each) for each in lists]
     return [cases[i] for i in rng.permutation(n)]
+
+
+def whole(kind: str, group: str, seed: int) -> list[Case]:
+    """The whole plan of a group, empty if it has no records of that kind."""
+    n = GROUPS[group].records.get(kind, 0)
+    return plan(kind, n, seed, group) if n else []
 
 
 def seed_of(kind: str, seed: int, i: int) -> tuple[int, int, int]:
@@ -92,9 +104,14 @@ def seed_of(kind: str, seed: int, i: int) -> tuple[int, int, int]:
 class _Draw:
     """Random places, sizes and circumstances."""
 
-    def __init__(self, kind: str, rng: np.random.Generator) -> None:
-        self.kind, self.rng = kind, rng
+    def __init__(self, kind: str, rng: np.random.Generator, group: Group) -> None:
+        self.kind, self.rng, self.group = kind, rng, group
         self.sizes = BENCH_SIZES if kind == "bench" else NETWORK_SIZES
+        self.own_walls = any(group.walls)
+
+    def takes(self, name: str) -> bool:
+        """Whether an effect of the catalogue belongs to the group."""
+        return name in self.group.only if self.group.only else not (self.own_walls and name == "wall_stiffness")
 
     def pair(self, names: list[str]) -> tuple[str, str]:
         """Two names that can act together."""
@@ -112,7 +129,12 @@ class _Draw:
         effects = tuple(self._effect(name, channels, len(names) == 2) for name in names)
         law = "regression" if self.kind == "bench" and rng.random() < 0.3 else "beta"
         base = self._base(effects)
-        return Case(self.kind, channels, dB, effects, base, law, self._viscous_law(base, effects))
+        case = Case(self.kind, channels, dB, effects, base, law, self._viscous_law(base, effects))
+        sensors, g = self._one(self.group.sensors), self.group
+        return replace(case, dB=0.0 if sensors else dB, walls=self._one(g.walls), sensors=sensors, varying=g.varying)
+
+    def _one(self, options: tuple[Any, ...]) -> Any:
+        return options[int(self.rng.integers(len(options)))] if len(options) > 1 else options[0]
 
     def _viscous_law(self, base: str, effects: tuple[Effect, ...]) -> str:
         """The paper's quadratic law now and then, but not where its effective viscosity would change sign."""
@@ -124,11 +146,12 @@ class _Draw:
     def _base(self, effects: tuple[Effect, ...]) -> str:
         """Viscosity is hidden in elastic walls, in one segment also in viscous ones; what needs φ0 has it."""
         names = {e.name for e in effects}
-        everywhere = any(e.name == "wall_viscosity" and (e.where == ALL or self.kind == "bench") for e in effects)
+        unseen = self.kind == "bench" or self.own_walls  # in a viscous wall it is a scale of its phi0
+        everywhere = any(e.name == "wall_viscosity" and (e.where == ALL or unseen) for e in effects)
         chance = self.rng.random()
         if everywhere:
             return "elastic"
-        if names & {"nonlinear_wall_viscosity", "stress_relaxation", *OUTSIDE_WALL}:
+        if names & {"nonlinear_wall_viscosity", "stress_relaxation", SPRINGPOT, *OUTSIDE_WALL}:
             return "sheep"
         if "wall_viscosity" in names:
             return "elastic" if chance < 0.5 else "sheep"
@@ -142,19 +165,23 @@ class _Draw:
         low, high, opposite = self.sizes[name]
         sign = -1.0 if rng.random() < opposite else 1.0
         if name == "nonlinear_wall_viscosity" and sign > 0.0:
-            high = _POSITIVE_RATIO
-        share = rng.uniform(0.5, 1.0) if pair else rng.random()
+            high = POSITIVE_RATIO
+        share = rng.uniform(0.5 if pair else self.group.least, 1.0)
         size = sign * low * (high / low) ** share
         where = self._where(name, channels)
         if name == "channel_gain" and self.kind == "network" and where[0].endswith(".R"):
-            size *= _RADIUS_GAIN
-        return Effect(name, where, float(size), self._second(name))
+            size *= RADIUS_GAIN
+        effect = Effect(name, where, float(size), self._second(name))
+        if self.group.position is None:
+            return effect
+        return replace(effect, position=float(rng.uniform(*self.group.position)), length=0.1)
 
     def _second(self, name: str) -> float:
         rng = self.rng
         if name == "catheter_resonance":  # a catheter that rings, or a slow sensor
             return float(rng.uniform(0.05, 0.3) if rng.random() < 0.6 else rng.uniform(0.8, 2.0))
-        bounds = {"springpot": (0.2, 0.6), "terminal_compliance": (0.5, 0.9), "swinging_outlet": (0.0, 1.0)}
+        bounds = {SPRINGPOT: (0.2, 0.6), "terminal_compliance": (0.5, 0.9), "swinging_outlet": (0.0, 1.0)}
+        bounds["varying_tone"] = (0.0, 1.0)
         return float(rng.uniform(*bounds[name])) if name in bounds else 0.0
 
     def _where(self, name: str, channels: str) -> tuple[str, ...]:
@@ -166,7 +193,7 @@ class _Draw:
             return (str(rng.choice(names)),)
         if self.kind == "bench":
             return (channels,)
-        if name in ("fluid_friction", "velocity_profile", "unsteady_friction", *OUTSIDE_WALL):
+        if name in ("fluid_friction", "velocity_profile", "unsteady_friction", SPRINGPOT, *OUTSIDE_WALL):
             return ALL
         if name in (*WALL, "junction_loss") and name != "wall_stiffness" and rng.random() < 0.4:
             return ALL

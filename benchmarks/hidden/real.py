@@ -1,0 +1,123 @@
+"""The targets of the groups that are nearer to real animals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from statistics import median
+from typing import Any
+
+from . import words as w
+from .counts import Share, share
+from .standard import ALL_SENSORS, THREE_PRESSURES
+from .targets import Targets, gaps
+
+Line = dict[str, Any]
+
+_LONGEST = 300.0  # [s] of CPU time of a record
+
+
+def walls(lines: Sequence[Line]) -> str:
+    """Every wall off by itself."""
+    t = Targets()
+    nulls, seen = w.of(lines, "null"), w.of(lines, "single", 30.0)
+    t.at_most("nothing hidden: false alarms", 0.03, share(nulls, w.detected))
+    for spread in sorted({x["walls"] for x in nulls}):
+        t.add(f"– spread × {spread:g}", "–", share((x for x in nulls if x["walls"] == spread), w.detected))
+    full = [x for x in seen if x["channels"] == ALL_SENSORS]
+    t.at_least("one effect, P, Q, R at 7 sites, d′ ≥ 30: right name in the class", 0.90, share(full, w.in_class))
+    t.at_least("– right place", 0.85, share(full, w.right_place))
+    t.at_most("– single name but wrong", 0.02, share(full, w.wrong))
+    t.add("– named, and more remains", "–", share(full, w.partial))
+    t.add("– no name", "–", share(full, _silent))
+    three = [x for x in seen if x["channels"] == THREE_PRESSURES]
+    t.at_least("the same, pressures at 3 sites: truth in the class", 0.90, share(three, w.in_class))
+    t.at_most("all sizes and sensors: single name but wrong", 0.02, share(w.of(lines, "single"), w.wrong))
+    _rest(t, lines)
+    return str(t)
+
+
+def sensors(lines: Sequence[Line]) -> str:
+    """Noise in the units of the sensors."""
+    t = Targets()
+    for kind, own in _kinds(lines):
+        t.at_most(f"{kind}, nothing hidden: false alarms", 0.02, share(w.of(own, "null"), w.detected))
+        t.at_least(f"{kind}, truth in the class, d′ ≥ 6", 0.98, share(w.of(own, "single", 6.0), w.in_class))
+        t.at_most(f"{kind}, single name but wrong", 0.01, share(w.of(own, "single"), w.wrong))
+    _rest(t, lines)
+    return str(t)
+
+
+def varying(lines: Sequence[Line]) -> str:
+    """Intervals and strokes that vary from beat to beat."""
+    t = Targets()
+    for kind, own in _kinds(lines):
+        nulls = w.of(own, "null")
+        t.at_most(f"{kind}, nothing hidden: false alarms", 0.05, share(nulls, w.alarm))
+        t.at_most(f"{kind}, nothing hidden: unusable", 0.25, share(nulls, w.unusable))
+        usable = [x for x in w.of(own, "single", 30.0) if not w.unusable(x)]
+        t.add(f"{kind}, d′ ≥ 30 and usable: truth in the class", "–", share(usable, w.in_class))
+        t.add(f"{kind}, single name but wrong", "–", share(w.of(own, "single"), w.wrong))
+    _rest(t, lines)
+    return str(t)
+
+
+def offcentre(lines: Sequence[Line]) -> str:
+    """Local effects away from the middle of their segment."""
+    t = Targets()
+    seen = w.of(lines, "single", 30.0)
+    for what, test in _spreads():
+        own = [x for x in seen if test(x)]
+        t.add(f"{what}, d′ ≥ 30: named right", "–", share(own, w.named_right))
+        t.add("– right segment", "–", share(own, w.right_place))
+        t.add("– right name in the class", "–", share(own, w.in_class))
+        t.add("– single name but wrong", "–", share(own, w.wrong))
+    places = [e for x in seen if w.right_place(x) for e in w.errors(x) if e[0].endswith("_position")]
+    if places:
+        t.add("position x/L: median error", "–", f"{median(abs(e[2]) for e in places):.3f}; {len(places)}")
+        t.add("position x/L: 95 % interval covers", "90–98 %", Share(sum(e[3] for e in places), len(places)))
+    _rest(t, lines)
+    return str(t)
+
+
+def outside_walls(lines: Sequence[Line]) -> str:
+    """Effects that no catalogue has, in walls that are off by themselves."""
+    t = Targets()
+    for kind, own in _kinds(lines):
+        seen = w.of(own, "outside", 30.0)
+        t.at_most(f"{kind}, d′ ≥ 30: names without saying that more remains", 0.05, share(seen, w.committed))
+        t.add("– all sizes", "–", share(w.of(own, "outside"), w.committed))
+        t.add("– named, and more remains", "–", share(seen, w.partial))
+        t.add("– unknown", "–", share(seen, lambda x: x["verdict"] == "unknown"))
+    return str(t)
+
+
+GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
+    "walls": walls,
+    "sensors": sensors,
+    "varying": varying,
+    "offcentre": offcentre,
+    "outside_walls": outside_walls,
+}
+
+
+def _rest(t: Targets, lines: Sequence[Line]) -> None:
+    """What every group tells: the gap on held-out beats, parameters, confidence, time."""
+    for kind, own in _kinds(lines):
+        closed = [g["best"] / g["given"] for g in gaps(own) if g.get("given")]
+        t.median_at_most(f"{kind}, gap on held-out beats where named right, after/before", 0.3, closed)
+        t.parameters(kind, own)
+        t.confidence(kind, own)
+        t.seconds(kind, _LONGEST, own)
+
+
+def _kinds(lines: Sequence[Line]) -> list[tuple[str, list[Line]]]:
+    found = [(kind, [x for x in lines if x["kind"] == kind]) for kind in ("bench", "network")]
+    return [(kind, own) for kind, own in found if own]
+
+
+def _spreads() -> tuple[tuple[str, Callable[[Line], bool]], ...]:
+    return ("walls alike", lambda x: not x["walls"]), ("individual walls", lambda x: bool(x["walls"]))
+
+
+def _silent(x: Line) -> bool:
+    return not w.claims(x)
