@@ -24,10 +24,10 @@ from xml.etree import ElementTree
 from solver import outlets
 from solver.catalogue import terms_of
 from solver.files import check_keys, did_you_mean, parse_quantity, read_text, write_whole
+from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Fluid, Junction, Network, Segment
 from solver.quantity import quantities
 from solver.units import base_units
-from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 _BUNDLED = Path(__file__).parent / "parameter_sets"
 _FORMAT = "arterial-fmu parameter set 1"

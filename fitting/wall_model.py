@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver import loop
+from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS, ElasticLaw, ViscousLaw
 from solver.network import Segment
 from solver.quantity import quantities
-from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS, ElasticLaw, ViscousLaw, Wall
+from solver.wall import Wall
 
 Array = np.ndarray
 Values = Mapping[str, float]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Network
 from solver.quantity import Quantity
 from solver.scheme.model import Settings
-from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 from .ports import port_names
 from .variable import Variable

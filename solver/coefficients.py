@@ -12,11 +12,12 @@ import numpy as np
 
 from . import effects
 from .effect import Effect
+from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 from .network import Network
 from .outlets import Outlet
 from .quantity import quantities
 from .validation import check_parameters
-from .wall import ELASTIC_LAWS, VISCOUS_LAWS, Wall
+from .wall import Wall
 
 Array = np.ndarray
 Parameters = Mapping[str, Any]
@@ -36,8 +37,9 @@ class Term:
     @property
     def on(self) -> Array:
         """(n,) where any member of the batch has it."""
-        neutral = self.effect.neutral
-        return np.any([np.any(value != neutral[key], axis=0) for key, value in self.values.items()], axis=0)
+        neutral, how = self.effect.neutral, self.effect.how
+        switches = {key: value for key, value in self.values.items() if key not in how}
+        return np.any([np.any(value != neutral[key], axis=0) for key, value in switches.items()], axis=0)
 
 
 @dataclass(frozen=True)

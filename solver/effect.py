@@ -97,7 +97,8 @@ class Effect:
 
     owner : what its numbers belong to: segment, fluid, outlet, junction or channel. places : where it may act, "all"
     being every owner at once. terms : its numbers by key. always : every owner has them as fields; else only those that
-    were given them hold them. neutral : the values that switch it off.
+    were given them hold them. neutral : the values that switch it off. how : keys that say how
+    it acts where it is on, and switch nothing; their neutral values are what an owner has that does not hold them.
     signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
     at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
@@ -113,6 +114,7 @@ class Effect:
     places: ClassVar[tuple[str, ...]]
     terms: ClassVar[Mapping[str, Quantity]]
     neutral: ClassVar[Mapping[str, float]]
+    how: ClassVar[tuple[str, ...]] = ()
     signature: ClassVar[str]
     confusable: ClassVar[tuple[str, ...]]
     separator: ClassVar[str]

@@ -31,6 +31,7 @@ from .effect import (
 from .outlets import Reflection, Windkessel
 from .quantity import Quantity, quantities
 from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset
+from .springpot import FractionalViscosity
 from .wall import Wall
 
 # --- the wall -----------------------------------------------------------------------------------------------------
@@ -147,7 +148,7 @@ class StressRelaxation(Effect):
     separator = "heart rate"
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        return replace(wall, tau=values["tau"])
+        return replace(wall, tau=values["tau"][None], share=np.ones((1, *values["tau"].shape)))
 
 
 class ExternalPressure(Effect):
@@ -403,6 +404,7 @@ ALL: tuple[Effect, ...] = (
     NonlinearWallViscosity(),
     NonlinearElasticity(),
     StressRelaxation(),
+    FractionalViscosity(),
     ExternalPressure(),
     WallStiffness(),
     Taper(),

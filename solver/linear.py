@@ -4,14 +4,14 @@ With P = P_0 + P', A = A_rest + A', small Q and time dependence e^{iωt}, `momen
 become in each segment
 
     dP'/dx = -Z' Q,     Z' = (ρ/A_rest)(iω + C_f/A_rest + Σ weight_i iω/(iω + rate_i))
-    dQ/dx = -Y' P',     Y' = iω/(dP_el/dA + iω ν_s/(1 + iωτ)) + g
+    dQ/dx = -Y' P',     Y' = iω/(dP_el/dA + iω ν_s Σ share_j/(1 + iωτ_j)) + g
 
 with waves e^{±γx}, γ² = Z'Y', and characteristic impedance Z_c² = Z'/Y'. A segment is described by the pressure and the
 flow at its middle (s = x - L/2), which is regular at ω = 0, without friction, at resonance and for large γL alike:
 
     P'(x) = P'_mid cosh γs - Q_mid Z_c sinh γs,     Q(x) = Q_mid cosh γs - P'_mid sinh(γs)/Z_c
 
-The sum, τ and g belong to the effects unsteady_friction, stress_relaxation and side_branch of
+The sums belong to the effects unsteady_friction, stress_relaxation and fractional_viscosity, g to side_branch of
 :mod:`~solver.effects`; a stenosis vanishes at rest, and a tapered segment is refused.
 
 Joined ends have one pressure and ΣQ = 0, in trees and loops alike. Valid for small strain and U/c; the nonlinear wall
@@ -178,7 +178,7 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
             f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
-    viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None] * c.wall.memory(iw)
+    viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None] * c.wall.responses(iw).sum(axis=0)
     compliance = 1.0 / (stiffness[:, None] + viscosity)
     if c.wall.leakage.any() and np.any(omega == 0.0):
         raise ValueError(

@@ -1,11 +1,12 @@
 """The local wall law on a periodic loop: the pressure of a wall from its radius, and its derivatives.
 
 Walls are those of the network with all effects that are on (:meth:`Coefficients.wall_at`). A viscous stress with memory
-is periodic, too: σ_v -> M σ_v with M = 1/(1 + iωτ) for every harmonic.
+is periodic, too: every harmonic of the stress of an element is multiplied by M = share/(1 + iωτ).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from .catalogue import neutral_value
 from .coefficients import Parameters, coefficients
+from .memory import Moment
 from .network import Network
 from .wall import Wall
 
@@ -55,8 +57,11 @@ def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
     if not wall.remembers:
         matrix = by_R_t[:, None] * D
     else:  # the stress is σ = P_v R / (K_h R0)
-        memory = circulant(_memory(wall, len(R), T)[0], len(R))
-        matrix = (memory @ ((by_R_t * R)[:, None] * D)) / R[:, None]
+        law, *others = _memory(wall, len(R), T)[:, 0]
+        linear = 2.0 * np.pi * R * np.atleast_2d(wall.viscosity_area)[0] / (np.pi * R * R)
+        matrix = circulant(law, len(R)) @ ((by_R_t * R)[:, None] * D)
+        matrix += circulant(np.sum(others, axis=0) + 0.0 * law, len(R)) @ ((linear * R)[:, None] * D)
+        matrix /= R[:, None]
     matrix[np.diag_indices(len(R))] += by_R
     return matrix
 
@@ -65,13 +70,14 @@ def _present(wall: Wall, A: Array, A_t: Array, T: float) -> Wall:
     """The wall with the viscous stress that its memory leaves of a periodic one."""
     if not wall.remembers:
         return wall
-    faded = _memory(wall, A.shape[-1], T) * np.fft.rfft(wall.viscous_stress(A, A_t))
-    return wall.remembering(np.fft.irfft(faded, A.shape[-1]), 0.0)
+    N = A.shape[-1]
+    harmonics = np.fft.rfft(wall.stresses(A, A_t))
+    return replace(wall, moment=Moment.present(np.fft.irfft((_memory(wall, N, T) * harmonics).sum(axis=0), N)))
 
 
 def _memory(wall: Wall, N: int, T: float) -> Array:
-    """M : (B, N//2 + 1) for every harmonic."""
-    return wall.memory(2j * np.pi / T * np.arange(N // 2 + 1)[:, None])[..., 0]
+    """M : (m, B, N//2 + 1) for every harmonic."""
+    return wall.responses(2j * np.pi / T * np.arange(N // 2 + 1)[:, None])[..., 0]
 
 
 def circulant(h: Array, N: int) -> Array:

@@ -52,7 +52,8 @@ def reporter(model: Model) -> Reporter:
         P[:] = wall.pressure(A, A_t)
         if model.wall.remembers:
             # the difference, not the stress itself: so that the answer is continuous as tau vanishes
-            change = model.layout.part(state.y, "stress") - model.wall.viscous_stress(state.A, state.A_t)
+            stress = model.wall.combined(np.moveaxis(model.layout.part(state.y, "stress"), 1, 0))
+            change = stress - model.wall.viscous_stress(state.A, state.A_t)
             change = np.where(model.wall.forgets, 0.0, change).reshape(B, -1) @ gauss
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
         Q[:] = state.y[:, model.layout.places["Q"]] @ lobatto

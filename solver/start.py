@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .memory import weights
 from .scheme import terms
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
@@ -207,12 +208,13 @@ def _remembering(model: Model, waves: _Waves, responses: Sequence[_Response]) ->
         return waves
     y, rates = _samples(waves.y), _samples(1j * waves.omega[:, None, None] * waves.y)
     A = part(y, "A")
-    at_once = _amplitudes(model.wall.viscous_stress(A, part(rates, "A")))
+    at_once = _amplitudes(np.moveaxis(model.wall.stresses(A, part(rates, "A")), 0, 2))
+    relaxing = np.moveaxis(model.wall.elements[0], 0, 1)
     U = _amplitudes(part(y, "Q") / (A @ model.mesh.element.at_lobatto))
     for k, response in enumerate(responses):
         tau: Any = response.operators.tau
         if stress.size:
-            stress[k] = model.wall.remembering(A[0], tau).weight * at_once[k]
+            stress[k] = weights(relaxing, tau) * at_once[k]
         if history.size:
             unit = np.ones(A.shape[1:])
             history[k] = model.force.since(history[k], tau).history(0.0 * history[k], U[k], unit)

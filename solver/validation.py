@@ -12,7 +12,7 @@ import numpy as np
 
 from .catalogue import quantities_of, terms_of, value_of
 from .effect import Described
-from .wall import ELASTIC_LAWS, VISCOUS_LAWS
+from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s

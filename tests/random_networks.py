@@ -6,10 +6,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Fluid, Inlet, Junction, Network, Segment, Site
 from solver.outlets import OUTLETS
 from solver.quantity import quantities
-from solver.wall import ELASTIC_LAWS, VISCOUS_LAWS
 
 
 def numbers(kind: type) -> st.SearchStrategy[dict[str, float]]:

@@ -10,8 +10,8 @@ import pytest
 
 from solver.branching import admittance, matched_modulus, murray_radius, reflection_coefficient, virtual_branch
 from solver.files import bundled, read_network
+from solver.laws import ELASTIC_LAWS, wave_speed
 from solver.network import Segment
-from solver.wall import ELASTIC_LAWS, wave_speed
 
 SHEEP = read_network(bundled("sheep"))
 AA, PD, MD, DD, BT, CA, FA = (SHEEP.segment(name) for name in ("AA", "PD", "MD", "DD", "BT", "CA", "FA"))

@@ -9,7 +9,7 @@ import pytest
 from truth.anatomy import anatomy
 from truth.animal import Nuisance
 from truth.beat import Beat
-from truth.hide import Effect, parameters
+from truth.hide import Effect, parameters, springpot_of
 from truth.records import Case, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
@@ -87,7 +87,7 @@ def test_columns_of_what_may_be_added(base: str) -> None:
             added = 1e-3 * np.eye(len(term.unknowns))[i]
             moved = replace(none, unknowns=(*none.unknowns, *term.unknowns), x=np.concatenate([none.x, added]))
             expected = 1e-6 * float(np.sum(columns[term.label][:, i] ** 2))
-            assert problem.predict([moved])[0][0] == pytest.approx(expected, rel=0.03), term.label
+            assert problem.predict([moved])[0][0] == pytest.approx(expected, rel=0.03, abs=1e-9), term.label
 
 
 IDENTIFIABLE = [
@@ -219,11 +219,21 @@ def test_two_effects_are_several() -> None:
     assert naming.best.explains
 
 
-def test_a_springpot_is_unknown() -> None:
-    """Fractional viscoelasticity is outside the catalogue: refused, and the residual described."""
-    naming = judged((Effect("springpot", (SITE,), 1.0, 0.4),), "sheep")
+def test_a_cubic_rate_is_unknown() -> None:
+    """A stress φ3 ε̇³ is outside the catalogue: refused, and the residual described."""
+    naming = judged((Effect("cubic_rate", (SITE,), 20.0),), "sheep")
     assert naming.verdict == "unknown" and not naming.members
     assert naming.reason is not None and "more remains: whitened RMS" in naming.reason
+
+
+def test_a_springpot_is_named() -> None:
+    """Share 0.3 of order 0.3: the order to 0.05 (0.02 measured), the share to 0.03 (0.01) of what it is at 10 rad/s."""
+    naming = judged((Effect("springpot", (SITE,), 0.3, 0.3),), "sheep")
+    assert (naming.verdict, naming.best.label) == ("effect", f"fractional_viscosity at {SITE}")
+    fit = naming.best.fit
+    share, order = (u.nominal + u.size * x for u, x in zip(fit.unknowns[-2:], fit.x[-2:], strict=True))
+    assert abs(order - 0.3) <= 0.05
+    assert abs(share - springpot_of(0.3, 0.3, naming.problem.loop.T)[0]) <= 0.03
 
 
 def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:

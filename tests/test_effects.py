@@ -30,6 +30,7 @@ COARSE = Settings(dt=5e-3, element_length=0.1)
 DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
 ON = {
     "CA.tau": 0.02,
+    "CA.springpot": 0.3,
     "CA.P_ext": 500.0,
     "CA.E_scale": 1.2,
     "CA.taper": -0.2,
@@ -346,9 +347,9 @@ def test_fmu_with_everything(sheep: Network, tmp_path: Path) -> None:
 def test_tuning_while_running(sheep: Network) -> None:
     """Memory that is tuned on and off between steps, at points off the internal grid too: the run goes on, and what
     was off before has the past of a wall without memory."""
-    network = sheep.with_terms({"CA.tau": 0.0, "fluid.unsteady_scale": 0.0})
+    network = sheep.with_terms({"CA.tau": 0.0, "MD.springpot": 0.0, "fluid.unsteady_scale": 0.0})
     values = {v.name: v.start for v in variable_table(network, QUICK)}
-    tuned = {"CA.tau": 1e-9, "fluid.unsteady_scale": 1e-9}
+    tuned = {"CA.tau": 1e-9, "MD.springpot": 1e-9, "fluid.unsteady_scale": 1e-9}
     runs = []
     for changes in ({}, tuned):
         component, t = CoSimulation(network, QUICK), 0.0

@@ -21,7 +21,11 @@ def loop(network: Network) -> tuple[np.ndarray, np.ndarray]:
     return R, derivative_matrix(N, T) @ R
 
 
-@pytest.mark.parametrize("terms", [{}, {"CA.tau": 0.02}, {"CA.tau": 0.02, "CA.P_ext": 2e3, "CA.E_scale": 1.3}], ids=str)
+@pytest.mark.parametrize(
+    "terms",
+    [{}, {"CA.tau": 0.02}, {"CA.springpot": 0.4}, {"CA.tau": 0.02, "CA.springpot": 0.3, "CA.E_scale": 1.3}],
+    ids=str,
+)
 @pytest.mark.parametrize("viscous_law", ["quadratic", "monotone"])
 def test_slope_of_the_law(terms: dict[str, float], viscous_law: str) -> None:
     """dP/dR : (N, N) against central differences of every sample, R' moving along: 1e-7 of the largest entry."""

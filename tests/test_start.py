@@ -38,6 +38,7 @@ from solver.units import MMHG
 
 T = 0.5
 REMEMBERING = {"CA.tau": 0.02, "MD.tau": 0.05, "fluid.unsteady_scale": 1.0}
+SPRINGPOTS = {"CA.springpot": 0.3, "MD.springpot": 0.5, "MD.tau": 0.05}
 VARYING = {"AA.taper": -0.1, "PD.leak": 1e-9, "CA.K": 30.0, "FA.P_ext": 500.0}
 
 
@@ -107,6 +108,7 @@ def windkessels() -> Network:
         pytest.param(lambda: load("sheep"), 0.13, id="sheep, later"),
         pytest.param(windkessels, 0.13, id="windkessels"),
         pytest.param(lambda: load("sheep").with_terms(REMEMBERING), 0.0, id="memory"),
+        pytest.param(lambda: load("sheep").with_terms(SPRINGPOTS), 0.0, id="springpots"),
     ],
 )
 def test_small_waves(network: Callable[[], Network], t: float) -> None:

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from solver.wall import (
+from solver.laws import (
     ELASTIC_LAWS,
     VISCOUS_LAWS,
     Array,
     ElasticLaw,
     Monotone,
     Quadratic,
-    Wall,
     riemann_velocity,
     wave_speed,
 )
+from solver.wall import Wall
 
 # the ascending aorta of Table 1
 E, H, R0, PHI0, ETA, RHO = 1.539e6, 3.8e-4, 9.48e-3, 25451.0, 0.5, 1060.0
@@ -286,8 +286,9 @@ def test_viscous_slope_is_that_of_the_pressure(elastic: str, viscous: str, r: fl
     """∂P/∂A at fixed ∂A/∂t is stiffness + viscous_slope, of a wall with memory too; to round-off (4e-16 of K/A0)."""
     wall = aorta(elastic, viscous, e=0.3, r=r, P_ref=1e4)
     if memory:
-        tau = np.linspace(0.0, 0.05, len(STRETCH))
-        wall = replace(wall, tau=tau).remembering(np.linspace(-5e3, 9e3, len(STRETCH)), 4e-4)
+        tau, share = np.linspace([0.0, 0.01], [0.05, 0.1], len(STRETCH)).T, np.outer([0.7, 0.4], np.ones(len(STRETCH)))
+        past = np.linspace([-5e3, 1e3], [9e3, -2e3], len(STRETCH)).T
+        wall = replace(wall, tau=tau, share=share).remembering(past, 4e-4)
     A = A0 * STRETCH**2
     A_t = 2.0 * A0 * np.linspace(-0.3, 0.5, len(A))
     slope = derivative(lambda a: wall.pressure(a, A_t), A)

@@ -51,8 +51,8 @@ class Model:
     """A network, or a batch of B parameter sets of it, as the arrays of its equations. Made by :func:`build`.
 
     parameters : what was laid over the network's own numbers. layout : of the state vector: A (n_e, N) [m²];
-    Q (n_e, N+1) [m³/s]; P_C (n_outlets,) [Pa]; stress like A [Pa], of walls with memory; history (m, n_e, N+1) [m/s],
-    of a force with memory.
+    Q (n_e, N+1) [m³/s]; P_C (n_outlets,) [Pa]; stress (m, n_e, N) [Pa], of the elements of walls with memory; history
+    (m, n_e, N+1) [m/s], of a force with memory.
     wall : (B, n_e, N). outlet_wall : (B, n_outlets). minus_J_inverse, kinetic : (B, n_e, N) -1/J and ½ρα.
     mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, 2) ½ρ(α - k) at the element ends.
     A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections that are round-off; impedance : (B,) ρ c0/A0,
@@ -168,7 +168,7 @@ def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:
             "A": gauss,
             "Q": lobatto,
             "P_C": (len(mesh.topology.outlet_segment) if remembers else 0,),
-            "stress": gauss if wall.remembers else (0,),
+            "stress": (len(wall.elements[0]) if wall.remembers else 0, *gauss),
             "history": (force.memories, *lobatto),
         }
     )

@@ -104,13 +104,13 @@ class Memory:
     def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
         _, _, P_C, stress, history = model.layout.split(y)
         behind = loads.keep * P_C + loads.give * P_venous
-        return model.wall.remembering(stress, tau), model.force.since(history, tau), behind
+        return model.wall.remembering(np.moveaxis(stress, 1, 0), tau), model.force.since(history, tau), behind
 
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         s, layout = stage.start, stage.start.model.layout
         _, _, P_C, stress, history = layout.split(end)
         P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
-        stress[:] = s.wall.carried(A, A_t)
+        stress[:] = np.moveaxis(s.wall.carried(A, A_t), 0, 1)
         history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
 
 

@@ -104,13 +104,13 @@ def adopt(model: Model, state: State) -> State:
     U = Q / (A @ model.mesh.element.at_lobatto)
     without = {
         "P_C": state.H[:, model.mesh.topology.outlets],
-        "stress": model.wall.carried(A, state.A_t),
+        "stress": np.moveaxis(model.wall.carried(A, state.A_t), 0, 1),
         "history": np.broadcast_to(-U[:, None], (B, *model.layout.shapes["history"])),
     }
-    kept = [
-        part if part.shape[1:] == model.layout.shapes[name] else without[name][:, : model.layout.shapes[name][0]]
-        for (name, part) in zip(without, memory, strict=True)
-    ]
+    kept = []
+    for (name, fresh), part in zip(without.items(), memory, strict=True):
+        n = min(part.shape[1], model.layout.shapes[name][0])
+        kept.append(np.concatenate([part[:, :n], fresh[:, n : model.layout.shapes[name][0]]], axis=1))
     return replace(state, y=model.layout.join(A, Q, *kept), layout=model.layout)
 
 

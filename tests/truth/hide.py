@@ -196,6 +196,13 @@ def parameters(model: Anatomy, effect: Effect) -> dict[str, float]:
     return {f"{name}.size": effect.size for name in effect.where}  # no parameter of the catalogue
 
 
+def springpot_of(w: float, a: float, T: float) -> tuple[float, float]:
+    """The catalogue's share of a springpot, whose reference is 10 rad/s, of a wall with share w of order a in a beat of
+    T [s], and the factor by which its phi0 differs."""
+    q = w * (0.2 * 3.141592653589793 / T) ** (1.0 - a)
+    return q / (1.0 - w + q), 1.0 - w + q
+
+
 _RATIOS: dict[str, tuple[str, Callable[[Vessel], float]]] = {
     "wall_viscosity": ("phi0", lambda v: v.phi0 / v.E),
     "nonlinear_wall_viscosity": ("phiNL", lambda v: v.r),
