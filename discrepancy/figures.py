@@ -78,12 +78,13 @@ def _network(outcome: Outcome, network: Network) -> Drawing:
         if color:
             axes.plot([lane.x1], [lane.y1], "o", ms=17, mfc="none", mec=color, mew=3.0, zorder=4)
     root = drawn[network.inlet.segment]
+    color = _colour([m for m in marked if m.is_at("channel", "inlet")])
     axes.annotate(
         "",
         (root.x0, root.y0),
         (-28.0, 0.0),
         textcoords="offset points",
-        arrowprops={"arrowstyle": "-|>", "color": _TEXT, "lw": 1.4},
+        arrowprops={"arrowstyle": "-|>", "color": color or _TEXT, "lw": 3.0 if color else 1.4},
     )
     _sites(axes, outcome, network, drawn, marked)
     _network_legend(figure, marked)

@@ -66,7 +66,8 @@ def prepare(
             problem: Forward = network_problem(fitted, network, channels(record, network), runs, prior)
         else:
             problem = bench(fitted, network, bench_site(record, network))
-        terms = candidates(network, problem.signals, problem.site)
+        sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
+        terms = candidates(network, sensors, problem.site)
         return Study(network, fitted, kept, problem, terms, warnings)
     except Unusable:
         raise

@@ -32,6 +32,7 @@ from fitting.threads import single_threaded
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
+from solver.units import INFLOW
 
 from .asked import TIME_LIMIT, Asked
 from .journal import Journal
@@ -176,7 +177,9 @@ class _Work:
         self.progress(0.75, "running the model with its nuisances refitted")
         wave = study.problem.wave(study.fitted, best)
         base = naming.base.fit
-        before = self._free(fmu, "before", base, wave, _moved(self.network, base), study)
+        # a flow meter that is found to lie drove the model before
+        drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
+        before = self._free(fmu, "before", base, drove, _moved(self.network, base), study)
         shown = Shown(given, before)
         if added:
             shown = self._add(study, naming, wave, shown)
@@ -280,8 +283,9 @@ def _nothing() -> Fit:
     return Fit((), (), empty, empty, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
 
 
-def _has_sensor(fit: Fit) -> bool:
-    return any(term.is_sensor for term in fit.terms)
+def _has_sensor(fit: Fit, place: str | None = None) -> bool:
+    """Whether a sensor is one of its terms, at a place or anywhere."""
+    return any(term.is_sensor and place in (None, term.place) for term in fit.terms)
 
 
 def _moved(network: Network, fit: Fit) -> dict[str, float]:

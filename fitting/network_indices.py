@@ -14,7 +14,7 @@ from .indices import estimates, loop_area, measured_estimate, of_wall
 from .inference.descent import STEP
 from .inference.unknown import finite_steps, parameter_values
 from .records.beats import Beats
-from .records.noise import inflow
+from .records.inflow import inflow
 from .threads import single_threaded
 
 Array = np.ndarray

@@ -126,8 +126,9 @@ def simulate(
 ) -> Waveforms:
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
-    inflow : Q(t) [m³/s] for an array of times; default the network's inlet. parameters : values by FMU variable name,
-    numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the duration.
+    inflow : Q(t) [m³/s] for an array of times (n,), as (n,) or for each of a batch as (n, B); default the network's
+    inlet. parameters : values by FMU variable name, numbers or arrays of B numbers (a batch). The time grid is n·dt; it
+    ends at or just after the duration.
     start : "rest", or "periodic": near the beats that this inflow repeats at the inlet's period (:mod:`~solver.start`).
     A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
@@ -286,14 +287,18 @@ class _Run:
         return table, state
 
     def flow(self, t: Array) -> Array:
-        """The inflow [m³/s], or the pressure of the inlet [Pa], at times t [s] of any shape."""
-        Q = np.asarray(self.inflow(t.ravel()), float)
-        if Q.shape != t.ravel().shape:
-            raise ValueError(f"inflow: for {t.size} times it gave shape {Q.shape}; it must give one value per time.")
-        bad = ~np.isfinite(Q)
-        if bad.any():
-            raise ValueError(f"inflow: Q = {Q[bad][0]} at t = {t.ravel()[bad][0]:g} s; all values must be finite.")
-        return Q.reshape(t.shape)
+        """The inflow [m³/s], or the pressure of the inlet [Pa], at times t [s] : t.shape, or t.shape + (B,)."""
+        Q, B = np.asarray(self.inflow(t.ravel()), float), self.model.coefficients.B
+        if Q.shape not in (t.ravel().shape, (t.size, B)):
+            raise ValueError(
+                f"inflow: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or one for each "
+                f"of the {B} parameter sets, {(t.size, B)}."
+            )
+        bad = np.argwhere(~np.isfinite(Q))
+        if len(bad):
+            first = tuple(bad[0])
+            raise ValueError(f"inflow: Q = {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
+        return Q.reshape(t.shape + Q.shape[1:])
 
     def end(self, state: State) -> End:
         """Where this run ended."""
@@ -304,7 +309,7 @@ class _Run:
         time = np.arange(len(table)) * self.dt
         drive = self.model.network.inlet.drive
         since = 0.0 if end is None else (round(end.state.t / self.dt) - len(table) + 1) * self.dt
-        values = {drive: self.flow(since + time)}
+        values = {drive: self.flow(since + time).T}
         for i, name in enumerate(self.report.names):
             values[name] = table[:, :, i].T.copy() if self.model.coefficients.batched else table[:, 0, i].copy()
         units = {drive: SIGNAL_UNITS[drive[-1]], **dict(zip(self.report.names, self.report.units, strict=True))}

@@ -47,14 +47,14 @@ _SMALL = 1e-4  # a correction of this part of the waves is the last
 def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None) -> State:
     """A state at time t [s] near that of the beats which repeat under what drives the inlet.
 
-    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where inlet.causality is pressure. T : its period [s]. dt :
-    the step [s] to come, default the settings'.
+    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where inlet.causality is pressure; (n,) or of each member
+    (n, B). T : its period [s]. dt : the step [s] to come, default the settings'.
     Raises ValueError where the network has no steady state with the mean of the drive.
     """
     samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
-    harmonics = np.fft.rfft(samples, norm="forward")[: _kept(model) + 1]
+    harmonics = np.fft.rfft(samples, axis=0, norm="forward")[: _kept(model) + 1]
     with np.errstate(all="ignore"):
-        rest = _steady(model, float(harmonics[0].real))
+        rest = _steady(model, harmonics[0].real)
         return _state(model, _balanced(model, rest, harmonics, T), rest, t, dt or model.settings.dt)
 
 
@@ -93,18 +93,16 @@ def _amplitudes(x: Array | Sequence[Array]) -> Array:
 # --- the steady state ---------------------------------------------------------------------------------------------
 
 
-def _steady(model: Model, mean: float) -> State:
-    """The steady state under a constant inflow [m³/s] or pressure at the inlet [Pa]."""
+def _steady(model: Model, mean: Array) -> State:
+    """The steady state under a constant inflow [m³/s] or pressure at the inlet [Pa], one or (B,)."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
     # the flow that passes, and the one that P_0 drives on the way
-    flow = _SETTLED * (
-        model.inlet.flow(np.array(mean), c.P_0[:, 0]) + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance
-    )
+    flow = _SETTLED * (model.inlet.flow(mean, c.P_0[:, 0]) + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
     try:
         for tau in _LONG:
-            stage = Stage.of(model, operators_about(model, tau, y, H), y, np.array(mean), c.P_venous, 0.0)
+            stage = Stage.of(model, operators_about(model, tau, y, H), y, mean, c.P_venous, 0.0)
             # a guess of the flow that leaves the area as it is: a long step would multiply what does not
             Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
             y = stage.end(Q, A_t)
@@ -113,8 +111,8 @@ def _steady(model: Model, mean: float) -> State:
         where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
         given = model.network.inlet.drive
         raise ValueError(
-            f"network {model.network.name}: it has no steady state with {given} = {mean:g} {SIGNAL_UNITS[given[-1]]}, "
-            f"the mean{where}; change {given} or the outlets, or start from rest."
+            f"network {model.network.name}: it has no steady state with {given} = {np.mean(mean):g} "
+            f"{SIGNAL_UNITS[given[-1]]}, the mean{where}; change {given} or the outlets, or start from rest."
         ) from None
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
 
@@ -123,7 +121,7 @@ def _steady(model: Model, mean: float) -> State:
 
 
 def _balanced(model: Model, rest: State, drive: Array, T: float) -> _Waves:
-    """The waves about a steady state under a drive with harmonics : (K+1,) [m³/s or Pa]."""
+    """The waves about a steady state under a drive with harmonics : (K+1,) or (K+1, B) [m³/s or Pa]."""
     omega = 2.0 * np.pi / T * np.arange(len(drive))
     # the mean is a wave so slow that everything follows it
     responses = [_Response.about(model, 1.0 / (1j * w) if w else _LONG[-1], rest) for w in omega]

@@ -16,7 +16,7 @@ from fitting.indices import OF_LAW, plain
 from fitting.network_indices import indices_at, network_indices
 from fitting.pages.tables import network_indices_table
 from fitting.records.beats import Beats
-from fitting.records.noise import inflow
+from fitting.records.inflow import inflow
 from fitting.records.spectral import derivative
 from solver import simulate_periodic
 

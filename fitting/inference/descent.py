@@ -15,7 +15,8 @@ from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.network import Network
 
 from ..records.beats import Beats
-from ..records.noise import NEIGHBOURS, Target, inflow, response, target
+from ..records.inflow import inflow
+from ..records.noise import NEIGHBOURS, Target, response, target
 from .identify import Determined, determined
 from .search import held_step
 from .simulator import Meter, Runs, Simulator

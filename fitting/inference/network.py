@@ -17,13 +17,13 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.inflow import inflow
 from ..records.noise import (
     MAX_HARMONICS,
     Target,
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    inflow,
     mean_beat,
     pulses,
     solver_error,
@@ -32,8 +32,8 @@ from ..records.noise import (
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .misfit import Block, sizes
-from .observation import mean_wander, sense
+from .misfit import Block, blocks_of, parts_of, with_errors
+from .observation import driven, inlet_sensor, mean_wander, meter, sense
 from .prior import Calibrated, calibrated, possible
 from .search import Search, search
 from .simulator import Runs, Simulator, linear_response, started
@@ -45,8 +45,10 @@ Array = np.ndarray
 
 COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
 SCREEN_DT = 5e-3  # s, for the derivatives of the score test
+_FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
 _BATCH = 64  # members at once
+_CHEAP = 16  # members that cost hardly more than one
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 
@@ -111,15 +113,18 @@ class NetworkProblem(Forward):
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
-        x = n - H q + e of a hypothesis; as measured where that breaks down."""
+        x = n - H q + e of a hypothesis, through its flow meter; as measured where that breaks down."""
         Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
         S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full = np.zeros(beats.N // 2 + 1, complex)
-        full[: self.K + 1] = -S * np.einsum("ki,ki->k", self.response.conj(), weighted)
-        return Q - np.fft.irfft(full, beats.N, norm="forward")
+        full = np.fft.rfft(Q, norm="forward")
+        shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
+        full[0] -= offset
+        full[: self.K + 1] /= shown
+        return np.fft.irfft(full, beats.N, norm="forward")
 
     def driven(self, wave: Array) -> Drive:
         """The inflow; a run begins at rest: best where the flow is least."""
@@ -168,14 +173,15 @@ class NetworkProblem(Forward):
     def _batch(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
         network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
         nominal = network.parameters()
-        moved = [parameter_values(m.unknowns, network, m.x) for m in members]
+        moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
         names = dict.fromkeys(name for each in moved for name in each)
-        # a sensor alone needs no simulation of its own
-        table = np.array([[float(each.get(n, nominal[n])) for n in names] for each in moved])
-        unique, inverse = np.unique(table, axis=0, return_inverse=True)
-        parameters = {n: unique[:, i] for i, n in enumerate(names)}
+        # a sensor of an output needs no simulation of its own
+        table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
+        unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
+        parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
         try:
-            X = self.simulator.coefficients(network, parameters, runs)
+            inflow = driven(self.simulator.drive, [members[i] for i in first])
+            X = self.simulator.coefficients(network, parameters, runs, inflow)
             return [X[i] for i in inverse.ravel()]
         except (NonPhysicalState, NotPeriodic, ValueError):
             if len(members) == 1:
@@ -191,6 +197,11 @@ class NetworkProblem(Forward):
 
     def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
         """z : (n,) and its columns (n, p) by all unknowns, of every member."""
+        coarse, many = self._stepping(COARSE_DT), sum(len(m.x) for m in members) > _CHEAP
+        if many and self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps
+            found = coarse.derivatives(members, runs)
+            there = zip(self.observe(members, runs), found, strict=True)
+            return [None if x is None or own is None else (self.residual(x), own[1]) for x, own in there]
         steps = [finite_steps(m.unknowns, m.x, _STEP) for m in members]
         moved = [np.concatenate([m.x[None], m.x + np.diag(s)]) for m, s in zip(members, steps, strict=True)]
         X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
@@ -204,9 +215,13 @@ class NetworkProblem(Forward):
             result.append((z[0], (z[1:] - z[0]).T / step))
         return result
 
+    def _stepping(self, dt: float) -> NetworkProblem:
+        """The same in steps of dt [s], or in the longest that show a beat's harmonics."""
+        settings = replace(self.simulator.settings, dt=min(dt, self.simulator.T / max(_FEWEST, 2 * self.K + 2)))
+        return replace(self, simulator=replace(self.simulator, settings=settings))
+
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        settings = replace(self.simulator.settings, dt=max(SCREEN_DT, self.simulator.settings.dt))
-        screen = replace(self, simulator=replace(self.simulator, settings=settings))
+        screen = self._stepping(SCREEN_DT)
         return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
@@ -294,28 +309,13 @@ class NetworkProblem(Forward):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        kinds = dict.fromkeys(name.rpartition(".")[2] for name in self.signals)
-        return (*self.signals, *(f"means of {kind}" for kind in kinds))
+        return parts_of(self.signals)
 
     def blocks(self, fit: Fit) -> list[Block]:
-        m, K, size = len(self.signals), self.K, sizes(self.target.X)
-        kinds = np.array([self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals])
-        white = self.target.whitener * size[:, None, :]
-        found = [Block(np.arange(m), white[0].real, kinds)]
-        own = np.tile(np.arange(m), 2)
-        for k in range(1, K + 1):
-            a, b = white[k].real, white[k].imag
-            rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
-            found.append(Block(rows, np.block([[a, -b], [b, a]]), own))
-        return found
+        return blocks_of(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        m, size = len(self.signals), sizes(self.target.X)
-        at, kinds = np.arange(m), [self.parts.index(f"means of {name.rpartition('.')[2]}") for name in self.signals]
-        covariance = self.target.covariance.copy()
-        covariance[0, at, at] += (parts[kinds] * size[0]) ** 2
-        covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
-        return replace(self, target=Target.of(self.signals, self.target.X, covariance))
+        return replace(self, target=with_errors(self.target, parts))
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
@@ -345,6 +345,7 @@ class NetworkProblem(Forward):
         at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
+        H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
         return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
@@ -386,7 +387,7 @@ def network_problem(
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
-    settings = Settings(dt=min(COARSE_DT, beats.T / 80.0), tolerance=3e-5)
+    settings = Settings(dt=min(COARSE_DT, beats.T / _FEWEST), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0

@@ -8,8 +8,10 @@ import numpy as np
 
 from solver import effects
 from solver.sensors import Sensor
+from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.inflow import Inflow
 from .fit import Member
 from .unknown import values
 
@@ -43,6 +45,27 @@ def sense(member: Member, names: Sequence[str], X: Array, T: float, means: bool 
         X[:, i] *= H
         X[0, i] += float(offset[0]) * means
     return X
+
+
+def inlet_sensor(member: Member) -> dict[str, float]:
+    """The numbers of a hypothesis that say how the flow meter at the inlet shows the inflow."""
+    found = values(member.unknowns, member.x, {}) if any(term.place == INFLOW for term in member.terms) else {}
+    return {name: float(value) for name, value in found.items() if name.startswith(f"{INFLOW}.")}
+
+
+def meter(member: Member, n: int, T: float) -> tuple[Array, float]:
+    """Transfer function (n,) of the flow meter at the inlet at harmonics 0 … n - 1 of T [s], and its offset."""
+    moved = {name: np.asarray(value) for name, value in inlet_sensor(member).items()}
+    H, offset = chain(moved, INFLOW, 2.0 * np.pi / T * np.arange(n))
+    return H, float(offset[0])
+
+
+def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
+    """What flowed in each hypothesis, if the flow meter showed ``shown``; that itself where none doubts the meter."""
+    if not any(map(inlet_sensor, members)):
+        return shown
+    H, offset = zip(*(meter(m, shown.X.shape[-1], shown.T) for m in members), strict=True)
+    return shown.true(np.array(H), np.array(offset)[:, None])
 
 
 def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from solver import NonPhysicalState, Settings, repeating_beat
 from solver.network import Network
 
+from ..records.inflow import Inflow
 from ..records.noise import NEIGHBOURS, response
 
 Array = np.ndarray
@@ -60,7 +61,7 @@ class Simulator:
     """
 
     network: Network
-    drive: Callable[[Array], Array]
+    drive: Inflow
     T: float
     names: tuple[str, ...]
     K: int
@@ -77,15 +78,18 @@ class Simulator:
         half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
-    def coefficients(self, network: Network, parameters: Mapping[str, Array], runs: Runs) -> Array:
-        """X : (B, K+1, m) of the periodic beats.
+    def coefficients(
+        self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None
+    ) -> Array:
+        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps.
 
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
         """
         runs.check()
+        inflow = inflow or self.drive
 
         def drive(t: Array) -> Array:
-            return self.drive(t + self.start)
+            return inflow(t + self.start)
 
         beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
                               tolerance=self.tolerance, progress=lambda *_: runs.check())  # fmt: skip

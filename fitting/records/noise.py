@@ -12,7 +12,7 @@ costs nothing. What sampling hides beyond half its rate is part of S_n and S_q.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,24 +136,6 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
     above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
-
-
-def inflow(beats: Beats, dt: float) -> Callable[[Array], Array]:
-    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic."""
-    Q = beats.mean(INFLOW)
-    X = coefficients(Q)
-    weight = np.full(len(X), 2.0)
-    weight[0] = 1.0
-    if len(Q) % 2 == 0:
-        weight[-1] = 1.0  # the Nyquist coefficient is its own conjugate
-    kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
-    k, amplitude = np.arange(kept), (weight * X)[:kept]
-
-    def flow(t: Array) -> Array:
-        phase = np.mod(np.asarray(t, float) / beats.T, 1.0)
-        return (np.exp(2j * np.pi * phase[..., None] * k) @ amplitude).real
-
-    return flow
 
 
 def check_flow_driven(network: Network) -> None:

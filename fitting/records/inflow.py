@@ -1,0 +1,60 @@
+"""The inflow that drives a simulation: what the flow meter shows, or what flowed if that is not quite true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.units import INFLOW
+
+from .beats import Beats
+from .spectral import coefficients
+
+Array = np.ndarray
+
+_ABOVE_NOISE = 3.0  # standard deviations of the mean beat's harmonic
+
+
+@dataclass(frozen=True)
+class Inflow:
+    """Q(t) = Q_0 + 2 Re Σ Q_k e^{2πikt/T} [m³/s], for one inflow or for each member of a batch.
+
+    X : (…, n) the Q_k, the last with half its weight if it is the Nyquist coefficient. shown : (n,) whether a harmonic
+    stands above the noise of the meter.
+    """
+
+    T: float
+    X: Array
+    shown: Array
+
+    @property
+    def omega(self) -> Array:
+        """(n,) [rad/s]."""
+        return 2.0 * np.pi / self.T * np.arange(self.X.shape[-1])
+
+    def __call__(self, t: Array) -> Array:
+        """Q : t.shape, or t.shape + (B,) of a batch, at times t [s]."""
+        phase = np.mod(np.asarray(t, float) / self.T, 1.0)
+        k = np.arange(self.X.shape[-1])
+        return np.asarray((np.exp(2j * np.pi * phase[..., None] * k) @ np.where(k > 0, 2.0 * self.X, self.X).T).real)
+
+    def true(self, H: Array, offset: Array) -> Inflow:
+        """What flowed if this is what a meter with transfer function H : (…, n) and an ``offset`` (…, 1) showed.
+
+        Q = (q - o)/H where q stands above the noise, which 1/H of a slow meter would only enlarge.
+        """
+        first = np.arange(self.X.shape[-1]) == 0
+        return replace(self, X=(self.X - np.where(first, offset, 0.0)) / np.where(self.shown, H, 1.0))
+
+
+def inflow(beats: Beats, dt: float) -> Inflow:
+    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic."""
+    X = coefficients(beats.mean(INFLOW))
+    if beats.N % 2 == 0:
+        X[-1] *= 0.5  # the Nyquist coefficient is its own conjugate
+    shown = np.ones(len(X), bool)
+    if beats.n_beats > 1:
+        shown[1:] = np.abs(X[1:]) > _ABOVE_NOISE * np.sqrt(beats.covariance((INFLOW,))[1:, 0, 0].real)
+    kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
+    return Inflow(beats.T, X[:kept], shown[:kept])

@@ -1,0 +1,129 @@
+"""Evidence against integrals, widths and errors of the model against what they were drawn from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from fitting.inference.evidence import DECADES, Linear, score
+from fitting.inference.fit import Fit
+from fitting.inference.misfit import Block, estimated, widened
+from fitting.inference.terms import Term
+from fitting.inference.unknown import Unknown
+from solver.coordinate import SHIFT
+
+Array = np.ndarray
+
+
+def unknown(name: str, group: str = "", prior_sd: float = 1.0) -> Unknown:
+    return Unknown(name, SHIFT, ((name, 1.0),), -1e3, 1e3, prior_sd=prior_sd, group=group)
+
+
+def fitted(J: Array, y: Array, unknowns: tuple[Unknown, ...], terms: tuple[Term, ...] = ()) -> Fit:
+    """The linear problem y + J x at its most probable x under Gaussian priors; those of effects are flat."""
+    own = [u.name for t in terms for u in t.unknowns]
+    prior = np.array([0.0 if u.name in own else u.prior_sd**-2.0 for u in unknowns if u.prior_sd])
+    x = -np.linalg.solve(J.T @ J + np.diag(prior), J.T @ y)
+    nothing = np.zeros(len(y), int)
+    return Fit(terms, unknowns, x, y + J @ x, J, nothing, nothing)
+
+
+def test_evidence_is_the_marginal_likelihood() -> None:
+    """Of a linear problem with Gaussian priors: -2 ln N(y; 0, 1 + Σ w² J Jᵀ) to round-off, whatever the widths."""
+    rng = np.random.default_rng(1)
+    J, y = rng.normal(size=(30, 6)), rng.normal(size=30) * 2.0
+    unknowns = tuple(unknown(f"a{i}", "E" if i < 4 else "R0") for i in range(6))
+    linear = Linear.of(fitted(J, y, unknowns))
+
+    def exact(widths: dict[str, float]) -> float:
+        w = np.array([widths[u.group] for u in unknowns])
+        C = np.eye(30) + (J * w) @ (J * w).T
+        return float(-2.0 * multivariate_normal(np.zeros(30), C).logpdf(y)) - 30 * math.log(2.0 * math.pi)
+
+    for widths in ({"E": 1.0, "R0": 1.0}, {"E": 0.3, "R0": 2.0}, {"E": 0.0, "R0": 0.0}):
+        assert linear.at(widths) == pytest.approx(exact(widths), abs=1e-9)
+
+
+def test_size_of_an_effect_is_integrated_over_its_logarithm() -> None:
+    """One number x of d' = 8: ∫ N(z) dx/(2 |x| ln 1000) over both signs; Laplace's value is off by 0.03 of -2 ln."""
+    J, y = np.array([[50.0]]), np.array([-8.0])
+    term = Term("toy", "here", ("here",), (unknown("size"),))
+    found = score(fitted(J, y, term.unknowns, (term,)))
+    x = np.linspace(1e-3, 0.4, 200001)
+    density = np.exp(-0.5 * (y[0] + J[0, 0] * x) ** 2) / (2.0 * x * DECADES * math.log(10.0))
+    exact = -2.0 * math.log(float(np.trapezoid(density, x)))
+    assert found == pytest.approx(exact, abs=0.05)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.25, 1.0, 2.0])
+def test_widths_are_those_that_walls_were_drawn_with(width: float) -> None:
+    """Forty deviations of one width, each known to 0.05: the width is found, to the neighbour in the list."""
+    rng = np.random.default_rng(7)
+    J = 20.0 * np.eye(40)
+    y = -J @ (width * rng.normal(size=40)) + rng.normal(size=40)
+    found = Linear.of(fitted(J, y, tuple(unknown(f"a{i}", "E") for i in range(40)))).inferred()
+    assert found.of["E"] == pytest.approx(width, abs=0.01 + 0.41 * width)
+
+
+# --- errors of the model ----------------------------------------------------------------------------------------------
+
+
+def blocks(rng: np.random.Generator, n: int) -> list[Block]:
+    """n blocks of six entries with errors of two parts, not diagonal."""
+    mix = [rng.normal(size=(6, 6)) * 10.0 for _ in range(n)]
+    return [Block(6 * i + np.arange(6), B, np.array([0, 0, 0, 1, 1, 1])) for i, B in enumerate(mix)]
+
+
+def test_errors_of_the_model_are_found() -> None:
+    """Errors of 0.3 and 0 of unit size beside noise of 1, 300 entries and five unknowns: 0.3 to 10 %, and none."""
+    rng = np.random.default_rng(3)
+    found = blocks(rng, 50)
+    J, noise = rng.normal(size=(300, 5)) * 30.0, rng.normal(size=300)
+    y = noise + J @ rng.normal(size=5)
+    for b in found:
+        y[b.rows] += b.B @ (np.array([0.3, 0.3, 0.3, 0.0, 0.0, 0.0]) * rng.normal(size=6))
+    fit = fitted(J, y, tuple(unknown(f"a{i}", prior_sd=10.0) for i in range(5)))
+    parts = estimated(fit, found, 2)
+    assert parts[0] == pytest.approx(0.3, rel=0.1)
+    assert parts[1] < 0.03
+    wide = widened(fit, found, parts)
+    assert wide.chi2 / len(y) == pytest.approx(1.0, abs=0.1)
+    C = np.eye(300)
+    for b in found:
+        C[np.ix_(b.rows, b.rows)] += (b.B * parts[b.part]) @ (b.B * parts[b.part]).T
+    assert wide.log_volume == pytest.approx(float(np.linalg.slogdet(C)[1]), rel=1e-9)
+    assert score(wide) < score(fit) - 100.0
+
+
+def test_noise_has_no_errors_of_the_model() -> None:
+    """Where the residual is noise, an error of the model is worth its price in less than one record of a hundred.
+
+    Of a part of an error that is not there, half the gains are 0 and half χ² of one degree of freedom: above the price
+    of one, 10, in 0.1 % of all; 40 draws have none or one.
+    """
+    from discrepancy.thresholds import ELSE, PART
+
+    rng = np.random.default_rng(5)
+    gains = []
+    for _ in range(40):
+        found = blocks(rng, 50)
+        fit = fitted(rng.normal(size=(300, 1)), rng.normal(size=300), (unknown("a"),))
+        parts = estimated(fit, found, 2)
+        gains.append(score(fit) - score(widened(fit, found, parts)) - ELSE - PART * np.count_nonzero(parts))
+    assert sum(gain > 0.0 for gain in gains) <= 1
+
+
+def test_what_unknowns_take_up_is_no_error() -> None:
+    """An error that the unknowns take up whole is not told, and comes out as none."""
+    rng = np.random.default_rng(9)
+    B = np.vstack([np.eye(6), np.zeros((294, 6))])
+    free = Block(np.arange(300), B * 10.0, np.zeros(6, int))
+    J = B * 100.0
+    fit = fitted(
+        J, rng.normal(size=300) + J @ rng.normal(size=6), tuple(unknown(f"a{i}", prior_sd=5.0) for i in range(6))
+    )
+    assert estimated(replace(fit), [free], 1)[0] < 0.05
