@@ -58,12 +58,12 @@ class Compared:
         return [n.fit for n in (*self.nones, *self.ranked)]
 
     def joined_by(self, fits: Sequence[Fit]) -> Compared:
-        """With further hypotheses; of one that was there the better fit."""
-        known = {key_of(f): f for f in self.fits}
-        for f in fits:
-            if key_of(f) not in known or f.cost < known[key_of(f)].cost:
-                known[key_of(f)] = f
-        return Compared.of(self.problem, list(known.values()), self.columns, self.terms)
+        """With further hypotheses; of one that was there the more probable fit."""
+        known = {n.key: n for n in (*self.nones, *self.ranked)}
+        for n in (weighed(self.problem, f, self.terms) for f in fits):
+            if n.key not in known or n.score < known[n.key].score:
+                known[n.key] = n
+        return Compared.of(self.problem, [n.fit for n in known.values()], self.columns, self.terms)
 
     def restated(self, problem: Forward) -> Compared:
         """Under the weights of another problem of the same record."""
@@ -103,6 +103,10 @@ def _labels(fit: Fit) -> tuple[str, ...]:
 def further(found: Compared, runs: Runs) -> Iterator[Compared]:
     """With more effects, or finer ones, until the best explains the record or nothing new is left to try."""
     tried: set[tuple[str, ...]] = set()
+    if found.best.fit.terms:
+        elsewhere = along(found, runs)
+        if elsewhere:
+            yield (found := found.joined_by(elsewhere))
     while found.best.fit.terms and not found.best.explains:
         fits = more(found, runs, tried)
         if not fits:
@@ -111,6 +115,17 @@ def further(found: Compared, runs: Runs) -> Iterator[Compared]:
         found = found.joined_by(fits)
         found = found.polished(runs) if found.best.score < known else found
         yield found
+
+
+def along(found: Compared, runs: Runs) -> list[Fit]:
+    """The best effects of a part of a segment, wherever along it they may lie: of the best alone if it explains all."""
+    local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and n.fit.cost < at.ALONG_COST * found.best.fit.cost]
+    fits = []
+    for fit in local[:1] if found.best.explains else local[: at.ALONG]:
+        term = found.problem.placed(fit, fit.terms[0])
+        if term is not None:
+            fits += [f for f in found.problem.refit([(term,)], fit, runs) if f is not None]
+    return fits
 
 
 def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:

@@ -72,9 +72,8 @@ def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) ->
     for term in terms:
         if term.label in columns:
             x = np.concatenate([base.x, np.zeros(len(term.unknowns))])
-            names = [u.name for u in term.unknowns]
             J = np.column_stack([base.J, columns[term.label]])
-            linear = Linear(base.z, J, x, (*base.unknowns, *term.unknowns), names, base.log_volume)
+            linear = Linear(base.z, J, x, (*base.unknowns, *term.unknowns), base.log_volume)
             found.append((linear.inferred().score, term))
     return Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
 

@@ -19,14 +19,13 @@ from solver.coordinate import SHIFT
 Array = np.ndarray
 
 
-def unknown(name: str, group: str = "", prior_sd: float = 1.0) -> Unknown:
-    return Unknown(name, SHIFT, ((name, 1.0),), -1e3, 1e3, prior_sd=prior_sd, group=group)
+def unknown(name: str, group: str = "", prior_sd: float = 1.0, of_size: bool = False) -> Unknown:
+    return Unknown(name, SHIFT, ((name, 1.0),), -1e3, 1e3, prior_sd=prior_sd, group=group, of_size=of_size)
 
 
 def fitted(J: Array, y: Array, unknowns: tuple[Unknown, ...], terms: tuple[Term, ...] = ()) -> Fit:
     """The linear problem y + J x at its most probable x under Gaussian priors; those of effects are flat."""
-    own = [u.name for t in terms for u in t.unknowns]
-    prior = np.array([0.0 if u.name in own else u.prior_sd**-2.0 for u in unknowns if u.prior_sd])
+    prior = np.array([0.0 if u.of_size else u.prior_sd**-2.0 for u in unknowns if u.prior_sd])
     x = -np.linalg.solve(J.T @ J + np.diag(prior), J.T @ y)
     nothing = np.zeros(len(y), int)
     return Fit(terms, unknowns, x, y + J @ x, J, nothing, nothing)
@@ -51,7 +50,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 def test_size_of_an_effect_is_integrated_over_its_logarithm() -> None:
     """One number x of d' = 8: ∫ N(z) dx/(2 |x| ln 1000) over both signs; Laplace's value is off by 0.03 of -2 ln."""
     J, y = np.array([[50.0]]), np.array([-8.0])
-    term = Term("toy", "here", ("here",), (unknown("size"),))
+    term = Term("toy", "here", ("here",), (unknown("size", of_size=True),))
     found = score(fitted(J, y, term.unknowns, (term,)))
     x = np.linspace(1e-3, 0.4, 200001)
     density = np.exp(-0.5 * (y[0] + J[0, 0] * x) ** 2) / (2.0 * x * DECADES * math.log(10.0))

@@ -43,16 +43,13 @@ class Widths:
 class Linear:
     """Unknowns p about a point as a linear problem: what widths do to its evidence, in a fraction of a millisecond.
 
-    z : (n,) whitened residual at x : (p,). J : (n, p). effects : names of the unknowns that are the sizes of effects.
-    log_volume : ln det C.
+    z : (n,) whitened residual at x : (p,). J : (n, p). log_volume : ln det C.
     """
 
-    def __init__(
-        self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], effects: Sequence[str], log_volume: float = 0.0
-    ) -> None:
+    def __init__(self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
         y = z - J @ x
         self.gram, self.right = J.T @ J, J.T @ y
-        self.free = np.array([u.name in effects for u in unknowns], bool)
+        self.free = np.array([u.of_size for u in unknowns], bool)
         self.groups = [u.group for u in unknowns]
         self.signs = np.array([2.0 if u.low < 0.0 else 1.0 for u in unknowns])
         grouped = np.array([bool(g) for g in self.groups], bool)
@@ -67,8 +64,7 @@ class Linear:
     @classmethod
     def of(cls, fit: Fit) -> Linear:
         """Of a fit, about where it is."""
-        names = [u.name for term in fit.terms for u in term.unknowns]
-        return cls(fit.z, fit.J, fit.x, fit.unknowns, names, fit.log_volume)
+        return cls(fit.z, fit.J, fit.x, fit.unknowns, fit.log_volume)
 
     def at(self, widths: Mapping[str, float] | None = None) -> float:
         """-2 ln evidence, up to a constant of the record, with these widths of the groups."""

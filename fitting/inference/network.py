@@ -24,22 +24,21 @@ from ..records.noise import (
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    mean_beat,
     pulses,
     solver_error,
     target,
 )
 from .added import allowed
-from .fit import Fit, Member, begun, taken_over
+from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .misfit import Block, blocks_of, parts_of, with_errors
-from .observation import driven, inlet_sensor, mean_wander, meter, sense
-from .prior import Calibrated, calibrated, possible
-from .search import Search, search
+from .observation import driven, inlet_sensor, meter, of_other_beats, sense
+from .prior import Calibrated, of_animal, possible
+from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, nuisances, refined, rewired
-from .unknown import Unknown, finite_steps, parameter_values
+from .terms import EVERY, Term, placed, refined, rewired
+from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
 
@@ -80,24 +79,15 @@ class NetworkProblem(Forward):
         return degrees_of_freedom(self.beats.n_beats)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        x = [x for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
-        return refined(self.network, term, [float(each) for each in x])
+        return refined(self.network, term, sizes_of(fit, term))
+
+    def placed(self, fit: Fit, term: Term) -> Term | None:
+        return placed(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
-        at = np.arange(len(self.signals))
-        covariance = self.target.covariance.copy()
-        covariance[:, at, at] -= self.error**2  # which more beats do not lower
-        covariance *= fitted.n_beats / beats.n_beats
-        covariance[:, at, at] += self.error**2
-        wander = mean_wander(beats, fitted, self.signals)
-        covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
         drive = inflow(beats, self.simulator.settings.dt)
-        return replace(
-            self,
-            beats=beats,
-            simulator=replace(self.simulator, drive=drive),
-            target=Target.of(self.signals, mean_beat(beats, self.signals, self.K), covariance),
-        )
+        other = of_other_beats(self.target, self.error, beats, fitted)
+        return replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         X = self.observe([f.member for f in fits])
@@ -117,10 +107,10 @@ class NetworkProblem(Forward):
         Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
-        S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
-        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full = np.fft.rfft(Q, norm="forward")
         shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
+        full = np.fft.rfft(Q, norm="forward")
+        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset
         full[: self.K + 1] /= shown
@@ -139,12 +129,7 @@ class NetworkProblem(Forward):
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
-        network = rewired(self.network, terms)
-        there = network.parameters()
-        own = [u for u in self.deviations if set(u.variables) <= there.keys()]
-        known = calibrated(own)
-        common = [u for u in nuisances(network) if not set(u.variables) <= known]
-        nuisance = [u for u in (*common, *own) if not set(u.variables) <= mine]
+        nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
     def individual(self) -> NetworkProblem:
@@ -278,6 +263,8 @@ class NetworkProblem(Forward):
             own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
             for t in new:
                 own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+            if not all(u.name in own for u in unknowns):
+                return search
             search.J, search.z = np.stack([own[u.name] for u in unknowns], axis=1), start.z
             search.settle(start.z)
         return search
@@ -349,16 +336,26 @@ class NetworkProblem(Forward):
         return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
-        """With new sensors at the best of their starting points: that costs one simulation for all of them."""
-        before = set() if start is None else {t.label for t in start.terms}
+        """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
+        before = set() if start is None else set(start.unknowns)
         for term in member.terms:
-            known = term.is_sensor or term.place == EVERY  # others would need a simulation for every starting point
-            if term.starts and known and term.label not in before:
+            few = (
+                term.is_sensor or term.place == EVERY or term.label in {t.label for t in (start.terms if start else ())}
+            )
+            if term.starts and few and not set(term.unknowns) <= before:
                 trials = begun(member, term)
-                X = self.observe(trials, runs)
-                costs = [np.inf if each is None else float(np.sum(self.residual(each) ** 2)) for each in X]
+                costs = [np.inf if X is None else self._promise(X, start) for X in self.observe(trials, runs)]
                 member = trials[int(np.argmin(costs))]
         return member
+
+    def _promise(self, X: Array, start: Fit | None) -> float:
+        """The cost of an observation (K+1, m), and where a fit is known, what its unknowns may still take up of it."""
+        z = self.residual(X)
+        if start is None or not len(start.x):
+            return float(z @ z)
+        step = bounded_step(start.J, z, start.prior, start.x, *bounds(start.unknowns))
+        left = z + start.J @ step
+        return float(left @ left)
 
     def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.J is None:
@@ -396,5 +393,4 @@ def network_problem(
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     own = target(beats, chosen, H, error)
-    may = possible(network, prior)
-    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], possible=may)
+    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], (), possible(network, prior))

@@ -17,7 +17,7 @@ from solver.coordinate import SCALE, SHIFT, Coordinate
 from solver.network import Network
 from solver.quantity import Quantity
 
-from .terms import OWN, deviations
+from .terms import OWN, deviations, nuisances
 from .unknown import Unknown
 
 Array = np.ndarray
@@ -84,6 +84,15 @@ def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:
     return stated if prior is None else (
         *prior.unknowns, *(u for u in stated if not prior.single & set(u.variables))
     )  # fmt: skip
+
+
+def of_animal(network: Network, own: Sequence[Unknown]) -> list[Unknown]:
+    """What every animal has of its own: what all arteries have in common, and ``own`` deviations of those numbers that
+    the network has. Where a calibration moved all that a common factor would, that is left out."""
+    there = network.parameters()
+    present = [u for u in own if set(u.variables) <= there.keys()]
+    known = calibrated(present)
+    return [*(u for u in nuisances(network) if not set(u.variables) <= known), *present]
 
 
 def calibrated(unknowns: Sequence[Unknown]) -> set[str]:

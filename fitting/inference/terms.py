@@ -13,7 +13,7 @@ from typing import Any
 
 from solver import effects
 from solver.catalogue import quantities_of, value_of
-from solver.coordinate import SCALE, SHIFT
+from solver.coordinate import SCALE, SHIFT, Coordinate
 from solver.effect import ALL_PLACES, Effect
 from solver.network import Network
 from solver.quantity import Quantity
@@ -21,6 +21,7 @@ from solver.quantity import Quantity
 from .unknown import Unknown, with_prior
 
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
+HOW_WIDTH = 2.0  # of how and where it acts, in typical steps
 EVERY = "every segment"
 OWN = "of its own"
 _WIDEST = 5.0  # of a nuisance's logarithm
@@ -81,8 +82,14 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 
 def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
     """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
-    unknowns = tuple(with_prior(c, PRIOR_WIDTH) for c in effect.coordinates(network, place, bench))
+    unknowns = tuple(_searched(effect, c) for c in effect.coordinates(network, place, bench))
     return Term(effect.name, place, (place,), unknowns, effect.starts) if unknowns else None
+
+
+def _searched(effect: Effect, coordinate: Coordinate) -> Unknown:
+    """A size, which may be anything; or how an effect acts, which is known beforehand to a few typical steps."""
+    of_size = coordinate.name.rpartition(".")[2] not in (*effect.how, *effect.along)
+    return with_prior(coordinate, PRIOR_WIDTH if of_size else HOW_WIDTH, of_size)
 
 
 def candidates(network: Network, channels: Sequence[str], site: str | None = None) -> tuple[Term, ...]:
@@ -122,6 +129,15 @@ def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     each = [t.unknowns for t in found if t is not None]
     unknowns = tuple(u for own in each for u in own)
     return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
+
+
+def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of a part of a segment that may lie elsewhere along it, from sizes x of the usual part; else None."""
+    effect = effect_of(term)
+    there = {u.name for u in term.unknowns}
+    along = [_searched(effect, c) for c in effect.coordinates_along(network, term.place) if c.name not in there]
+    starts = tuple((*x, *start) for start in effect.starts_along)
+    return replace(term, unknowns=(*term.unknowns, *along), starts=starts) if along else None
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:

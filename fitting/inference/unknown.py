@@ -32,12 +32,13 @@ class Unknown(Coordinate):
 
     prior_sd : standard deviation of x, or None. typical_sd : of the default prior; the size of x against which a datum
     without prior is judged, and that finite differences go by. group : those with one name share the width of their
-    priors, which the record tells.
+    priors, which the record tells. of_size : the size of an effect, any decade of which is equally likely beforehand.
     """
 
     prior_sd: float | None = 1.0
     typical_sd: float = 1.0
     group: str = ""
+    of_size: bool = False
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -52,9 +53,9 @@ class Unknown(Coordinate):
         return Estimate(value, self.unit, (low, high))
 
 
-def with_prior(coordinate: Coordinate, prior_sd: float | None) -> Unknown:
+def with_prior(coordinate: Coordinate, prior_sd: float | None, of_size: bool = False) -> Unknown:
     """A coordinate with its prior."""
-    return Unknown(**vars(coordinate), prior_sd=prior_sd)
+    return Unknown(**vars(coordinate), prior_sd=prior_sd, of_size=of_size)
 
 
 def bounds(unknowns: Sequence[Coordinate]) -> tuple[Array, Array]:
