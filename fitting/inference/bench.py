@@ -181,7 +181,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
     """The bench of a record. Raises ValueError if P or R of the site is missing."""
     loop = mean_loop(beats, site)
     signals = (f"{site}.P", f"{site}.R")
-    own = beats.covariance(signals)
+    own = loop.noise
     pulse = [np.ptp(loop.P), np.ptp(loop.R)]
     noise = loop.noise.copy()
     highest = []

@@ -19,7 +19,7 @@ from ..records.inflow import inflow
 from ..records.noise import NEIGHBOURS, Target, response, target
 from .identify import Determined, determined
 from .search import held_step
-from .simulator import Meter, Runs, Simulator
+from .simulator import Meter, Runs, Simulator, varying
 from .unknown import Unknown, bounds, finite_steps, parameter_values, penalty
 
 Array = np.ndarray
@@ -88,7 +88,8 @@ class Problem:
         s = self.simulator
         at = {name: float(value) for name, value in parameter_values(self.unknowns, s.network, x).items()}
         H = response(s.network, s.names, s.T, s.K + NEIGHBOURS, at)
-        return replace(self, target=target(self.beats, s.names, H, error))
+        felt = varying(self.beats, s.network, s.names, s.K, at)
+        return replace(self, target=target(self.beats, s.names, H, error, felt))
 
     def simulate(self, x: Array) -> Array:
         """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""

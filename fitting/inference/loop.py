@@ -23,6 +23,7 @@ from solver.loop import circulant
 
 from ..records import spectral
 from ..records.beats import Beats
+from .residual_beats import loop_noise
 
 Array = np.ndarray
 
@@ -73,9 +74,9 @@ def mean_loop(beats: Beats, site: str) -> Loop:
     names = (f"{site}.P", f"{site}.R")
     beats = paired(beats, site)
     P, R = (beats.mean(name) for name in names)
-    noise = beats.covariance(names)
     N = min(beats.N, _MOST_SAMPLES)
-    return Loop(spectral.resample(P, N), spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
+    noise, seam = loop_noise(beats, site, N)
+    return Loop(spectral.resample(P, N) - seam, spectral.resample(R, N), beats.T, noise[: N // 2 + 1])
 
 
 def paired(beats: Beats, site: str) -> Beats:

@@ -17,6 +17,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from ..records.beats import Beats
+from ..records.felt import Felt
 from ..records.inflow import inflow
 from ..records.noise import (
     MAX_HARMONICS,
@@ -35,9 +36,9 @@ from .misfit import Block, blocks_of, parts_of, with_errors
 from .observation import driven, inlet_sensor, meter, of_other_beats, sense
 from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, search
-from .simulator import Runs, Simulator, linear_response, started
+from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, placed, refined, rewired
+from .terms import EVERY, Term, mesh_of, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -57,7 +58,8 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
-    deviations : what every artery has of its own; none where all have it in common. possible : what it may have.
+    felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
+    have it in common. possible : what it may have.
     """
 
     kind = "network"
@@ -71,6 +73,7 @@ class NetworkProblem(Forward):
     target: Target
     error: Array
     response: Array
+    felt: Felt | None = None
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
 
@@ -86,8 +89,9 @@ class NetworkProblem(Forward):
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt)
-        other = of_other_beats(self.target, self.error, beats, fitted)
-        return replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other)
+        felt = varying(beats, self.network, self.signals, self.K)
+        other = of_other_beats(self.target, self.error, beats, fitted, felt)
+        return replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         X = self.observe([f.member for f in fits])
@@ -143,7 +147,7 @@ class NetworkProblem(Forward):
         runs = runs or Runs()
         groups: dict[str, list[int]] = {}
         for i, member in enumerate(members):
-            groups.setdefault(_group(member.terms), []).append(i)
+            groups.setdefault(mesh_of(member.terms), []).append(i)
         X: list[Array | None] = [None] * len(members)
         for group in groups.values():
             for at in range(0, len(group), _BATCH):
@@ -213,7 +217,7 @@ class NetworkProblem(Forward):
         plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
         for term in plain:
-            groups.setdefault(_group((*at.terms, term)), []).append(term)
+            groups.setdefault(mesh_of((*at.terms, term)), []).append(term)
         found: dict[str, Array] = {}
         for group in groups.values():
             members = [at.member]
@@ -221,7 +225,7 @@ class NetworkProblem(Forward):
                 for i in range(len(term.unknowns)):
                     x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
                     members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if _group((*at.terms, group[0])) != _group(at.terms):  # the same mesh for the point that they leave from
+            if mesh_of((*at.terms, group[0])) != mesh_of(at.terms):  # the same mesh for the point that they leave from
                 members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
             X = self.observe(members, runs)
             if X[0] is None:
@@ -333,7 +337,9 @@ class NetworkProblem(Forward):
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
         H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
         H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
-        return replace(self, target=target(self.beats, self.signals, H, error), error=error, response=H[: self.K + 1])
+        felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
+        weights = target(self.beats, self.signals, H, error, felt)
+        return replace(self, target=weights, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
@@ -367,12 +373,6 @@ class NetworkProblem(Forward):
         return found if allowed(self.network, found) else None
 
 
-def _group(terms: Sequence[Term]) -> str:
-    """Hypotheses that share a mesh and outlets run in one batch."""
-    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
-    return " ".join(sorted(set(own)))
-
-
 def network_problem(
     beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
     prior: Calibrated | None = None,
@@ -392,5 +392,6 @@ def network_problem(
     simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
-    own = target(beats, chosen, H, error)
-    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], (), possible(network, prior))
+    felt = varying(beats, network, chosen, K)
+    own, may = target(beats, chosen, H, error, felt), possible(network, prior)
+    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], felt, possible=may)

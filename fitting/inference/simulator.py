@@ -10,7 +10,10 @@ import numpy as np
 
 from solver import NonPhysicalState, Settings, repeating_beat
 from solver.network import Network
+from solver.units import INFLOW
 
+from ..records.beats import Beats
+from ..records.felt import Felt, felt
 from ..records.inflow import Inflow
 from ..records.noise import NEIGHBOURS, response
 
@@ -121,3 +124,23 @@ def linear_response(network: Network, names: Sequence[str], T: float, K: int, pa
         plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
         known = {n: v for n, v in parameters.items() if n in plain.parameters()}
         return response(plain, names, T, K + NEIGHBOURS, known)
+
+
+def varying(
+    beats: Beats,
+    network: Network,
+    names: Sequence[str],
+    K: int,
+    parameters: Mapping[str, float] | None = None,
+    known: Felt | None = None,
+) -> Felt | None:
+    """What the linearised network feels of an inflow whose beats differ; None of beats cut at equal intervals.
+
+    known : of other parameters, whose seam is kept: fits are compared under several weights, with one mean beat.
+    """
+
+    def transfer(T: float, n: int) -> Array:
+        return linear_response(network, names, T, n, parameters or {})[: n + 1]
+
+    found = felt(beats, INFLOW, transfer, K + NEIGHBOURS)
+    return found if found is None or known is None else replace(found, seam=known.seam)

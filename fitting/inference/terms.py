@@ -77,6 +77,12 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
     return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
 
 
+def mesh_of(terms: Sequence[Term]) -> str:
+    """Hypotheses that share a mesh and outlets run in one batch: the same text."""
+    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
+    return " ".join(sorted(set(own)))
+
+
 # --- candidates -------------------------------------------------------------------------------------------------------
 
 

@@ -11,8 +11,11 @@ import numpy as np
 from ..threads import single_threaded
 from .period import FEWEST, Normal, evaluate, find_period, highest
 from .record import Array, Record, require
+from .rounding import converter_step, rounding
 from .spikes import FAR, without_spikes
-from .timing import without_jitter
+from .timing import without_jitter, without_slope
+from .unequal import Whole, unequal
+from .upstrokes import without_gaps
 
 _MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
 _WINDOW = 3  # harmonics on either side that share one estimate of the covariance
@@ -22,6 +25,7 @@ _WHOLE = 1e-6  # samples that the beats may slip against the samples over the wh
 _UNSTEADY, _MOST_UNSTEADY = 0.05, 0.1  # of the period: beats longer or shorter are warned about, and refused
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _NAMED = 3  # odd beats
+_SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
 _SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
 _ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
 _TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
@@ -32,8 +36,9 @@ class Beats:
     """Beats of one length; ``values`` : name -> (n_beats, N) in SI, NaN in gaps, sample j at phase j/N.
 
     source, sha256 of the record; T : period [s]; shifts : (n_beats,) [s], how much later than the strict period each
-    beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
-    Phase 0 is the record's first sample.
+    beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel. steps :
+    of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at the end
+    of diastole; without, phase 0 is the record's first sample.
     """
 
     source: str
@@ -42,6 +47,8 @@ class Beats:
     values: Mapping[str, Array]
     shifts: Array
     spikes: Mapping[str, int] = field(default_factory=dict)
+    steps: Mapping[str, float] = field(default_factory=dict)
+    whole: Whole | None = None
 
     @property
     def n_beats(self) -> int:
@@ -84,6 +91,7 @@ class Beats:
                 f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
                 "less; intervals do not cover what that does to the shape of a beat."
             )
+        found += self.whole.said if self.whole else ()
         for name, count in self.spikes.items():
             found.append(
                 f"spikes of {name} left out ({count} samples): more than {FAR:g} robust standard deviations off the "
@@ -159,7 +167,13 @@ class Beats:
             pooled[k] = C[max(1, k - half) : k + half + 1].mean(axis=0)
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
+        at = np.arange(len(names))
+        pooled[:, at, at] += self.rounding(names) ** 2 / self.N
         return pooled
+
+    def rounding(self, names: Sequence[str]) -> Array:
+        """(m,) what rounding by a converter leaves in a sample of the mean beat, which no number of beats lowers."""
+        return np.array([rounding(self.values[name], self.steps.get(name, 0.0)) for name in names])
 
     def serial_factors(self, names: Sequence[str]) -> Array:
         """(m,) how many successive beats hold as much of the mean as one that is independent: (1 + r)/(1 - r)."""
@@ -168,7 +182,8 @@ class Beats:
     def select(self, indices: Sequence[int] | Array) -> Beats:
         """Some of the beats, in that order, repetition allowed."""
         index = np.asarray(indices, dtype=int)
-        return replace(self, values={n: v[index] for n, v in self.values.items()}, shifts=self.shifts[index])
+        values, whole = {n: v[index] for n, v in self.values.items()}, self.whole and self.whole.select(index)
+        return replace(self, values=values, shifts=self.shifts[index], whole=whole)
 
     @cached_property
     def _cache(self) -> dict[str, _Moments]:
@@ -255,6 +270,9 @@ def align(record: Record, period: float | None = None) -> Beats:
     """
     dt, n = record.dt, len(record.time)
     T = find_period(record.channels, dt, record.path).T if period is None else _given(period, record)
+    whole = unequal(record.channels, dt, T) if period is None else None
+    if whole is not None:
+        return _cut(record, whole)
     f = dt / T
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
     if N < FEWEST:
@@ -266,17 +284,15 @@ def align(record: Record, period: float | None = None) -> Beats:
             f"{record.path}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
             "record at least two whole beats."
         )
-    cleaned = {name: without_spikes(each, f, N, n_beats) for name, each in record.channels.items()}
-    spikes = {name: count for name, (_, count) in cleaned.items() if count}
-    record = replace(record, channels={name: each for name, (each, _) in cleaned.items()})
+    record, spikes, steps = _cleaned(record, np.minimum(_nearest(f, N, n_beats), n - 1))
     if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
         cut = {name: each[: n_beats * N].reshape(n_beats, N) for name, each in record.channels.items()}
         for name, each in cut.items():
             _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
     else:
         cut = _resample(record, f, N, n_beats)
-    values, shifts = without_jitter({name: _without_slope(each) for name, each in cut.items()}, T)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes)
+    values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps)
     if beats.unsteadiness > _MOST_UNSTEADY:
         raise ValueError(
             f"{record.path}: the heart rate is not steady: a beat lasts up to {beats.unsteadiness:.0%} of the period "
@@ -284,6 +300,34 @@ def align(record: Record, period: float | None = None) -> Beats:
             "use a stretch of the record with a steady rate."
         )
     return beats
+
+
+def _nearest(f: float, N: int, n_beats: int) -> Array:
+    """(n_beats, N) the sample that is nearest to each phase."""
+    return np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp).reshape(n_beats, N)
+
+
+def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record, dict[str, int], dict[str, float]]:
+    """The record with gaps for spikes, their numbers, and the steps of the channels' converters."""
+    steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
+    cleaned = {
+        name: without_spikes(each, samples, steps.get(name, 0.0), slip) for name, each in record.channels.items()
+    }
+    spikes = {name: count for name, (_, count) in cleaned.items() if count}
+    return replace(record, channels={name: each for name, (each, _) in cleaned.items()}), spikes, steps
+
+
+def _cut(record: Record, whole: Whole) -> Beats:
+    """Beats of unequal length. Raises ValueError if fewer than two are left, or a phase was never measured."""
+    cut = whole.cut
+    samples = np.minimum(cut.starts[cut.serving][:, None] + np.arange(cut.N), len(record.time) - 1)
+    record, spikes, steps = _cleaned(record, samples, _SLIP_OF_CUTS)
+    values = {name: cut.of(each) for name, each in record.channels.items()}
+    for name, each in values.items():
+        _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
+    whole = replace(whole, channels={name: without_gaps(each) for name, each in record.channels.items()})
+    shifts = np.zeros(len(cut.serving))
+    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole)
 
 
 def _given(period: float, record: Record) -> float:
@@ -319,13 +363,13 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
     is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
     """
     n = len(record.time)
-    nearest = np.minimum(np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp), n - 1)
+    nearest = np.minimum(_nearest(f, N, n_beats), n - 1)
     shared: Normal | None = None
     cut = {}
     for name, values in record.channels.items():
         there = ~np.isnan(values)
         whole = bool(there.all())
-        _require_phases(there[nearest].reshape(n_beats, N).sum(axis=0), name, record.path)
+        _require_phases(there[nearest].sum(axis=0), name, record.path)
         middle = values[there].mean()
         x = np.where(there, values - middle, 0.0)
         if whole and shared is None:
@@ -334,23 +378,8 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
         normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
         c = normal.solve(x)
         residual = values - middle - evaluate(c, f, n)
-        moved = residual[nearest].reshape(n_beats, N)
+        moved = residual[nearest]
         spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
         spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
         cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
     return cut
-
-
-def _without_slope(beats: Array) -> Array:
-    """Beats without the slope that the slow drift from beat to beat has within each of them.
-
-    A drift puts the same ramp into every beat: the scatter between beats does not show it, the mean beat has it. Its
-    slope is that of the beats' levels; the levels themselves stay, and count as scatter of the mean.
-    """
-    if len(beats) < 3:
-        return beats
-    measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
-    deviations = beats[measured] - np.nanmean(beats, axis=0)
-    levels = np.interp(np.arange(len(beats)), measured, np.nanmean(deviations, axis=1))  # also of a beat in a gap
-    N = beats.shape[1]
-    return np.asarray(beats - np.outer(np.gradient(levels), (np.arange(N) + 0.5) / N - 0.5))

@@ -22,6 +22,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from .beats import Beats
+from .felt import Felt
 from .spectral import coefficients
 
 Array = np.ndarray
@@ -31,6 +32,7 @@ _ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel ha
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
 NEIGHBOURS = 3  # harmonics on either side that Beats.covariance takes together with one
 _POOLED = 2.0 * NEIGHBOURS + 1.0
+SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
 _TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 
 
@@ -91,18 +93,21 @@ def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = Fals
     return (2.0 if real else 1.0) * pooled * (n_beats - 1.0)
 
 
-def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Array) -> Target:
+def target(
+    beats: Beats, names: Sequence[str], response: Array, solver_error: Array, felt: Felt | None = None
+) -> Target:
     """The target for channels ``names``.
 
     response : (n, m) H_k for k = 0 … n - 1 > K, those beyond K for the covariance's neighbours; solver_error : (K+1, m)
-    standard deviation of e_k.
+    standard deviation of e_k. felt : what the channels feel of an inflow whose beats differ; its seam is taken out of
+    the mean beat, and what is not known of it enters the covariance.
     """
     K = len(solver_error) - 1
-    share = _noise_share(beats, names, response)
+    moved = _following(beats, names, response) if felt is None else felt.change
+    share = noise_share(beats, names, moved, len(response))
     # what is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
     # inflow as measured: a covariance that can be pooled and shrunk. The noise of the inflow then comes back, times H
-    real = _following(beats, names, (1.0 - share)[:, None] * response)
-    values = {name: beats.values[name] - change for name, change in zip(names, real, strict=True)}
+    values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
     steady = replace(beats, values={INFLOW: beats.values[INFLOW], **values})
     H = response[: K + 1]
     one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
@@ -114,8 +119,18 @@ def target(beats: Beats, names: Sequence[str], response: Array, solver_error: Ar
     covariance = covariance + common[:, :, None] * common[:, None, :].conj()
     at = np.arange(len(names))
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
+    if felt is not None:
+        seam, doubt = (coefficients(x)[:, : K + 1].T for x in (felt.seam, felt.doubt))
+        covariance[:, at, at] += np.abs(SEAM_ERROR * seam) ** 2
+        covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
-    return Target.of(names, mean_beat(beats, names, K), covariance)
+    return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
+
+
+def periodic_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None) -> Array:
+    """X_k of what the mean beat would be if all beats were it, (K+1, m)."""
+    X = mean_beat(beats, names, K)
+    return X if felt is None else X - coefficients(felt.seam)[:, : K + 1].T
 
 
 def mean_beat(beats: Beats, names: Sequence[str], K: int) -> Array:
@@ -168,22 +183,26 @@ def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
     return np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:]) + _ROUND_OFF * pulse
 
 
-def _following(beats: Beats, names: Sequence[str], response: Array) -> list[Array]:
-    """What channels of that response (n, m) would do from beat to beat if they followed the measured inflow."""
+def _following(beats: Beats, names: Sequence[str], response: Array) -> Array:
+    """(m, n_beats, N) what channels of that response (n, m) would do if they followed the measured inflow."""
     change = np.nan_to_num(beats.values[INFLOW] - beats.mean(INFLOW), nan=0.0)
-    q = np.fft.rfft(change, axis=1)
-    n = min(len(response), beats.N // 2 + 1)
-    return [np.fft.irfft(H[:n] * q[:, :n], beats.N, axis=1) for H in response.T]
+    return np.stack([scaled(change, H) for H in response.T])
 
 
-def _noise_share(beats: Beats, names: Sequence[str], response: Array) -> Array:
+def scaled(x: Array, h: Array) -> Array:
+    """The harmonics of beats (n_beats, N) times h : (n,), none beyond."""
+    n = min(len(h), x.shape[1] // 2 + 1)
+    return np.fft.irfft(h[:n] * np.fft.rfft(x, axis=1)[:, :n], x.shape[1], axis=1)
+
+
+def noise_share(beats: Beats, names: Sequence[str], following: Array, n: int) -> Array:
     """The part (n,) of the inflow's variance from beat to beat that no channel follows: noise of the flow meter.
 
     By regression of the channels on what they would do, each weighted by its own variance: 0 if the flow is measured
     exactly, 1 if it is the same in every beat and all change is noise.
     """
     m = len(names)
-    moved = dict(zip((f"{name} follows" for name in names), _following(beats, names, response), strict=True))
+    moved = dict(zip((f"{name} follows" for name in names), following, strict=True))
     both = replace(beats, values={**{name: beats.values[name] for name in names}, **moved})
     S = both.covariance((*names, *moved))
     variance = np.einsum("kii->ki", S).real
@@ -192,7 +211,7 @@ def _noise_share(beats: Beats, names: Sequence[str], response: Array) -> Array:
     followed = (weight * S[:, at, m + at].real).sum(axis=1)
     could = (weight * variance[:, m:]).sum(axis=1)
     share = 1.0 - np.divide(followed, could, out=np.zeros_like(could), where=could > 0.0)
-    return np.pad(np.clip(share, 0.0, 1.0), (0, max(0, len(response) - len(share))), mode="edge")[: len(response)]
+    return np.pad(np.clip(share, 0.0, 1.0), (0, max(0, n - len(share))), mode="edge")[:n]
 
 
 def _scatter(beats: Beats, names: Sequence[str]) -> Array:

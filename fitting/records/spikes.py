@@ -16,22 +16,30 @@ FAR = 7.0  # robust standard deviations
 _FEWEST = 5  # beats to compare with
 _ROBUST = 1.4826  # standard deviation over median absolute deviation, of a Gaussian
 _LEAST = 1e-6  # of the range: rounding is no scatter
+_STEPS = 3.0  # of a converter: rounding, and what a median of rounded values adds
 
 
-def without_spikes(values: Array, f: float, N: int, n_beats: int) -> tuple[Array, int]:
-    """A channel with gaps in place of its spikes, and their number; f : cycles per sample, N : samples a beat."""
+def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float = 0.0) -> tuple[Array, int]:
+    """A channel with gaps in place of its spikes, and their number.
+
+    samples : (n_beats, N) the sample at each phase of each beat. step : of the channel's converter, whose rounding is
+    no spike. slip : samples by which beats may be off one another.
+    """
+    n_beats, N = samples.shape
     if n_beats < _FEWEST:
         return values, 0
-    nearest = np.minimum(np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp), len(values) - 1)
+    nearest = samples.ravel()
     beats = values[nearest].reshape(n_beats, N)
     gaps = np.isnan(beats)
     if gaps.all(axis=0).any() or gaps.all(axis=1).any():
         return values, 0  # refused later, or nothing to compare with
     median = np.nanmedian if gaps.any() else np.median
-    off = beats - median(beats, axis=0)
+    usual = median(beats, axis=0)
+    off = beats - usual
     off -= median(off, axis=1)[:, None]
     size = _ROBUST * median(np.abs(off), axis=0)
-    far = FAR * np.maximum(np.maximum(size, np.median(size)), _LEAST * np.ptp(values[~np.isnan(values)]))
+    least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
+    far = np.maximum(FAR * np.maximum(size, least), _STEPS * step + slip * np.abs(np.gradient(usual)))
     suspect = np.abs(np.nan_to_num(off)) > far
     if not suspect.any():
         return values, 0

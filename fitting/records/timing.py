@@ -1,4 +1,4 @@
-"""Timing jitter of beats: how much earlier or later than the strict period each came, and moving it back."""
+"""Timing jitter of beats: how much earlier or later than the strict period each came, moving it back; and drift."""
 
 from __future__ import annotations
 
@@ -109,3 +109,18 @@ def _pooled(S: Array) -> Array:
     low = np.maximum(np.arange(K) - _WINDOW, 0)
     high = np.minimum(np.arange(K) + _WINDOW + 1, K)
     return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def without_slope(beats: Array) -> Array:
+    """Beats without the slope that the slow drift from beat to beat has within each of them.
+
+    A drift puts the same ramp into every beat: the scatter between beats does not show it, the mean beat has it. Its
+    slope is that of the beats' levels; the levels themselves stay, and count as scatter of the mean.
+    """
+    if len(beats) < 3:
+        return beats
+    measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
+    deviations = beats[measured] - np.nanmean(beats, axis=0)
+    levels = np.interp(np.arange(len(beats)), measured, np.nanmean(deviations, axis=1))  # also of a beat in a gap
+    N = beats.shape[1]
+    return np.asarray(beats - np.outer(np.gradient(levels), (np.arange(N) + 0.5) / N - 0.5))
