@@ -1,0 +1,170 @@
+"""Walls that differ, partial answers and the time limit: what a verdict and a whole study say of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from forked import NETWORK, T, clean, inflow, record
+from small_network import NAMES, terms
+from test_discrepancy_network import at, beats
+from truth.hide import Effect
+from truth.records import Case, make, write
+
+from discrepancy import discover, workflow
+from discrepancy.animal import odd_ones, walls_of
+from discrepancy.journal import Journal
+from discrepancy.name import name
+from discrepancy.outcome import Outcome
+from discrepancy.verdict import Naming
+from fitting.inference.network import network_problem
+from fitting.inference.simulator import OutOfTime, Runs
+from fitting.inference.unknown import quantile
+from fitting.records.record import write_record
+from solver import simulate_periodic
+from solver.files import read_network, write_network
+
+EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
+
+
+@pytest.fixture(scope="module")
+def stiff() -> Naming:
+    """B is 25 % stiffer, and every wall may differ from the file's by itself."""
+    return name(network_problem(beats(1.25), NETWORK), terms(*EFFECTS))
+
+
+# --- this animal's walls ----------------------------------------------------------------------------------------------
+
+
+def test_a_stiff_wall_is_this_animal(stiff: Naming) -> None:
+    """Nothing is missing. B.E is 25 % above the file's within its interval, and the only number beyond its spread."""
+    assert (stiff.verdict, stiff.walls) == ("none", "individual")
+    walls = walls_of(NETWORK, stiff.base.fit, quantile(stiff.problem.dof_of_noise))
+    assert walls.kind == "individual" and set(walls.spread) == {"E", "phi0", "R0", "R_t"}
+    assert {n for n in walls.arteries if n.endswith((".E", ".R_t"))} == {
+        "A.E", "B.E", "C.E", "B.outlet.R_t", "C.outlet.R_t"}  # fmt: skip
+    B = walls.arteries["B.E"]
+    assert B.file == NETWORK.segment("B").E and B.now.ci95[0] <= 1.25 * B.file <= B.now.ci95[1]
+    assert B.now.value == pytest.approx(1.25 * B.file, rel=0.02)
+    assert [n for n, own in walls.arteries.items() if own.beyond] == ["B.E"]
+    (said,) = odd_ones(walls, NETWORK)
+    assert said.startswith("B.E: the Young's modulus E is 2") and "above the file's" in said
+
+
+def test_deviations_are_counted_beside_what_is_common() -> None:
+    """All.E up by two of its spreads, C down by three of its own: C.E = E exp(0.4 - 0.24), deviation -3."""
+    problem = network_problem(record(clean()), NETWORK).individual()
+    fit = at(problem, [0.0] * len(problem.hypothesis(())))
+    x = np.array([{"all.E": 2.0, "C.E of its own": -3.0}.get(u.name, 0.0) for u in fit.unknowns])
+    p = len(x)
+    walls = walls_of(NETWORK, replace(fit, x=x, z=np.zeros(p), J=np.eye(p)), 2.0)
+    C = walls.arteries["C.E"]
+    assert C.deviation == pytest.approx(-3.0) and C.beyond
+    assert C.now.value == pytest.approx(C.file * np.exp(0.4 - 0.24))
+    assert walls.arteries["A.E"].deviation == 0.0
+    assert walls.arteries["A.E"].now.value == pytest.approx(8e5 * np.exp(0.4))
+
+
+def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> None:
+    """Out of a journal: the problem has its deviations and its weights again, bit by bit."""
+    plain = network_problem(beats(1.25), NETWORK)
+    journal = Journal(tmp_path, "key")
+    journal.naming(plain, lambda: stiff)
+    again = journal.naming(plain, lambda: pytest.fail("named again"))
+    assert again.problem.deviations == stiff.problem.deviations != ()
+    for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
+        assert np.array_equal(old, new)
+
+
+# --- partial answers --------------------------------------------------------------------------------------------------
+
+BENCH = "CA"
+
+
+@pytest.fixture(scope="module")
+def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str, Any], Path]:
+    """A springpot of thrice the wall's own stress, more than one of the catalogue may have, is hidden on the bench."""
+    folder = tmp_path_factory.mktemp("partial")
+    made = make(Case("bench", BENCH, 40.0, (Effect("springpot", (BENCH,), 3.0, 0.4),)), 5)
+    write(made, folder / "record.csv")
+    write_network(made.base, folder / "base.toml")
+    outcome = discover(folder / "record.csv", folder / "base.toml", folder / "out")
+    return outcome, json.loads((folder / "out" / "verdict.json").read_text(encoding="utf-8")), folder / "out"
+
+
+@pytest.mark.usefixtures("one_process")
+def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]) -> None:
+    """The effect in the network file and in the FMU; a part of the gap is closed, and what remains is said."""
+    outcome, verdict, folder = partial
+    assert verdict["verdict"] == "partial" and verdict["effects"] and verdict["reason"] is None
+    assert verdict["remains"] in verdict["sentence"] and "more than noise remains" in verdict["sentence"]
+    gap = verdict["gap"]
+    assert 0.5 < gap["closed"]["held_out"] < 1.0
+    assert gap["closed"]["held_out"] == pytest.approx(1.0 - gap["after"]["held_out"] / gap["before"]["held_out"])
+    assert gap["after"]["held_out"] > 2.0
+    assert verdict["located"][0]["z"] > 10.0  # by the noise alone
+    assert outcome.network_after == read_network(folder / "model.toml")
+    assert (folder / "model.fmu").is_file()
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "What remains:" in page and "An effect is missing, and more than that" in page
+
+
+# --- the time limit ---------------------------------------------------------------------------------------------------
+
+
+def ticking(step: float) -> Callable[[], float]:
+    """A clock that goes on by a step whenever it is looked at."""
+    now = [0.0]
+
+    def clock() -> float:
+        now[0] += step
+        return now[0]
+
+    return clock
+
+
+def test_the_best_so_far_when_time_is_over() -> None:
+    """R_t of B off by 0.3; the clock stops the search after its first stage: an answer, said not to be complete."""
+    problem = network_problem(beats(), NETWORK.with_parameters({"B.outlet.R_t": 0.1}))
+    looks = [0]
+
+    def clock() -> float:
+        looks[0] += 1
+        return 0.0
+
+    whole = name(problem, terms(*EFFECTS), Runs(deadline=1.0, clock=clock))
+    assert whole.complete and looks[0] > 20
+    part = name(problem, terms(*EFFECTS), Runs(deadline=0.5 * looks[0], clock=ticking(1.0)))
+    assert not part.complete
+    with pytest.raises(OutOfTime):
+        name(problem, terms(*EFFECTS), Runs(deadline=1.0, clock=ticking(1.0)))
+
+
+@pytest.fixture
+def network_record(tmp_path: Path) -> Path:
+    """Ten beats of the fork, 40 dB, and its network file."""
+    beat = simulate_periodic(NETWORK, inflow, T, tolerance=1e-5)
+    rng, n = np.random.default_rng(0), 50
+    at_samples = np.linspace(0.0, T, len(beat["inlet.Q"]))
+    channels = {}
+    for channel in ("inlet.Q", *NAMES):
+        wave = np.interp(np.arange(n) * T / n, at_samples, beat[channel])
+        tiled = np.tile(wave, 10)
+        channels[channel] = tiled + 0.01 * np.ptp(wave) * rng.normal(size=tiled.size)
+    write_record(tmp_path / "record.csv", np.arange(10 * n) * T / n, channels)
+    write_network(NETWORK, tmp_path / "fork.toml")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("one_process")
+def test_no_time_at_all(network_record: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limit is over before the model as given was refitted: unusable, with what to do; the report is there."""
+    monkeypatch.setattr(workflow, "monotonic", ticking(1000.0))
+    outcome = discover(network_record / "record.csv", network_record / "fork.toml", network_record / "out")
+    assert outcome.verdict == "unusable" and "allow more time" in (outcome.reason or "")
+    assert (network_record / "out" / "report.html").is_file()
