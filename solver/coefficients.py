@@ -30,14 +30,14 @@ class Term:
     effect: Effect
     values: Mapping[str, Array]
 
-    def at(self, index: Array | slice) -> dict[str, Array]:
+    def at(self, index: Array | slice | int) -> dict[str, Array]:
         """Its numbers at some of its owners."""
         return {key: value[:, index] for key, value in self.values.items()}
 
     @property
     def on(self) -> Array:
         """(n,) where any member of the batch has it."""
-        neutral, how = self.effect.neutral, self.effect.how
+        neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
         switches = {key: value for key, value in self.values.items() if key not in how}
         return np.any([np.any(value != neutral[key], axis=0) for key, value in switches.items()], axis=0)
 
@@ -110,9 +110,10 @@ class Coefficients:
     @property
     def cuts(self) -> tuple[tuple[float, ...], ...]:
         """x/L at which elements must end, for every segment."""
-        wanted = [(term.effect.cuts, term.on) for term in self.terms if term.effect.cuts]
         n = self.L.shape[1]
-        return tuple(tuple(sorted({x for cuts, on in wanted if on[s] for x in cuts})) for s in range(n))
+        terms = [term for term in self.terms if term.effect.owner == "segment"]
+        found = ((term.effect.cut_at(term.at(s)) for term in terms if term.on[s]) for s in range(n))
+        return tuple(tuple(sorted({x for cuts in each for x in cuts})) for each in found)
 
     def venous(self, P_venous: Array) -> Array:
         """P_venous : (1 or B, n_outlets) [Pa] as the effects of outlets leave it."""

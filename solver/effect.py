@@ -22,6 +22,7 @@ Values = Mapping[str, Array]
 Anatomy = TypeVar("Anatomy", bound="Described")
 
 ALL_PLACES = "all"
+_NEAR = 1e-9  # of an element: ends that agree with its own
 _SUFFIX = {"outlet": ".outlet", "junction": ".junction"}  # of an owner's variables
 
 
@@ -63,14 +64,27 @@ class Described(Protocol):
 class Points:
     """The flow points of a mesh, arrays that broadcast to (B, n_e, N+1).
 
-    x : x/L of each point; centre : x/L of the middle of its element; R0 [m]; L [m]; nu [m²/s].
+    x : x/L of each point; left, right : x/L of the ends of its element; R0 [m]; L [m]; nu [m²/s].
+    integral : (N+1, N+2) coefficients of ∫ from -1 to ξ of every point's polynomial, over its weight: what of a point
+    belongs to a part of the element.
     """
 
     x: Array
-    centre: Array
+    left: Array
+    right: Array
     R0: Array
     L: Array
     nu: Array
+    integral: Array
+
+    def part(self, start: Array, end: Array) -> Array:
+        """The part of every point, by the integral of its polynomial, that lies between two x/L : 1 well inside, 0
+        outside."""
+        ends = (np.clip(2.0 * (x - self.left) / (self.right - self.left) - 1.0, -1.0, 1.0) for x in (start, end))
+        a, b = (np.where(np.abs(xi) > 1.0 - _NEAR, np.sign(xi), xi) for xi in ends)
+        powers = np.arange(self.integral.shape[1])
+        found = (b[..., None] ** powers - a[..., None] ** powers) @ self.integral.T
+        return np.where(b - a == 2.0, 1.0, found[..., 0, :])
 
 
 @dataclass(frozen=True)
@@ -99,13 +113,15 @@ class Effect:
     being every owner at once. terms : its numbers by key. always : every owner has them as fields; else only those that
     were given them hold them. neutral : the values that switch it off. how : keys that say how
     it acts where it is on, and switch nothing; their neutral values are what an owner has that does not hold them.
+    along : such keys that say where along a segment.
     signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
     at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
 
     What a search asks: local : the pressure and radius of one wall show it. scales : its numbers are factors. typical :
     sizes of x = 1 by key (default: the nominal value). relative : keys that are counted relative to another key of the
-    owner, with the unit of the ratio. starts : points x from which a search may begin, beside 0.
+    owner, with the unit of the ratio. starts : points x from which a search may begin, beside 0; starts_along : those
+    for where along a segment it acts (:meth:`coordinates_along`).
     """
 
     name: ClassVar[str]
@@ -115,6 +131,7 @@ class Effect:
     terms: ClassVar[Mapping[str, Quantity]]
     neutral: ClassVar[Mapping[str, float]]
     how: ClassVar[tuple[str, ...]] = ()
+    along: ClassVar[tuple[str, ...]] = ()
     signature: ClassVar[str]
     confusable: ClassVar[tuple[str, ...]]
     separator: ClassVar[str]
@@ -128,6 +145,7 @@ class Effect:
     typical: ClassVar[Mapping[str, float]] = {}
     relative: ClassVar[Mapping[str, tuple[str, str]]] = {}
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()
+    starts_along: ClassVar[tuple[tuple[float, ...], ...]] = ()
 
     # --- places -------------------------------------------------------------------------------------------------
 
@@ -171,12 +189,17 @@ class Effect:
     # --- how a search counts it -----------------------------------------------------------------------------------
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
-        """The numbers of a search for it at a place; none where it has nothing to act on.
+        """The numbers of a search for it at a place, as it usually lies there; none where it has nothing to act on.
 
         bench : only P and R of one wall are known.
         """
-        found = (self._coordinate(network, place, key, names) for key, names in self.variables(network, place).items())
+        variables = {key: names for key, names in self.variables(network, place).items() if key not in self.along}
+        found = (self._coordinate(network, place, key, names) for key, names in variables.items())
         return tuple(coordinate for coordinate in found if coordinate is not None)
+
+    def coordinates_along(self, network: Described, place: str) -> tuple[Coordinate, ...]:
+        """The numbers of a search for where along a segment it acts, beside :meth:`coordinates`."""
+        return ()
 
     def step(self, network: Described, owner: Any, key: str) -> float:
         """Change of a shifted number of one owner, in SI, for x = 1: of typical size."""
@@ -185,7 +208,7 @@ class Effect:
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
         """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
-        return self.typical.get(key, 1.0) if self.scales else None
+        return self.typical.get(key, 1.0) if self.scales and key not in self.along else None
 
     def _coordinate(self, network: Described, place: str, key: str, variables: Sequence[str]) -> Coordinate | None:
         if not variables:
@@ -210,6 +233,10 @@ class Effect:
         return Coordinate(name, kind, moves, low, high, unit, size, first, ratio)
 
     # --- how it enters the equations ------------------------------------------------------------------------------
+
+    def cut_at(self, values: Values) -> tuple[float, ...]:
+        """x/L at which the elements of one segment must end; ``values`` : (B,)."""
+        return self.cuts
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         """The walls at points x : (n,) = x/L with this effect; ``values`` : (B, n)."""

@@ -29,6 +29,7 @@ from .effect import (
     small_wave_impedance,
 )
 from .outlets import Reflection, Windkessel
+from .partial import SideBranch, Stenosis, WallStiffness
 from .quantity import Quantity, quantities
 from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset
 from .springpot import FractionalViscosity
@@ -169,28 +170,6 @@ class ExternalPressure(Effect):
         return replace(wall, P_ref=wall.P_ref + values["P_ext"])
 
 
-class WallStiffness(Effect):
-    name = "wall_stiffness"
-    equation = "E becomes s E in one segment"
-    owner = "segment"
-    places = ("segment",)
-    terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2)}
-    neutral = {"E_scale": 1.0}
-    at_rest = True
-    local = True
-    scales = True
-    typical = {"E_scale": 0.3}
-    signature = "reflections timed by place; wave speed"
-    confusable = ("taper",)
-    separator = "radius with pressure"
-
-    def of_animal(self, network: Described, place: str) -> bool:
-        return True
-
-    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        return replace(wall, K=wall.K * values["E_scale"], e=wall.e / values["E_scale"])
-
-
 class Taper(Effect):
     name = "taper"
     equation = "R0(x) = R0 (1 + s (x/L - 1/2)), h constant"
@@ -207,25 +186,6 @@ class Taper(Effect):
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         f = 1.0 + values["taper"] * (x - 0.5)
         return replace(wall, A0=wall.A0 * f * f, K=wall.K / f, K_h=wall.K_h / f)
-
-
-class SideBranch(Effect):
-    name = "side_branch"
-    equation = "∂A/∂t + ∂Q/∂x = -g (P - P_venous), P_venous of the outlet where the segment ends, else 0"
-    owner = "segment"
-    places = ("segment",)
-    terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9)}
-    neutral = {"leak": 0.0}
-    typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
-    signature = "flow is lost across the segment"
-    confusable = ("terminal_reflection",)
-    separator = "Q at both sides"
-
-    def step(self, network: Described, owner: Any, key: str) -> float:
-        return self.typical[key] / (small_wave_impedance(network, owner) * float(owner.L))
-
-    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        return replace(wall, leak=values["leak"])
 
 
 # --- the fluid ----------------------------------------------------------------------------------------------------
@@ -294,27 +254,6 @@ class UnsteadyFriction(Effect):
         rate = WOMERSLEY_RATES.reshape(shape) * per_time
         weight = 4.0 * WOMERSLEY_WEIGHTS.reshape(shape) * per_time * values["unsteady_scale"]
         return Drag(np.zeros(np.broadcast_shapes(rate.shape[1:])), weight, rate)
-
-
-class Stenosis(Effect):
-    name = "stenosis"
-    equation = "Δp = K (ρ/2) Q|Q|/A² over the middle tenth of the segment"
-    owner = "segment"
-    places = ("segment",)
-    terms = {"K": Quantity("1", "loss coefficient K of a stenosis in the middle tenth", 0.0, 1e5, tunable=False)}
-    neutral = {"K": 0.0}
-    typical = {"K": 10.0}
-    cuts = (0.45, 0.55)
-    signature = "systolic quadratic drop, timed reflection"
-    confusable = ("fluid_friction",)
-    separator = "paired P"
-
-    def drag(self, values: Values, points: Points) -> Drag | None:
-        inside = (points.centre > self.cuts[0]) & (points.centre < self.cuts[1])
-        quadratic = np.where(inside, 0.5 * values["K"] / ((self.cuts[1] - self.cuts[0]) * points.L), 0.0)
-        quadratic = np.broadcast_to(quadratic, points.R0.shape)
-        none = np.zeros((0, *quadratic.shape))
-        return Drag(quadratic, none, none)
 
 
 # --- outlets and junctions ----------------------------------------------------------------------------------------

@@ -33,6 +33,8 @@ from .wall import Wall
 
 Array = np.ndarray
 
+_PLACES = np.linspace(0.0, 1.0, 21)  # x/L where walls are compared
+
 
 @dataclass(frozen=True)
 class Harmonics:
@@ -190,20 +192,31 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
 
 def _history(c: Coefficients, omega: Array) -> Array:
     """Σ weight iω/(iω + rate) [1/s] of the drag of all effects : (B, n, n_segments)."""
-    middle, iw = np.full(c.L.shape[1], 0.5), 1j * omega[:, None]
-    points = Points(middle, middle, np.sqrt(c.wall.A0 / np.pi), c.L, c.nu)
-    found = np.zeros((c.B, len(omega), c.L.shape[1]), complex)
+    iw, n = 1j * omega[:, None], c.L.shape[1]
+    # every segment as an element with one point
+    whole = Points(
+        x=np.full((n, 1), 0.5),
+        left=np.zeros((n, 1)),
+        right=np.ones((n, 1)),
+        R0=np.sqrt(c.wall.A0 / np.pi)[..., None],
+        L=c.L[..., None],
+        nu=c.nu[..., None],
+        integral=np.array([[0.5, 0.5]]),
+    )
+    found = np.zeros((c.B, len(omega), n), complex)
     for term in c.terms:
-        drag = term.effect.drag(term.values, points) if changes(term.effect, "drag") else None
+        values = {key: value[..., None] for key, value in term.values.items()}
+        drag = term.effect.drag(values, whole) if changes(term.effect, "drag") else None
         if drag is not None:
-            found += (drag.weight[:, :, None] * iw / (iw + drag.rate[:, :, None])).sum(axis=0)
+            weight, rate = drag.weight[:, :, None, :, 0], drag.rate[:, :, None, :, 0]
+            found += (weight * iw / (iw + rate)).sum(axis=0)
     return found
 
 
 def _refuse_varying(network: Network, c: Coefficients) -> None:
     segments = np.arange(c.L.shape[1])
-    start, end = (c.wall_at(segments, np.full(len(segments), x)) for x in (0.0, 1.0))
-    for i in np.flatnonzero(start.differs(end)):
+    start, *others = (c.wall_at(segments, np.full(len(segments), x)) for x in _PLACES)
+    for i in np.flatnonzero(np.any([start.differs(other) for other in others], axis=0)):
         raise ValueError(
             f"segment {network.segments[i].name}: its wall varies along it, which the frequency domain does not cover; "
             "switch off what makes it vary, or run the network in time."

@@ -84,6 +84,12 @@ EFFECTS = [
     (Effect("side_branch", ("MD",), 0.2), 1e-5),
     (Effect("stenosis", ("MD",), 30.0), 1e-5),
     (Effect("junction_loss", ("AA",), 1.0), 1e-5),
+    # parts of a segment: the solver's walls change over 0.08 L about the ends of the part
+    (Effect("stenosis", ("MD",), 30.0, position=0.3), 1e-5),
+    (Effect("stenosis", ("MD",), 30.0, position=0.97), 1e-5),
+    (Effect("side_branch", ("MD",), 0.2, position=0.3, length=0.2), 1e-5),
+    (Effect("side_branch", ("CA",), 0.2, position=0.8, length=0.5), 4e-4),
+    (Effect("wall_stiffness", ("MD",), 0.4, position=0.3, length=0.3), 2e-4),
 ]
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic, Settings
+from solver import Settings
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -30,15 +30,16 @@ from ..records.noise import (
     target,
 )
 from .added import allowed
+from .batches import mesh_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .misfit import Block, blocks_of, parts_of, with_errors
-from .observation import driven, inlet_sensor, meter, of_other_beats, sense
+from .observation import meter, of_other_beats, sense
 from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, mesh_of, placed, refined, rewired
+from .terms import EVERY, Term, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -47,7 +48,6 @@ COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
 SCREEN_DT = 5e-3  # s, for the derivatives of the score test
 _FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
-_BATCH = 64  # members at once
 _CHEAP = 16  # members that cost hardly more than one
 _SHARPER = 2  # times that the step is halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
@@ -144,39 +144,11 @@ class NetworkProblem(Forward):
 
         runs : counts them, and ends them in time.
         """
-        runs = runs or Runs()
-        groups: dict[str, list[int]] = {}
-        for i, member in enumerate(members):
-            groups.setdefault(mesh_of(member.terms), []).append(i)
-        X: list[Array | None] = [None] * len(members)
-        for group in groups.values():
-            for at in range(0, len(group), _BATCH):
-                part = group[at : at + _BATCH]
-                for i, result in zip(part, self._batch([members[i] for i in part], runs), strict=True):
-                    X[i] = result
+        X = simulated(self.simulator, members, runs or Runs())
         return [
             None if x is None else sense(member, self.signals, x, self.simulator.T)
             for member, x in zip(members, X, strict=True)
         ]
-
-    def _batch(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-        network = rewired(self.network, {t.label: t for member in members for t in member.terms}.values())
-        nominal = network.parameters()
-        moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
-        names = dict.fromkeys(name for each in moved for name in each)
-        # a sensor of an output needs no simulation of its own
-        table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
-        unique, first, inverse = np.unique(table, axis=0, return_index=True, return_inverse=True)
-        parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
-        try:
-            inflow = driven(self.simulator.drive, [members[i] for i in first])
-            X = self.simulator.coefficients(network, parameters, runs, inflow)
-            return [X[i] for i in inverse.ravel()]
-        except (NonPhysicalState, NotPeriodic, ValueError):
-            if len(members) == 1:
-                return [None]
-        half = len(members) // 2
-        return self._batch(members[:half], runs) + self._batch(members[half:], runs)
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""

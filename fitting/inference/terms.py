@@ -55,7 +55,8 @@ class Term:
     @property
     def cuts(self) -> bool:
         """Whether the network's mesh becomes another one."""
-        return bool(effect_of(self).cuts)
+        effect = effect_of(self)
+        return bool(effect.cuts) or any(u.name.rpartition(".")[2] in effect.along for u in self.unknowns)
 
 
 def effect_of(term: Term) -> Effect:
@@ -75,12 +76,6 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
     """Whether a term can act beside others: not on the numbers of an outlet that another one replaces."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)
     return not any(variable.startswith(gone) for u in term.unknowns for variable in u.variables)
-
-
-def mesh_of(terms: Sequence[Term]) -> str:
-    """Hypotheses that share a mesh and outlets run in one batch: the same text."""
-    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
-    return " ".join(sorted(set(own)))
 
 
 # --- candidates -------------------------------------------------------------------------------------------------------

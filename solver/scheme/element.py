@@ -96,6 +96,16 @@ class Element:
         return flux
 
     @cached_property
+    def integral(self) -> Array:
+        """(N+1, N+2) ∫ from -1 to ξ of the polynomial of each lobatto point over its weight, by powers of ξ."""
+        powers = np.arange(self.N + 1)
+        polynomials = np.linalg.inv(self.x_lobatto[:, None] ** powers).T  # rows: coefficients of each point's
+        found = np.zeros((self.N + 1, self.N + 2))
+        found[:, 1:] = polynomials / (powers + 1.0)
+        found[:, 0] = -(found[:, 1:] @ (-1.0) ** (powers + 1))
+        return found / self.w_lobatto[:, None]
+
+    @cached_property
     def both_ends(self) -> slice:
         """The lobatto points at the ends."""
         return slice(None, None, self.N)

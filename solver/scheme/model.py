@@ -186,8 +186,16 @@ def _force(c: Coefficients, mesh: Mesh, mass: Array) -> Force:
     terms = [term for term in c.terms if changes(term.effect, "drag")]
     if terms:
         R0 = np.sqrt(_walls(c, mesh, el.x_lobatto).A0 / np.pi)
-        x, centre = mesh.positions(el.x_lobatto), mesh.positions(np.zeros(1))
-        points = Points(x, centre, R0, c.L[:, mesh.segment, None], c.nu[..., None])
+        ends = mesh.positions(np.array([-1.0, 1.0]))
+        points = Points(
+            x=mesh.positions(el.x_lobatto),
+            left=ends[:, :1],
+            right=ends[:, 1:],
+            R0=R0,
+            L=c.L[:, mesh.segment, None],
+            nu=c.nu[..., None],
+            integral=el.integral,
+        )
     for term in terms:
         values: Mapping[str, Array] = term.at(mesh.segment) if term.effect.owner == "segment" else term.values
         drag = term.effect.drag({key: value[..., None] for key, value in values.items()}, points)

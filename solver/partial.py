@@ -1,0 +1,143 @@
+"""Effects of a part of a segment: [x - l/2, x + l/2] of x/L, as far as it lies in the segment.
+
+Position and length are continuous unknowns: what acts on walls fades in and out over a short ramp that keeps the length
+of the part, and a force on the flow is integrated over the part whatever elements it lies in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from .coordinate import Coordinate
+from .effect import Array, Described, Drag, Effect, Points, Values, small_wave_impedance
+from .quantity import Quantity
+from .wall import Wall
+
+_RAMP = 0.08  # of L, over which a wall changes where a part ends inside
+_GRID = tuple(round(0.05 + 0.1 * i, 2) for i in range(10))  # element ends where the part is not the usual one
+_FROM, _TO = 0.02, 0.98  # where a search may place the middle
+_POSITIONS = (0.15, 0.3, 0.5, 0.7, 0.85)  # where it begins
+_STEP = 0.15  # of a position in a search, for x = 1
+
+
+def part_keys(key: str, length: float) -> tuple[dict[str, Quantity], dict[str, float]]:
+    """Quantities and usual values of position and length of the part that the effect with this key acts on."""
+    position, extent = f"{key}_position", f"{key}_length"
+    quantities = {
+        position: Quantity("1", "middle x/L of the part of the segment", 0.0, 1.0, nominal=_STEP, tunable=False),
+        extent: Quantity("1", "length of the part over that of the segment", 0.01, 1.0, nominal=0.2, tunable=False),
+    }
+    return quantities, {position: 0.5, extent: length}
+
+
+class Partial(Effect):
+    """An effect of a part of a segment; ``along`` : the keys of its middle and of its length."""
+
+    owner = "segment"
+    places = ("segment",)
+    moves: ClassVar[tuple[str, ...]]  # those of ``along`` that a record may determine
+
+    def ends(self, values: Values) -> tuple[Array, Array]:
+        """x/L where the part begins and ends, inside the segment."""
+        middle, half = values[self.along[0]], 0.5 * values[self.along[1]]
+        return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+
+    def cut_at(self, values: Values) -> tuple[float, ...]:
+        usual = all(np.all(values[key] == self.neutral[key]) for key in self.along)
+        return self.cuts if usual else _GRID
+
+    def inside(self, values: Values, x: Array) -> Array:
+        """1 in the part and 0 outside : (B, n) at x : (n,), with a ramp about its ends."""
+        start, end = self.ends(values)
+        begun = _risen(x, start, np.minimum(_RAMP, 2.0 * start))
+        going_on = _risen(-x, -end, np.minimum(_RAMP, 2.0 * (1.0 - end)))
+        return np.maximum(begun + going_on - 1.0, 0.0)
+
+    def coordinates_along(self, network: Described, place: str) -> tuple[Coordinate, ...]:
+        names = self.variables(network, place)
+        found = [self._coordinate(network, place, key, names[key]) for key in self.moves]
+        position, *rest = (coordinate for coordinate in found if coordinate is not None)
+        low, high = ((end - position.nominal) / position.size for end in (_FROM, _TO))
+        return (replace(position, low=low, high=high), *rest)
+
+
+def _risen(x: Array, at: Array, width: Array) -> Array:
+    """A smooth step from 0 to 1 over a width about a point; without width it is 1 from there on."""
+    wide = width > 0.0
+    t = np.clip((x - at) / np.where(wide, width, 1.0) + 0.5, 0.0, 1.0)
+    return np.where(wide, t * t * (3.0 - 2.0 * t), np.where(x >= at, 1.0, 0.0))
+
+
+_PARTS = tuple(((p - 0.5) / _STEP, -3.5) for p in _POSITIONS)  # three tenths long
+
+
+class WallStiffness(Partial):
+    part, usual = part_keys("E", 1.0)
+    name = "wall_stiffness"
+    equation = "E becomes s E in one segment or a part of it"
+    terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2), **part}
+    neutral = {"E_scale": 1.0, **usual}
+    along = moves = tuple(part)
+    starts_along = _PARTS
+    at_rest = True
+    local = True
+    scales = True
+    typical = {"E_scale": 0.3}
+    signature = "reflections timed by place; wave speed"
+    confusable = ("taper",)
+    separator = "radius with pressure"
+
+    def of_animal(self, network: Described, place: str) -> bool:
+        return True
+
+    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
+        scale, inside = values["E_scale"], self.inside(values, x)
+        s = scale / ((1.0 - inside) * scale + inside)  # of the ramps, too, the compliance counts: 1/s is linear there
+        return replace(wall, K=wall.K * s, e=wall.e / s)
+
+
+class SideBranch(Partial):
+    part, usual = part_keys("leak", 1.0)
+    name = "side_branch"
+    equation = "∂A/∂t + ∂Q/∂x = -g (P - P_venous), P_venous of the outlet where the segment ends, else 0"
+    terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9), **part}
+    neutral = {"leak": 0.0, **usual}
+    along = moves = tuple(part)
+    starts_along = _PARTS
+    typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
+    signature = "flow is lost across the segment"
+    confusable = ("terminal_reflection",)
+    separator = "Q at both sides"
+
+    def step(self, network: Described, owner: Any, key: str) -> float:
+        if key in self.along:
+            return super().step(network, owner, key)
+        return self.typical[key] / (small_wave_impedance(network, owner) * float(owner.L))
+
+    def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
+        return replace(wall, leak=values["leak"] * self.inside(values, x))
+
+
+class Stenosis(Partial):
+    part, usual = part_keys("K", 0.1)
+    name = "stenosis"
+    equation = "Δp = K (ρ/2) Q|Q|/A² over a part of the segment, the middle tenth"
+    terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **part}
+    neutral = {"K": 0.0, **usual}
+    along = tuple(part)
+    moves = along[:1]  # a record hardly shows how long it is
+    starts_along = tuple(((p - 0.5) / _STEP,) for p in _POSITIONS)
+    typical = {"K": 10.0}
+    cuts = (0.45, 0.55)
+    signature = "systolic quadratic drop, timed reflection"
+    confusable = ("fluid_friction",)
+    separator = "paired P"
+
+    def drag(self, values: Values, points: Points) -> Drag | None:
+        start, end = self.ends(values)
+        quadratic = 0.5 * values["K"] / ((end - start) * points.L) * points.part(start, end)
+        none = np.zeros((0, *quadratic.shape))
+        return Drag(quadratic, none, none)
