@@ -137,6 +137,16 @@ def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
     return value
 
 
+def found_from(terms: Sequence[Term], term: Term) -> float:
+    """d' from which an effect of one number is found: where its evidence is worth the price."""
+    effects, places = {t.effect for t in terms}, sum(t.effect == term.effect for t in terms)
+    cost = at.BIC_NONE + 2.0 * math.log(max(len(effects), 1) * max(places, 1))
+    d = 4.0
+    for _ in range(20):  # d² = cost + the price of a size that is d standard deviations large
+        d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * evidence.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))
+    return d
+
+
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     """An exact hypothesis."""
     groups = len({u.group for u in problem.individual().deviations})

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.intervals import stated
 from discrepancy.study import Study, Unusable, judge
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
-from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
-from fitting.inference.unknown import quantile
 from fitting.records.record import Record
 from tests.truth.anatomy import anatomy
 from tests.truth.bench import NoPeriodicRadius
@@ -66,8 +65,6 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
 
 def verdict_of(study: Study, naming: Naming) -> Line:
     """What was named, with the numbers behind it."""
-    half = quantile(study.problem.dof_of_noise)
-    fresh = {n.label: n for n in (*naming.ranked, *naming.members)}
     return {
         "verdict": naming.verdict,
         "reason": naming.reason,
@@ -76,7 +73,7 @@ def verdict_of(study: Study, naming: Naming) -> Line:
         "base_score": naming.base.score,
         "base_misfit": naming.base.misfit,
         "class": [_terms(n) for n in naming.members],
-        "top": [_hypothesis(study, fresh[n.label], half) for n in naming.ranked[:SHOWN]],
+        "top": [_hypothesis(study, naming, n) for n in naming.ranked[:SHOWN]],
         "gap": gap(study, naming),
     }
 
@@ -85,8 +82,8 @@ def _terms(n: Named) -> list[Line]:
     return [{"name": t.effect, "where": list(t.where)} for t in n.fit.terms]
 
 
-def _hypothesis(study: Study, n: Named, half: float) -> Line:
-    found = {name: e for term in n.fit.terms for name, e in estimates(study.network, n.fit, term, half).items()}
+def _hypothesis(study: Study, naming: Naming, n: Named) -> Line:
+    found = {name: e for term in n.fit.terms for name, e in stated(study.network, naming, n, term).items()}
     return {
         "terms": _terms(n),
         "score": n.score,

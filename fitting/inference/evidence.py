@@ -29,7 +29,7 @@ DOUBT = 1.0  # standard deviation of the logarithm of a width about the stated s
 COMMON = 0.5  # probability beforehand that a group has no deviations
 _SWEEPS = 3
 _FREE = 1e-9  # precision that stands for none
-_LOG_RANGE = DECADES * math.log(10.0)
+LOG_RANGE = DECADES * math.log(10.0)
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,7 @@ class Linear:
         """-2 ln of the priors 1/(2 |x| ln range) of effects, less ln 2π of each; not below its standard deviation."""
         inverse = np.linalg.inv(A)
         size = np.maximum(np.abs(inverse @ right), np.sqrt(np.diag(inverse)))[self.free]
-        return float(2.0 * np.log(self.signs[self.free] * size * _LOG_RANGE).sum()) - len(size) * math.log(
-            2.0 * math.pi
-        )
+        return float(2.0 * np.log(self.signs[self.free] * size * LOG_RANGE).sum()) - len(size) * math.log(2.0 * math.pi)
 
     def inferred(self) -> Widths:
         """The most probable widths, one group after the other, a few times."""

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..records.noise import Target
 from .fit import Fit
 from .search import bounded_step
 from .unknown import bounds, precision
@@ -52,46 +51,6 @@ def sizes(X: Array) -> Array:
     padded = np.pad(size[1:], ((1, 1), (0, 0)), mode="edge")
     size[1:] = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
     return size
-
-
-# --- of a network -----------------------------------------------------------------------------------------------------
-
-
-def parts_of(names: Sequence[str]) -> tuple[str, ...]:
-    """The parts of an error of these channels: one for each, and one for the means of all of a quantity."""
-    kinds = dict.fromkeys(name.rpartition(".")[2] for name in names)
-    return (*names, *(f"means of {kind}" for kind in kinds))
-
-
-def _of_means(names: Sequence[str]) -> Array:
-    """(m,) the part of every channel's mean."""
-    parts = parts_of(names)
-    return np.array([parts.index(f"means of {name.rpartition('.')[2]}") for name in names])
-
-
-def blocks_of(target: Target) -> list[Block]:
-    """Errors of the channels of a network, one block for each harmonic."""
-    m, K, size = len(target.names), len(target.X) - 1, sizes(target.X)
-    white = target.whitener * size[:, None, :]
-    found = [Block(np.arange(m), white[0].real, _of_means(target.names))]
-    own = np.tile(np.arange(m), 2)
-    for k in range(1, K + 1):
-        a, b = white[k].real, white[k].imag
-        rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
-        found.append(Block(rows, np.block([[a, -b], [b, a]]), own))
-    return found
-
-
-def with_errors(target: Target, parts: Array) -> Target:
-    """The same channels with errors of these parts in their covariance."""
-    m, size, covariance = len(target.names), sizes(target.X), target.covariance.copy()
-    at = np.arange(m)
-    covariance[0, at, at] += (parts[_of_means(target.names)] * size[0]) ** 2
-    covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
-    return Target.of(target.names, target.X, covariance)
-
-
-# --- of a fit ---------------------------------------------------------------------------------------------------------
 
 
 def widened(fit: Fit, blocks: Sequence[Block], parts: Array) -> Fit:

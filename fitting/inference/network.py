@@ -29,11 +29,12 @@ from ..records.noise import (
     solver_error,
     target,
 )
+from . import channel_errors
 from .added import allowed
 from .batches import mesh_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
-from .misfit import Block, blocks_of, parts_of, with_errors
+from .misfit import Block
 from .observation import meter, of_other_beats, sense
 from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, search
@@ -272,13 +273,13 @@ class NetworkProblem(Forward):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        return parts_of(self.signals)
+        return channel_errors.parts(self.signals)
 
     def blocks(self, fit: Fit) -> list[Block]:
-        return blocks_of(self.target)
+        return channel_errors.blocks(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        return replace(self, target=with_errors(self.target, parts))
+        return replace(self, target=channel_errors.widened(self.target, parts))
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""

@@ -133,7 +133,10 @@ def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
 
 
 def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
-    """An effect of a part of a segment that may lie elsewhere along it, from sizes x of the usual part; else None."""
+    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part.
+
+    None where there is no such thing.
+    """
     effect = effect_of(term)
     there = {u.name for u in term.unknowns}
     along = [_searched(effect, c) for c in effect.coordinates_along(network, term.place) if c.name not in there]
