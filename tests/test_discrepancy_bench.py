@@ -228,7 +228,7 @@ def test_a_cubic_rate_is_unknown() -> None:
 
 def test_a_springpot_is_named() -> None:
     """Share 0.3 of order 0.3: the order to 0.05 (0.02 measured), the share to 0.03 (0.01) of what it is at 10 rad/s."""
-    naming = judged((Effect("springpot", (SITE,), 0.3, 0.3),), "sheep")
+    naming = judged((Effect("fractional_viscosity", (SITE,), 0.3, 0.3),), "sheep")
     assert (naming.verdict, naming.best.label) == ("effect", f"fractional_viscosity at {SITE}")
     fit = naming.best.fit
     share, order = (u.nominal + u.size * x for u, x in zip(fit.unknowns[-2:], fit.x[-2:], strict=True))

@@ -70,8 +70,8 @@ EFFECTS = [
     (Effect("nonlinear_elasticity", ("CA",), 2.0), 1e-5),
     # the solver's own error at this step; it falls to 5e-5 at 0.5 ms and a finer mesh
     (Effect("stress_relaxation", ("PD",), 0.03), 1e-4),
-    (Effect("springpot", ("CA",), 0.5, 0.3), 3e-4),  # the solver's exponentials are within 0.4 % of (iω)^a
-    (Effect("springpot", ALL, 0.3, 0.3), 3e-4),
+    (Effect("fractional_viscosity", ("CA",), 0.5, 0.3), 3e-4),  # the solver's exponentials are within 0.4 % of (iω)^a
+    (Effect("fractional_viscosity", ALL, 0.3, 0.3), 3e-4),
     (Effect("external_pressure", ("FA",), 800.0), 1e-5),
     (Effect("wall_stiffness", ("CA",), 0.4), 1e-5),
     (Effect("taper", ("CA",), -0.3), 1e-5),
@@ -112,7 +112,7 @@ def test_every_effect_agrees_with_the_solver(sheep: Network, effect: Effect, tol
 def _with_parameters(network: Network, effect: Effect, truth: dict[str, float]) -> Network:
     """The solver's network with the effect that a truth file tells."""
     values = {name.rpartition(".")[2]: value for name, value in truth.items()}
-    if effect.name == "springpot":
+    if effect.name == "fractional_viscosity":
         share, more = springpot_of(effect.size, effect.second, T)
         names = [s.name for s in network.segments if effect.where == ALL or s.name in effect.where]
         return network.with_parameters({f"{n}.phi0": more * network.segment(n).phi0 for n in names}).with_terms(
@@ -163,11 +163,13 @@ def _tube(**changes: float) -> Anatomy:
     )
 
 
-@pytest.mark.parametrize("effect", ["none", "stress_relaxation", "springpot", "unsteady_friction", "side_branch"])
+@pytest.mark.parametrize(
+    "effect", ["none", "stress_relaxation", "fractional_viscosity", "unsteady_friction", "side_branch"]
+)
 def test_small_amplitude_against_the_transmission_line(effect: str) -> None:
     """A tube with every linear effect: P at a site against the exact transmission line per harmonic, <= 1e-6."""
-    x = {"stress_relaxation": 0.02, "springpot": 0.6, "unsteady_friction": 0.7, "side_branch": 0.3, "none": 0.0}[effect]
-    model = _tube() if effect == "none" else hide(_tube(), Effect(effect, ALL, x, 0.4))
+    sizes = {"stress_relaxation": 0.02, "fractional_viscosity": 0.6, "unsteady_friction": 0.7, "side_branch": 0.3}
+    model = _tube() if effect == "none" else hide(_tube(), Effect(effect, ALL, sizes[effect], 0.4))
     v, w = model.vessels[0], BEAT.omega.copy()
     w[0] = 1e-9  # the steady limit
     A0, K_h = np.pi * v.R0**2, v.h / (0.75 * v.R0)
@@ -248,9 +250,9 @@ def test_inlet_response_is_the_derivative(sheep: Network) -> None:
 def test_springpot_on_the_bench(sheep: Network) -> None:
     """P on the loop of radii by harmonic balance with (iω)^a: 1e-4 of the pulse (7e-5), which it moves by 5 %."""
     c = arterial_pressure(np.random.default_rng(2), BEAT)
-    model = hide(anatomy(sheep), Effect("springpot", ("CA",), 0.3, 0.3))
+    model = hide(anatomy(sheep), Effect("fractional_viscosity", ("CA",), 0.3, 0.3))
     R, P = radius(bench_wall(model, "CA", BEAT), BEAT.values(c)), BEAT.values(c)
-    network = _with_parameters(sheep, Effect("springpot", ("CA",), 0.3, 0.3), {})
+    network = _with_parameters(sheep, Effect("fractional_viscosity", ("CA",), 0.3, 0.3), {})
     assert np.abs(loop_pressure(network, "CA", R, T) - P).max() <= 1e-4 * np.ptp(P)
     assert np.abs(loop_pressure(sheep, "CA", R, T) - P).max() >= 0.04 * np.ptp(P)
 

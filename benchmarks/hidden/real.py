@@ -23,6 +23,7 @@ def walls(lines: Sequence[Line]) -> str:
     t.at_most("nothing hidden: false alarms", 0.03, share(nulls, w.detected))
     for spread in sorted({x["walls"] for x in nulls}):
         t.add(f"– spread × {spread:g}", "–", share((x for x in nulls if x["walls"] == spread), w.detected))
+    t.add("– walls held to be individual", "–", share(nulls, lambda x: x.get("held") == "individual"))
     full = [x for x in seen if x["channels"] == ALL_SENSORS]
     t.at_least("one effect, P, Q, R at 7 sites, d′ ≥ 30: right name in the class", 0.90, share(full, w.in_class))
     t.at_least("– right place", 0.85, share(full, w.right_place))
@@ -107,6 +108,7 @@ def _rest(t: Targets, lines: Sequence[Line]) -> None:
         t.median_at_most(f"{kind}, gap on held-out beats where named right, after/before", 0.3, closed)
         t.parameters(kind, own)
         t.confidence(kind, own)
+        t.add(f"{kind}, search not complete", "–", share(own, lambda x: not x.get("complete", True)))
         t.seconds(kind, _LONGEST, own)
 
 

@@ -68,6 +68,8 @@ def verdict_of(study: Study, naming: Naming) -> Line:
     return {
         "verdict": naming.verdict,
         "reason": naming.reason,
+        "held": naming.walls,
+        "complete": naming.complete,
         "confidence": naming.confidence if naming.ranked else None,
         "log_odds": log_odds(naming.confidence) if naming.ranked else None,
         "base_score": naming.base.score,
@@ -107,15 +109,16 @@ def gap(study: Study, naming: Naming) -> Line:
     fits = {"given": replace(base, x=np.zeros_like(base.x)), "refitted": base, "best": best}
     fitted = {"refitted": _rms(base.chi2, len(base.z)), "best": _rms(best.chi2, len(best.z))}
     try:
-        held = held_out(naming, study, fits)
+        held = held_out(study, fits)
     except (ValueError, ArithmeticError) as error:
         return {"fit": fitted, "held_out": {}, "error": str(error)}
     return {"fit": fitted, "held_out": held}
 
 
-def held_out(naming: Naming, study: Study, fits: dict[str, Fit]) -> dict[str, float]:
-    """Whitened RMS of the held-out beats under the parameters found from the others, by the noise that those showed."""
-    kept = naming.problem.held_out(study.held_out, study.fitted)
+def held_out(study: Study, fits: dict[str, Fit]) -> dict[str, float]:
+    """Whitened RMS of the held-out beats under the parameters found from the others, by the noise that those showed
+    alone: what errors of the model a verdict allows for does not count as closed."""
+    kept = study.problem.held_out(study.held_out, study.fitted)
     predicted = zip(fits, kept.predict(list(fits.values())), strict=True)
     return {key: _rms(chi2, n) for key, (chi2, n) in predicted if not math.isnan(chi2)}
 

@@ -13,10 +13,9 @@ from collections.abc import Iterable
 from typing import Any
 
 from solver.network import Network
-from tests.truth.hide import OUTSIDE, SPRINGPOT
+from tests.truth.hide import OUTSIDE
 
 Line = dict[str, Any]
-_CATALOGUE = {SPRINGPOT: "fractional_viscosity"}  # what the catalogue calls it
 Where = tuple[str, ...]
 
 
@@ -50,7 +49,7 @@ def of(lines: Iterable[Line], wanted: str, least: float = 0.0) -> list[Line]:
 
 def truths(line: Line) -> tuple[str, ...]:
     """Names of what is hidden."""
-    return tuple(_CATALOGUE.get(e["name"], e["name"]) for e in line["effects"])
+    return tuple(e["name"] for e in line["effects"])
 
 
 def d_prime(line: Line) -> float:

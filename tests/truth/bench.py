@@ -18,7 +18,7 @@ from .wall import Walls, wall_at, walls_of
 Array = np.ndarray
 
 _STEPS = 40
-_LONG = 1e-9  # of the largest harmonic of A, correction at which a long period is solved
+_LONG, _SWEEPS = 1e-9, 200  # correction, of the largest harmonic of A, at which a long period is solved; iterations
 _DEPTH = 8  # corrections that Anderson's iteration combines
 
 
@@ -67,7 +67,7 @@ def long_radius(wall: Walls, P: Array) -> Array:
     admittance = 1.0 / wall.at_rest().impedance(A[:1].real)
     states: list[Array] = []
     steps: list[Array] = []
-    for _ in range(_STEPS):
+    for _ in range(_SWEEPS):
         area = beat.values(A)
         if not (area > 0.0).all():
             raise NoPeriodicRadius("the area of an iterate is not positive")
@@ -77,7 +77,7 @@ def long_radius(wall: Walls, P: Array) -> Array:
         A = anderson(states[-_DEPTH:], steps[-_DEPTH:])
         if np.abs(steps[-1]).max() <= _LONG * np.abs(A[1:]).max():
             return beat.coefficients(np.sqrt(beat.values(A) / np.pi))
-    raise NoPeriodicRadius(f"after {_STEPS} iterations the area still moves by {np.abs(steps[-1]).max():.1g} m²")
+    raise NoPeriodicRadius(f"after {_SWEEPS} iterations the area still moves by {np.abs(steps[-1]).max():.1g} m²")
 
 
 def _newton(wall: Walls, P: Array, s: Array) -> Array:

@@ -153,6 +153,8 @@ class BenchProblem:
     def left_with(self, rival: str) -> float:
         """What is left when ``rival`` (name@where) is refitted with the nuisance."""
         name, _, where = rival.partition("@")
+        if name == "fractional_viscosity":
+            return self._left_with_springpot(where)
         if name == "catheter_resonance":
             return refit(
                 lambda x: self.residual(x[:3], [], x[3], x[4] ** 2, where),  # the square: no negative inertia
@@ -166,6 +168,21 @@ class BenchProblem:
             np.array([1e-3, 1e-3, 1e-3, _STEP[name]]),
             np.array([*self.prior, np.inf]),
         )
+
+    def _left_with_springpot(self, where: str) -> float:
+        """The same of a springpot of any order: what small ones of a low and of a high order change, in any size."""
+        x0 = np.zeros(3)
+        small = [Effect("fractional_viscosity", (where,), _SMALL, order) for order in (0.2, 0.6)]
+        columns = np.stack([self.residual(x0, [e]) - self.residual(x0, []) for e in small], axis=1) / _SMALL
+        return refit(
+            lambda x: self.residual(x[:3], []) + columns @ x[3:],
+            np.zeros(5),
+            np.full(5, 1e-3),
+            np.array([*self.prior, np.inf, np.inf]),
+        )
+
+
+_SMALL = 0.02  # share of a springpot whose change is that of a small one
 
 
 def _undone(P: Array, effect: Effect, problem: BenchProblem) -> Array:
@@ -205,7 +222,8 @@ def bench_rivals(made: Made) -> list[str]:
     """
     own = {f"{e.name}@{where}" for e in made.case.effects for where in e.where}
     viscous = made.case.base != "elastic"
-    absent = {"wall_stiffness"} | ({"wall_viscosity"} if viscous else {"nonlinear_wall_viscosity", "stress_relaxation"})
+    needs = {"nonlinear_wall_viscosity", "stress_relaxation", "fractional_viscosity"}
+    absent = {"wall_stiffness"} | ({"wall_viscosity"} if viscous else needs)
     names = [f"{name}@{made.case.channels}" for name in WALL if name not in absent]
     names += [f"{name}@{channel}" for name in CHANNEL for channel in made.case.names]
     return [name for name in names if name not in own]

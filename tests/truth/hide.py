@@ -21,8 +21,8 @@ WALL = (
     "stress_relaxation",
     "external_pressure",
     "wall_stiffness",
+    "fractional_viscosity",
 )
-SPRINGPOT = "springpot"
 FLOW = (
     "taper",
     "fluid_friction",
@@ -53,7 +53,8 @@ class Effect:
     terminal_compliance R2 C [s] of an end with the same resistance, of which ``second`` is distal; side_branch flow
     that leaks, as a share of 15 mL/s at 10 kPa; stenosis K; junction_loss k; channel_lag [s]; channel_offset in
     pulsatile standard deviations; catheter_resonance 1/f_n [s], with the damping ``second``.
-    Outside the catalogue: springpot share w of order ``second``; cubic_rate φ3/φ0 [s²]; strain_viscosity c of
+    fractional_viscosity: share w of the springpot, of order ``second``, as ``wall.py`` has it.
+    Outside the catalogue: cubic_rate φ3/φ0 [s²]; strain_viscosity c of
     φ0 (1 + cε); coulomb σ_c/E; varying_tone how far E wanders over the record, from the phase ``second`` on;
     swinging_outlet the swing of R_t at the phase ``second``; inflow_bent: Q (1 + size Q/Q_peak) is recorded;
     inflow_rectified: Q - size min(Q, 0).
@@ -113,7 +114,7 @@ _VESSEL: dict[str, Callable[[Vessel, Effect], Vessel]] = {
     "taper": lambda v, x: replace(v, taper=x.size),
     "side_branch": lambda v, x: replace(v, leak=_leak(v, x), **_part("leak", x, 1.0)),
     "stenosis": lambda v, x: replace(v, K=x.size, **_part("K", x, 0.1)),
-    "springpot": lambda v, x: replace(v, springpot=x.size, order=x.second),
+    "fractional_viscosity": lambda v, x: replace(v, springpot=x.size, order=x.second),
     "cubic_rate": lambda v, x: replace(v, phi3=x.size * v.phi0),
     "strain_viscosity": lambda v, x: replace(v, c=x.size),
     "coulomb": lambda v, x: replace(v, coulomb=x.size * v.E),

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from .hide import ALL, CHANNEL, OUTSIDE, OUTSIDE_WALL, SPRINGPOT, WALL, Effect
+from .hide import ALL, CHANNEL, OUTSIDE, OUTSIDE_WALL, WALL, Effect
 from .records import SENSORS, SITES, Case
 from .sizes import BENCH_SIZES, NETWORK_SIZES, POSITIVE_RATIO, RADIUS_GAIN
 
@@ -34,7 +34,7 @@ OUTLETS = ("CA", "FA", "VA1", "VA2", "VA3")
 JUNCTIONS = ("AA", "BT", "PD", "MD", "DD")
 
 # what the standard group calls outside the catalogue when it shares its records out: fixed, as its plan is
-_BEYOND = (SPRINGPOT, "cubic_rate", "swinging_outlet", "inflow_bent", "inflow_rectified")
+_BEYOND = ("fractional_viscosity", "cubic_rate", "swinging_outlet", "inflow_bent", "inflow_rectified")
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class _Draw:
         chance = self.rng.random()
         if everywhere:
             return "elastic"
-        if names & {"nonlinear_wall_viscosity", "stress_relaxation", SPRINGPOT, *OUTSIDE_WALL}:
+        if names & {"nonlinear_wall_viscosity", "stress_relaxation", "fractional_viscosity", *OUTSIDE_WALL}:
             return "sheep"
         if "wall_viscosity" in names:
             return "elastic" if chance < 0.5 else "sheep"
@@ -180,7 +180,7 @@ class _Draw:
         rng = self.rng
         if name == "catheter_resonance":  # a catheter that rings, or a slow sensor
             return float(rng.uniform(0.05, 0.3) if rng.random() < 0.6 else rng.uniform(0.8, 2.0))
-        bounds = {SPRINGPOT: (0.2, 0.6), "terminal_compliance": (0.5, 0.9), "swinging_outlet": (0.0, 1.0)}
+        bounds = {"fractional_viscosity": (0.2, 0.6), "terminal_compliance": (0.5, 0.9), "swinging_outlet": (0.0, 1.0)}
         bounds["varying_tone"] = (0.0, 1.0)
         return float(rng.uniform(*bounds[name])) if name in bounds else 0.0
 
@@ -193,7 +193,7 @@ class _Draw:
             return (str(rng.choice(names)),)
         if self.kind == "bench":
             return (channels,)
-        if name in ("fluid_friction", "velocity_profile", "unsteady_friction", SPRINGPOT, *OUTSIDE_WALL):
+        if name in ("fluid_friction", "velocity_profile", "unsteady_friction", "fractional_viscosity", *OUTSIDE_WALL):
             return ALL
         if name in (*WALL, "junction_loss") and name != "wall_stiffness" and rng.random() < 0.4:
             return ALL

@@ -25,7 +25,7 @@ from .anatomy import Anatomy, anatomy
 from .animal import Nuisance, nuisance, walls_of_its_own
 from .beat import Beat, at_phase
 from .bench import bench_wall, radius
-from .hide import Effect, hide, parameters
+from .hide import Effect, hide, parameters, springpot_of
 from .network import Balance, Flow
 from .sensors import Clock, clock, measured, pulsatile, sensed
 from .shapes import MMHG, Arteries, arteries, ejection
@@ -241,6 +241,10 @@ def _truth(
     def values(effect: Effect) -> dict[str, float]:
         if effect.name == "channel_offset":  # in the channel's unit; a constant leaves the pulse as it was
             return {f"{name}.offset": effect.size * pulsatile(clean[name]) for name in effect.where}
+        if effect.name == "fractional_viscosity":
+            share = springpot_of(effect.size, effect.second, beat.T)[0]
+            known = {"springpot": share, "springpot_order": effect.second}
+            return {f"{name}.{key}": value for name in effect.where for key, value in known.items()}
         return parameters(model, effect)
 
     return {

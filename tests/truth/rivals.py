@@ -101,7 +101,13 @@ class Standard:
             chosen.append(Effect("terminal_compliance", (end.vessel,), 0.02, 0.7))
         chosen += [Effect("junction_loss", where, 0.1) for where in [*((j.inflow[0],) for j in self.model.joins), ALL]]
         rivals = [_Rival(e.name, e.where, (self.column(e),)) for e in chosen]
+        rivals += [self._springpot(where) for where in [*segments, ALL]]
         return rivals + [r for channel in (*self.names, "inlet.Q") for r in self._sensors(channel)]
+
+    def _springpot(self, where: tuple[str, ...]) -> _Rival:
+        """A springpot of any order: small ones of a low and of a high order together."""
+        name = "fractional_viscosity"
+        return _Rival(name, where, tuple(self.column(Effect(name, where, 0.05, order)) for order in (0.2, 0.6)))
 
     def _sensors(self, channel: str) -> list[_Rival]:
         iw = 1j * _BEAT.omega
