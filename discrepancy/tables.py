@@ -103,7 +103,7 @@ def percent(value: float | None) -> str:
     """A part in per cent, never rounded to certainty."""
     if value is None or not math.isfinite(value):
         return DASH
-    return "> 99 %" if 0.995 <= value < 1.0 else f"{100 * value:.0f} %"
+    return "> 99 %" if value >= 0.995 else f"{100 * value:.0f} %"
 
 
 def p_text(value: float) -> str:

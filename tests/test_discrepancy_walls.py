@@ -29,31 +29,32 @@ from fitting.records.record import write_record
 from solver import simulate_periodic
 from solver.files import read_network, write_network
 
+STIFFER = 1.45
 EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
 
 
 @pytest.fixture(scope="module")
 def stiff() -> Naming:
-    """B is 25 % stiffer, and every wall may differ from the file's by itself."""
-    return name(network_problem(beats(1.25), NETWORK), terms(*EFFECTS))
+    """B is 45 % stiffer, and every wall may differ from the file's by itself."""
+    return name(network_problem(beats(STIFFER), NETWORK), terms(*EFFECTS))
 
 
 # --- this animal's walls ----------------------------------------------------------------------------------------------
 
 
 def test_a_stiff_wall_is_this_animal(stiff: Naming) -> None:
-    """Nothing is missing. B.E is 25 % above the file's within its interval, and the only number beyond its spread."""
+    """Nothing is missing. B.E is 45 % above the file's within its interval, and the only number beyond its spread."""
     assert (stiff.verdict, stiff.walls) == ("none", "individual")
     walls = walls_of(NETWORK, stiff.base.fit, quantile(stiff.problem.dof_of_noise))
     assert walls.kind == "individual" and set(walls.spread) == {"E", "phi0", "R0", "R_t"}
     assert {n for n in walls.arteries if n.endswith((".E", ".R_t"))} == {
         "A.E", "B.E", "C.E", "B.outlet.R_t", "C.outlet.R_t"}  # fmt: skip
     B = walls.arteries["B.E"]
-    assert B.file == NETWORK.segment("B").E and B.now.ci95[0] <= 1.25 * B.file <= B.now.ci95[1]
-    assert B.now.value == pytest.approx(1.25 * B.file, rel=0.02)
+    assert B.file == NETWORK.segment("B").E and B.now.ci95[0] <= STIFFER * B.file <= B.now.ci95[1]
+    assert B.now.value == pytest.approx(STIFFER * B.file, rel=0.05)  # 0.032 measured: R0 of B takes a part
     assert [n for n, own in walls.arteries.items() if own.beyond] == ["B.E"]
     (said,) = odd_ones(walls, NETWORK)
-    assert said.startswith("B.E: the Young's modulus E is 2") and "above the file's" in said
+    assert said.startswith("B.E: the Young's modulus E is 4") and "above the file's" in said
 
 
 def test_deviations_are_counted_beside_what_is_common() -> None:
@@ -72,7 +73,7 @@ def test_deviations_are_counted_beside_what_is_common() -> None:
 
 def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> None:
     """Out of a journal: the problem has its deviations and its weights again, bit by bit."""
-    plain = network_problem(beats(1.25), NETWORK)
+    plain = network_problem(beats(STIFFER), NETWORK)
     journal = Journal(tmp_path, "key")
     journal.naming(plain, lambda: stiff)
     again = journal.naming(plain, lambda: pytest.fail("named again"))
@@ -84,13 +85,19 @@ def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> No
 # --- partial answers --------------------------------------------------------------------------------------------------
 
 BENCH = "CA"
+HIDDEN = (
+    Effect("nonlinear_elasticity", (BENCH,), 4.0),
+    Effect("catheter_resonance", (f"{BENCH}.P",), 1 / 12, 0.1),
+    Effect("channel_lag", (f"{BENCH}.R",), 4e-3),
+    Effect("cubic_rate", (BENCH,), 0.05),
+)
 
 
 @pytest.fixture(scope="module")
 def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str, Any], Path]:
-    """A springpot of thrice the wall's own stress, more than one of the catalogue may have, is hidden on the bench."""
+    """Three effects are hidden on the bench, one more than are named at once, and a cubic rate."""
     folder = tmp_path_factory.mktemp("partial")
-    made = make(Case("bench", BENCH, 40.0, (Effect("springpot", (BENCH,), 3.0, 0.4),)), 5)
+    made = make(Case("bench", BENCH, 40.0, HIDDEN), 5)
     write(made, folder / "record.csv")
     write_network(made.base, folder / "base.toml")
     outcome = discover(folder / "record.csv", folder / "base.toml", folder / "out")
@@ -101,7 +108,9 @@ def partial(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, dict[str
 def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]) -> None:
     """The effect in the network file and in the FMU; a part of the gap is closed, and what remains is said."""
     outcome, verdict, folder = partial
-    assert verdict["verdict"] == "partial" and verdict["effects"] and verdict["reason"] is None
+    assert verdict["verdict"] == "partial" and verdict["reason"] is None
+    (effect,) = verdict["effects"]
+    assert (effect["name"], effect["where"]) == ("catheter_resonance", [f"{BENCH}.P"])
     assert verdict["remains"] in verdict["sentence"] and "more than noise remains" in verdict["sentence"]
     gap = verdict["gap"]
     assert 0.5 < gap["closed"]["held_out"] < 1.0
@@ -137,12 +146,12 @@ def test_the_best_so_far_when_time_is_over() -> None:
         looks[0] += 1
         return 0.0
 
-    whole = name(problem, terms(*EFFECTS), Runs(deadline=1.0, clock=clock))
+    whole = name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=clock))
     assert whole.complete and looks[0] > 20
-    part = name(problem, terms(*EFFECTS), Runs(deadline=0.5 * looks[0], clock=ticking(1.0)))
+    part = name(problem, terms("terminal_reflection"), Runs(deadline=0.5 * looks[0], clock=ticking(1.0)))
     assert not part.complete
     with pytest.raises(OutOfTime):
-        name(problem, terms(*EFFECTS), Runs(deadline=1.0, clock=ticking(1.0)))
+        name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=ticking(1.0)))
 
 
 @pytest.fixture
