@@ -215,7 +215,7 @@ SAID = {
         "of the gap to held-out beats closed",
         "This animal’s walls",
         "CA.E",
-        "900 kPa",
+        "0.9 MPa",
         "1.20 MPa",
         "1.10 … 1.30",
         "+3.1",

@@ -265,8 +265,8 @@ def test_bootstrap_agrees_with_the_intervals() -> None:
 def test_gaps_of_one_channel() -> None:
     """P and R vary together from beat to beat, and R has bursts of gaps: what both share must not be in one mean alone.
 
-    Errors stay within 3 standard deviations, and those are at most 5 times the ones without gaps (4.5 for E); a phase
-    that only few of the drawn beats have does not stop the bootstrap.
+    Errors stay within 3 standard deviations, and those are at most 8 times the ones without gaps (6.6 for phi0); a
+    phase that only few of the drawn beats have does not stop the bootstrap.
     """
     wall, rng = table_wall("MD"), np.random.default_rng(9)
     P, R = (np.array([loop(wall, N, p)[i] for _ in range(5) for p in (3.8e3, 4e3, 4.2e3)]) for i in (0, 1))
@@ -279,7 +279,7 @@ def test_gaps_of_one_channel() -> None:
     gaps, full = (fit(beats, "S", wall.h) for beats in (replace(whole, values={"S.P": P, "S.R": R}), whole))
     for name in gaps.model.free:
         assert abs(gaps.values[name] - getattr(wall, name)) < 3.0 * gaps.sd(name), name
-        assert gaps.sd(name) < 5.0 * full.sd(name), name
+        assert gaps.sd(name) < 8.0 * full.sd(name), name
     assert bootstrap(gaps, replace(whole, values={"S.P": P, "S.R": R}), 20).keys() == set(gaps.model.free)
 
 

@@ -25,6 +25,7 @@ Array = np.ndarray
 _ORDER = 3  # elastic, viscous and what bends them: powers of iω
 _COHERENT = 0.5  # of the variance of P that follows R at a low harmonic: then the beats differ, not the sensors
 _LOW = 6
+_GAPS = 0.01  # of the samples: single spikes do no harm
 _ABOVE_NOISE = 5.0  # standard deviations
 
 
@@ -41,7 +42,7 @@ def loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     both = replace(beats, values={P: beats.values[P], R: moved[0]}).covariance((P, R))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
     coherent = followed**2 > _COHERENT * both[:, 0, 0].real * could
-    gaps = any(np.isnan(beats.values[name]).any() for name in names)  # phases are then means of other beats each
+    gaps = any(np.isnan(beats.values[name]).mean() > _GAPS for name in names)  # then phases are means of other beats
     seam = np.zeros(beats.N) if seen is None else seen.seam[0]
     known = np.abs(SEAM_ERROR * coefficients(seam)) ** 2
     if gaps or (seen is None and not coherent[1:_LOW].any()):

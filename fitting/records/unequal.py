@@ -17,8 +17,9 @@ from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
-_UNEQUAL = 0.015  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
+_UNEQUAL = 0.02  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
 _PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
+_NOISE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 _ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
 _MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
 _NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
@@ -106,10 +107,13 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     if abs(beats - 1.0) > _SAME and not several:
         return None
     x = without_gaps(channels[found.channel])
-    if np.mean(np.abs(intervals - usual) <= _NEAR * usual) < _MOSTLY or _likeness(x, found.at, usual) < _ALIKE:
+    near = np.abs(intervals - usual) <= _NEAR * usual
+    if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
-    if not (several or _wander(found.at, passed) > _UNEQUAL * usual or pulses.std() > _PULSES * pulses.mean()):
+    noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
+    varied = pulses.std() > max(_PULSES, _NOISE * noise) * pulses.mean()
+    if not (several or varied or _wander(found.at, passed) > _UNEQUAL * usual):
         return None
     starts = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     starts = starts[starts >= 0]
@@ -141,7 +145,7 @@ def _wander(at: Array, passed: Array) -> float:
 def _likeness(x: Array, at: Array, length: float) -> float:
     """The median correlation of whole beats with their mean."""
     n = int(0.9 * length)
-    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int) if i + n <= len(x)])
+    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int)])
     beats = beats - beats.mean(axis=1, keepdims=True)
     mean = beats.mean(axis=0)
     size = np.linalg.norm(beats, axis=1) * np.linalg.norm(mean)

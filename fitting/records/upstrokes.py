@@ -12,6 +12,7 @@ Array = np.ndarray
 
 _NEAREST = 0.4  # of the period: two upstrokes are no closer
 _RISE = 0.4  # of the usual upstroke's steepness, from which a rise is an upstroke
+_WIDE = 0.08  # of the period: means on either side whose difference is the rise; the one after a notch is shorter
 _SMOOTH = 0.04  # of the period, over which samples are averaged before slopes are taken
 _BEFORE, _AFTER = 0.12, 0.28  # of the period: the part of a beat that tells its time
 _SEARCHED = 0.08  # of the period, by which an upstroke may come earlier or later than its steepest sample says
@@ -61,8 +62,8 @@ def _of(name: str, values: Array, length: float) -> Upstrokes | None:
 
 
 def _steepest(x: Array, length: float) -> Array:
-    """Samples at which x rises most, one a beat."""
-    half = max(1, round(0.5 * _SMOOTH * length))
+    """Samples about which x rises most, one a beat."""
+    half = max(1, round(_WIDE * length))
     total = np.concatenate([[0.0], np.cumsum(x)])
     j = np.arange(half, len(x) - half)
     rise = total[j + half] - 2.0 * total[j] + total[j - half]

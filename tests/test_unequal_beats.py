@@ -1,0 +1,169 @@
+"""Beats that differ: rate, stroke, a ventilator's breath, alternans, odd beats, and the steps of a converter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pulses import record
+from scipy.signal import find_peaks, lfilter
+
+from fitting.inference.loop import mean_loop
+from fitting.records.beats import align
+from fitting.records.record import Record
+from fitting.records.rounding import converter_step, rounding
+from solver.units import MMHG
+
+DT = 1.0 / 125.0
+STEP = MMHG / 16.0
+
+
+def starts(rng: np.random.Generator, T: float, rate: float, seconds: float) -> np.ndarray:
+    """Times at which beats begin: independent intervals about T."""
+    n = int(seconds / T) + 12
+    return np.cumsum(T * (1.0 + rate * rng.standard_normal(n).clip(-2.5, 2.5))) - 6.0 * T
+
+
+def arterial(begin: np.ndarray, size: np.ndarray, time: np.ndarray, tau: float = 0.9) -> np.ndarray:
+    """Pressure [Pa], (n,): a systole of fixed length a beat into a Windkessel, closed by a notch; 60 mmHg and more."""
+    fine = np.arange(begin[0], time[-1] + 0.1, 1e-3)
+    b = np.searchsorted(begin, fine, side="right") - 1
+    phase = (fine - begin[b]) / 0.3
+    flow = size[b] * (np.sin(np.pi * phase.clip(0.0, 1.0)) ** 1.5 - 0.5 * np.exp(-(((phase - 1.08) / 0.06) ** 2)))
+    stored = lfilter([1e-3 / tau], [1.0, -(1.0 - 1e-3 / tau)], flow, zi=[flow.mean()])[0]
+    return np.interp(time, fine, MMHG * (60.0 + 18.0 * flow + 160.0 * stored))
+
+
+def ventilated(
+    seed: int, seconds: float, T: float = 0.8, rate: float = 0.02, ectopic: bool = False, breath: float = 0.12
+) -> Record:
+    """Synthetic radial pressure, 125 Hz, steps of 1/16 mmHg: breath on pulse and baseline, a drift, an odd beat."""
+    rng = np.random.default_rng(seed)
+    begin = starts(rng, T, rate, seconds)
+    if ectopic:  # half a beat early, and weak
+        begin[len(begin) // 2] -= 0.35 * T
+    size = 1.0 + breath * np.sin(2.0 * np.pi * begin / 4.3)
+    size[len(begin) // 2] *= 0.5 if ectopic else 1.0
+    time = np.arange(0.0, seconds, DT)
+    P = arterial(begin, size, time) + MMHG * (2.0 * np.sin(2.0 * np.pi * time / 4.3) + 0.1 * time)
+    P = P + 0.3 * MMHG * rng.standard_normal(len(time))
+    return record(time, P=STEP * np.round(P / STEP))
+
+
+def peaks(P: np.ndarray) -> float:
+    """The median distance of the peaks [s]: an independent count."""
+    at, _ = find_peaks(np.convolve(P, np.ones(9) / 9.0, "same"), distance=50, prominence=0.4 * np.ptp(P))
+    return float(np.median(np.diff(at)) * DT)
+
+
+@pytest.mark.parametrize("seconds", [15.0, 30.0])
+@pytest.mark.parametrize("ectopic", [False, True])
+def test_pressure_of_a_ventilated_patient(seconds: float, ectopic: bool) -> None:
+    """12 records each, all cut at the rate that peaks tell (3 %); at least 8 beats are left, all but the odd one."""
+    for seed in range(12):
+        T = 0.6 + 0.05 * seed
+        made = ventilated(seed, seconds, T, ectopic=ectopic)
+        beats = align(made)
+        assert beats.T == pytest.approx(peaks(made.channels["AA.P"]), rel=0.03)
+        assert beats.n_beats >= max(8, int(seconds / T) - (6 if ectopic else 3))
+        assert any("beats left out (" in text for text in beats.warnings) == ectopic
+
+
+def test_a_beat_begins_at_the_end_of_diastole() -> None:
+    """Intervals of 3 %: the first sample of each beat is its lowest to 15 % of the pulse, and no upstroke ends it."""
+    made = ventilated(3, 30.0, rate=0.03, breath=0.0)
+    P = align(made).values["AA.P"]
+    pulse = np.ptp(P.mean(axis=0))
+    assert (np.abs(P[:, 0] - P.min(axis=1)) < 0.15 * pulse).all()
+    assert (np.abs(P[:, -1] - P[:, -6]) < 0.1 * pulse).all()
+
+
+@pytest.mark.parametrize("weak", [0.9, 0.7, 0.5])
+def test_alternans_is_not_one_beat(weak: float) -> None:
+    """Every other beat weaker by 10 to 50 %: the period is one beat, 0.5 s, not the two that repeat exactly."""
+    time = np.arange(0.0, 20.0, DT)
+    begin = 0.5 * np.arange(-6, 50)
+    size = np.where(np.arange(len(begin)) % 2, 1.0, weak)
+    P = arterial(begin, size, time) + 0.3 * MMHG * np.random.default_rng(0).standard_normal(len(time))
+    assert align(record(time, P=P)).T == pytest.approx(0.5, rel=0.01)
+
+
+def test_a_stretch_with_a_steady_rate_is_chosen() -> None:
+    """20 s at 1.25 beats/s, then 10 s at 1.8: the first are used, and that is said."""
+    begin = np.concatenate([0.8 * np.arange(-6, 25), 20.0 + 0.55 * np.arange(0, 30)])
+    time = np.arange(0.0, 30.0, DT)
+    rng = np.random.default_rng(1)
+    beats = align(record(time, P=arterial(begin, np.ones(len(begin)), time) + 40.0 * rng.standard_normal(len(time))))
+    assert beats.T == pytest.approx(0.8, rel=0.02) and 20 <= beats.n_beats <= 25
+    assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
+
+
+# --- a wall under pulses that differ ---------------------------------------------------------------------------------
+
+
+def bench(seed: int, rate: float, stroke: float) -> tuple[Record, np.ndarray, np.ndarray]:
+    """P and R of a Kelvin–Voigt wall, P = E ε + φ dε/dt, with 1 % noise; and the part of P that is not noise."""
+    rng, T = np.random.default_rng(seed), 0.8
+    begin = starts(rng, T, rate, 17.0)
+    time = np.arange(0.0, 17.0, DT / 5.0)
+    P = arterial(begin, 1.0 + stroke * rng.standard_normal(len(begin)), time)
+    E, phi, h = 3e5, 5e3, DT / 5.0
+    a = np.exp(-E / phi * h)
+    strain = lfilter([(1.0 - a) / (2.0 * E)] * 2, [1.0, -a], P, zi=[(1.0 + a) / (2.0 * E) * P[0]])[0]
+    x, y = P[::5], 5e-3 * (1.0 + strain[::5])
+    noisy = [each + 0.01 * each.std() * rng.standard_normal(len(each)) for each in (x, y)]
+    return record(time[::5], P=noisy[0], R=noisy[1]), x, y
+
+
+@pytest.mark.parametrize(("rate", "stroke"), [(0.03, 0.05), (0.03, 0.15), (0.0, 0.1)])
+def test_noise_of_a_wall_whose_beats_differ(rate: float, stroke: float) -> None:
+    """Real variation is no noise: the standard deviations of P and R are those of the sensors, times 0.9 to 1.7
+    (median over harmonics 1 to 20 of 8 records); by raw scatter they are 2 to 8 times too large at the lowest ones."""
+    ratios, raw = [], []
+    for seed in range(8):
+        made, P, R = bench(seed, rate, stroke)
+        beats = align(made)
+        loop = mean_loop(beats, "AA")
+        own = np.array([(0.01 * x.std()) ** 2 for x in (P, R)]) / (beats.N * beats.n_beats)
+        ratios.append(np.einsum("kii->ki", loop.noise).real[1:21] / own)
+        raw.append(np.einsum("kii->ki", beats.covariance(("AA.P", "AA.R"))).real[1:4] / own)
+    assert 0.8 < np.sqrt(np.median(ratios)) < 1.8
+    assert np.sqrt(np.mean(raw)) > 2.0
+
+
+def test_the_seam_of_unequal_beats_is_taken_out() -> None:
+    """Rate 3 %, stroke 10 %: the law on the mean loop, E ε + φ dε/dt, misses P by noise (χ² a number 1 ± 0.4)."""
+    misfits = []
+    for seed in range(12):
+        beats = align(bench(seed, 0.03, 0.1)[0])
+        loop = mean_loop(beats, "AA")
+        k = np.arange(1, 21)
+        A = (3e5 + 5e3 * 2j * np.pi * k / loop.T) / 5e-3
+        X, Y = (np.fft.rfft(x, norm="forward")[1:21] for x in (loop.P, loop.R))
+        S = loop.noise[1:21]
+        variance = S[:, 0, 0].real + np.abs(A) ** 2 * S[:, 1, 1].real - 2.0 * (A * S[:, 1, 0]).real
+        misfits.append(np.mean(np.abs(X - A * Y) ** 2 / variance))
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.4)
+
+
+# --- steps of a converter --------------------------------------------------------------------------------------------
+
+
+def test_the_step_of_a_converter_is_found() -> None:
+    """Steps of 0.5 to 10 % of the pulse are found to 1e-3, with gaps and a unit; an analogue channel has none."""
+    rng = np.random.default_rng(0)
+    x = np.sin(np.arange(3000) / 7.0) + 0.01 * rng.standard_normal(3000)
+    for step in (0.01, 0.0123, 0.1, 0.2):
+        rounded = step * np.round(x / step)
+        rounded[500:600] = np.nan
+        assert converter_step(rounded * 133.3) == pytest.approx(step * 133.3, rel=1e-3)
+    assert converter_step(x) == 0.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.3, 0.5, 1.0])
+def test_what_rounding_leaves_in_a_mean_beat(noise: float) -> None:
+    """b² = q²/(2π²) Σ e^{-4π²m²σ²/q²}/m² of 15 beats of noise σ/q: as measured over 200 beats' phases, to 0.03 q."""
+    rng = np.random.default_rng(5)
+    clean = rng.uniform(0.0, 30.0, 200)
+    beats = np.round(clean + noise * rng.standard_normal((15, 200)))
+    many = np.round(clean + noise * rng.standard_normal((20000, 200))).mean(axis=0)  # what no number of beats lowers
+    assert rounding(beats, 1.0) == pytest.approx(np.sqrt(np.mean((many - clean) ** 2)), abs=0.03)
