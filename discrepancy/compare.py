@@ -100,15 +100,18 @@ def _labels(fit: Fit) -> tuple[str, ...]:
     return tuple(t.label for t in fit.terms)
 
 
-def further(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """With more effects, or finer ones, until the best explains the record or nothing new is left to try."""
+def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterator[Compared]:
+    """With more effects, or finer ones, until the best explains the record or nothing new is left to try.
+
+    branches : of how many hypotheses at a time.
+    """
     tried: set[tuple[str, ...]] = set()
     if found.best.fit.terms:
         elsewhere = along(found, runs)
         if elsewhere:
             yield (found := found.joined_by(elsewhere))
     while found.best.fit.terms and not found.best.explains:
-        fits = more(found, runs, tried)
+        fits = more(found, runs, tried, branches)
         if not fits:
             return
         known = found.best.score
@@ -128,14 +131,14 @@ def along(found: Compared, runs: Runs) -> list[Fit]:
     return fits
 
 
-def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:
+def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
     """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
     to one for each; of one combination the better fit. None where what is promised stays far above noise.
 
     tried : labels of the hypotheses that were taken up before; grows.
     """
     fits: dict[frozenset[str], Fit] = {}
-    for first in _firsts(found, tried):
+    for first in _firsts(found, tried, branches):
         tried.add(_labels(first))
         for fit in (*_seconds(found, first, runs), *_refinements(found.problem, first, runs)):
             key = frozenset(_labels(fit))
@@ -144,12 +147,12 @@ def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]]) -> list[Fit]:
     return list(fits.values())
 
 
-def _firsts(found: Compared, tried: set[tuple[str, ...]]) -> list[Fit]:
+def _firsts(found: Compared, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
     """The best hypotheses that have room for another effect, one of each effect."""
     chosen: dict[str, Fit] = {}
     for n in found.ranked:
         near, room = n.fit.cost < at.BRANCH_COST * found.ranked[0].fit.cost, len(n.fit.terms) < at.MOST_EFFECTS
-        if near and room and _labels(n.fit) not in tried and len(chosen) < at.BRANCHES:
+        if near and room and _labels(n.fit) not in tried and len(chosen) < branches:
             chosen.setdefault(n.fit.terms[-1].effect, n.fit)
     return list(chosen.values())
 
@@ -172,4 +175,4 @@ def _refinements(problem: Forward, first: Fit, runs: Runs) -> list[Fit]:
     """Every effect of walls everywhere with a size of its own for each segment."""
     finer = [problem.refined(first, t) for t in first.terms]
     hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
-    return [f for f in problem.refit(hypotheses, runs=runs) if f is not None] if hypotheses else []
+    return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []

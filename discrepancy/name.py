@@ -49,16 +49,37 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
 def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | None) -> Iterator[Compared]:
     """What is known after every stage."""
-    common = None
     own = problem.individual()
-    if walls != INDIVIDUAL or own is problem:
-        for common in _with_common_walls(problem, terms, runs):
-            yield common
-        assert common is not None
-        if walls == COMMON or own is problem or not common.best.fit.terms and common.none.explains:
-            return
-    for differing in with_own_walls(own, terms, runs):
-        yield differing if common is None else common.joined(differing)
+    if own is problem or walls == COMMON:
+        for found in _with_common_walls(problem, terms, runs):
+            yield found
+        yield from further(found, runs)
+    elif walls == INDIVIDUAL:
+        for found in with_own_walls(own, terms, runs):
+            yield found
+        yield from further(found, runs)
+    else:
+        yield from _with_either(problem, terms, runs)
+
+
+def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """Walls with all in common and, where something is missing, walls that differ; then more effects with both.
+
+    Two effects of walls with all in common are tried even where walls that differ explain the record: they are fewer.
+    """
+    for common in _with_common_walls(problem, terms, runs):
+        yield common
+    if not common.best.fit.terms and common.none.explains:
+        return
+    found = common
+    for own in with_own_walls(problem.individual(), terms, runs):
+        yield (found := common.joined(own))
+    if not common.best.explains:
+        for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
+            yield (found := found.joined(more))
+    if not found.best.explains:
+        for more in further(own, runs):
+            yield (found := found.joined(more))
 
 
 def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -82,7 +103,6 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
         lowest = min((n.fit.cost for n in found.ranked), default=base.cost)
         fits = [f for f in problem.refit(rewiring, base, runs, known=lowest) if f is not None]
         yield (found := _polished(found.joined_by(fits), runs))
-    yield from further(found, runs)
 
 
 def _polished(found: Compared, runs: Runs) -> Compared:

@@ -19,7 +19,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, of_animal
 
 from . import thresholds as at
-from .compare import Compared, further
+from .compare import Compared
 from .weigh import weighed
 
 Array = np.ndarray
@@ -32,8 +32,8 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Ite
     (base,) = afar.refit([()], runs=runs)
     if base is None:
         return
-    columns = afar.columns(base, terms, runs)
-    near, chosen, none = afar, dict[str, Term](), 0.0
+    columns: Mapping[str, Array] = afar.columns(base, terms, runs)
+    near, chosen, none, within = afar, dict[str, Term](), 0.0, at.NEAR
     for part in at.CLOSER:
         closer = _seen(problem, part)
         (base,) = closer.restated([base], near)
@@ -42,15 +42,14 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Ite
         chosen |= {t.label: t for score, t in promised[: at.EACH] if score < none}
     if not chosen or promised[0][0] > none - at.NEAR:  # an animal without effect is not ruled out
         found = _exact(problem, near, [base], columns, terms, runs)
-        if found.none.explains:
-            columns = problem.rewhitened(columns, near)
-            chosen, near, base = _left_over(found.none.fit, columns, terms), problem, found.none.fit
-            found = Compared.of(problem, [base], columns, terms)
         yield found
+        if found.none.explains:
+            problem, near, base, columns = found.problem, found.problem, found.none.fit, found.columns
+            chosen, within = _left_over(base, columns, terms), at.IN_DOUBT
     if chosen:
-        hypotheses = [(), *((t,) for t in chosen.values())]
+        hypotheses = [(t,) for t in chosen.values()]
         fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
-        found = _exact(problem, near, fits, columns, terms, runs)
+        found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
     rewiring = [(t,) for t in terms if t.rewires]
     if rewiring and not found.best.explains:
@@ -58,7 +57,6 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Ite
         (base,) = near.restated([found.none.fit], found.problem)
         fits = [base, *(f for f in near.refit(rewiring, base, runs) if f is not None)]
         yield (found := found.joined(_exact(found.problem, near, fits, found.columns, terms, runs)))
-    yield from further(found, runs)
 
 
 def _seen(problem: Forward, part: float) -> Forward:
@@ -81,17 +79,19 @@ def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) ->
 def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Term]:
     """The few effects that may still add to what explains the record already."""
     best, promised = _promised(none, columns, terms)
-    return {t.label: t for score, t in promised[: at.EACH] if score < best + at.IN_DOUBT}
+    return {t.label: t for score, t in promised[: at.EACH] if score < best}
 
 
 def _exact(
     problem: Forward, near: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...],
-    runs: Runs,
+    runs: Runs, within: float = at.NEAR,
 ) -> Compared:  # fmt: skip
     """The hypotheses within reach of the best, searched on without an error of the model; the others as they are."""
     order = sorted((weighed(near, f, terms).score, i) for i, f in enumerate(fits))
-    reach = [i for score, i in order if score < order[0][0] + at.NEAR][: at.REFINED]
+    reach = [i for score, i in order if score < order[0][0] + within][: at.REFINED]
     exact = problem.restated(fits, near)
-    refined = dict(zip(reach, problem.refine([exact[i] for i in reach], runs), strict=True))
+    sharp = problem.sharpened(exact[reach[0]], runs)
+    exact = sharp.restated(exact, problem)
+    refined = dict(zip(reach, sharp.refine([exact[i] for i in reach], runs), strict=True))
     found = [refined.get(i) or f for i, f in enumerate(exact)]
-    return Compared.of(problem, found, problem.rewhitened(columns, near), terms).polished(runs)
+    return Compared.of(sharp, found, sharp.rewhitened(columns, near), terms)

@@ -130,7 +130,7 @@ def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
 def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
     """-2 ln of the prior of a hypothesis: its effects and places among all, and walls that have all in common."""
     effects = {t.effect for t in terms}
-    value = 0.0 if any(u.group for u in fit.unknowns) else groups * evidence.beforehand(0.0)
+    value = at.OWN_WALLS if any(u.group for u in fit.unknowns) else groups * evidence.beforehand(0.0)
     for i, term in enumerate(fit.terms):
         places = sum(t.effect == term.effect for t in terms)
         value += 2.0 * math.log(max(len(effects), 1) * max(places, 1)) + (at.BIC_NONE if i == 0 else at.SECOND)

@@ -117,6 +117,7 @@ class Effect:
     signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
     at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
+    remembers : it adds states to the solution, which a batch then carries for all of its members.
 
     What a search asks: local : the pressure and radius of one wall show it. scales : its numbers are factors. typical :
     sizes of x = 1 by key (default: the nominal value). relative : keys that are counted relative to another key of the
@@ -140,6 +141,7 @@ class Effect:
     cuts: ClassVar[tuple[float, ...]] = ()
     needs: ClassVar[str | None] = None
     rewires: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
     local: ClassVar[bool] = False
     scales: ClassVar[bool] = False
     typical: ClassVar[Mapping[str, float]] = {}

@@ -142,6 +142,7 @@ class StressRelaxation(Effect):
     neutral = {"tau": 0.0}
     needs = "phi0"
     local = True
+    remembers = True
     typical = {"tau": 0.01}
     starts = ((0.3,), (1.0,), (3.0,), (10.0,), (30.0,))
     signature = "stiffness reaches a plateau at high frequency"
@@ -243,6 +244,7 @@ class UnsteadyFriction(Effect):
     places = ("all",)
     terms = {"unsteady_scale": Quantity("1", "part s of the frequency-dependent wall shear", 0.0, 1e2)}
     neutral = {"unsteady_scale": 0.0}
+    remembers = True
     typical = {"unsteady_scale": 1.0}
     signature = "attenuation grows as √ω"
     confusable = ("terminal_reflection",)

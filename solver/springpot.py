@@ -50,6 +50,7 @@ class FractionalViscosity(Effect):
     how = ("springpot_order",)
     needs = "phi0"
     local = True
+    remembers = True
     typical = {"springpot": 0.3, "springpot_order": 0.2}
     starts = tuple(product((0.3, 1.0, 2.0), (-1.0, 0.0, 1.0, 2.0)))
     signature = "loss nearly independent of frequency, stiffness that grows slowly with it"

@@ -116,10 +116,8 @@ def _ratio(fit: Fit, unknown: Unknown, quantile: float) -> Estimate:
         slope[own] += own_step * value
         slope[reference] -= step * value
         slope[i] += unknown.size * value
-    else:
-        unit = unknown.size * np.exp(-step * fit.x[reference])
-        value = unknown.nominal + unit * fit.x[i]
-        slope[reference] -= step * unit * fit.x[i]
-        slope[i] += unit
+    else:  # the modulus takes it along
+        value = unknown.nominal + unknown.size * fit.x[i]
+        slope[i] += unknown.size
     half = quantile * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
     return Estimate(float(value), unknown.unit, (float(value) - half, float(value) + half))

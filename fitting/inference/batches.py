@@ -1,4 +1,4 @@
-"""Points of hypotheses simulated together: in batches of those that share a mesh, and each simulation once."""
+"""Points of hypotheses simulated together: in batches of one kind, and each simulation once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def simulated(simulator: Simulator, members: Sequence[Member], runs: Runs) -> li
     """X : (K+1, m) of the outputs, without what their sensors make of them; None where the simulation broke down."""
     groups: dict[str, list[int]] = {}
     for i, member in enumerate(members):
-        groups.setdefault(mesh_of(member.terms), []).append(i)
+        groups.setdefault(kind_of(member.terms), []).append(i)
     X: list[Array | None] = [None] * len(members)
     for there in groups.values():
         for at in range(0, len(there), _LARGEST):
@@ -33,9 +33,9 @@ def simulated(simulator: Simulator, members: Sequence[Member], runs: Runs) -> li
     return X
 
 
-def mesh_of(terms: Sequence[Term]) -> str:
-    """Hypotheses that share a mesh and outlets run in one batch."""
-    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts]
+def kind_of(terms: Sequence[Term]) -> str:
+    """Hypotheses that share a mesh, outlets and states run in one batch."""
+    own = [t.label if t.rewires else t.effect for t in terms if t.rewires or t.cuts or t.remembers]
     return " ".join(sorted(set(own)))
 
 

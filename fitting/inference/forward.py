@@ -91,12 +91,12 @@ class Forward(Protocol):
         """The problem with given weights."""
         return self
 
-    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
+    def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> Mapping[str, Array]:
         """Whitened columns (n, q) of every term that may be added to a fit, by label; without those that break down."""
 
-    def rewhitened(self, columns: Mapping[str, Array], before: Any) -> dict[str, Array]:
+    def rewhitened(self, columns: Mapping[str, Array], before: Any) -> Mapping[str, Array]:
         """Columns that were whitened for another model of this record, for this one."""
-        return dict(columns)
+        return columns
 
     @property
     def deviations(self) -> tuple[Unknown, ...]:

@@ -31,7 +31,7 @@ from ..records.noise import (
 )
 from . import channel_errors
 from .added import allowed
-from .batches import mesh_of, simulated
+from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .misfit import Block
@@ -40,7 +40,7 @@ from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, placed, refined, rewired
+from .terms import EVERY, Term, about_common, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -83,7 +83,8 @@ class NetworkProblem(Forward):
         return degrees_of_freedom(self.beats.n_beats)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
-        return refined(self.network, term, sizes_of(fit, term))
+        finer = about_common if self.deviations else refined
+        return finer(self.network, term, sizes_of(fit, term))
 
     def placed(self, fit: Fit, term: Term) -> Term | None:
         return placed(self.network, term, sizes_of(fit, term))
@@ -190,7 +191,7 @@ class NetworkProblem(Forward):
         plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
         for term in plain:
-            groups.setdefault(mesh_of((*at.terms, term)), []).append(term)
+            groups.setdefault(kind_of((*at.terms, term)), []).append(term)
         found: dict[str, Array] = {}
         for group in groups.values():
             members = [at.member]
@@ -198,7 +199,7 @@ class NetworkProblem(Forward):
                 for i in range(len(term.unknowns)):
                     x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
                     members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if mesh_of((*at.terms, group[0])) != mesh_of(at.terms):  # the same mesh for the point that they leave from
+            if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
                 members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
             X = self.observe(members, runs)
             if X[0] is None:

@@ -25,6 +25,7 @@ HOW_WIDTH = 2.0  # of how and where it acts, in typical steps
 EVERY = "every segment"
 OWN = "of its own"
 _WIDEST = 5.0  # of a nuisance's logarithm
+_SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
 
@@ -51,6 +52,11 @@ class Term:
     def rewires(self) -> bool:
         """Whether the network itself becomes another one: its outlet has another condition."""
         return effect_of(self).rewires
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it adds states to the solution."""
+        return effect_of(self).remembers
 
     @property
     def cuts(self) -> bool:
@@ -130,6 +136,22 @@ def refined(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     each = [t.unknowns for t in found if t is not None]
     unknowns = tuple(u for own in each for u in own)
     return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) * len(each),)) if len(each) > 1 else None
+
+
+def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of walls everywhere whose size differs between segments by a part of what they have in common, x."""
+    effect = effect_of(term)
+    if term.place != ALL_PLACES or effect.owner != "segment" or not all(x) or len(term.unknowns[0].moves) < 2:
+        return None
+    own = []
+    for unknown, size in zip(term.unknowns, x, strict=True):
+        for variable, step in unknown.moves:
+            spread = effect.terms[variable.rpartition(".")[2]].individual or _SPREAD
+            moves, low = ((variable, spread * size * step),), -1.0 / spread  # not of the other sign
+            each = Unknown(f"{variable} {OWN}", SHIFT, moves, low, -low, unknown.unit, ratio=unknown.ratio)
+            own.append(replace(each, group=variable.rpartition(".")[2]))
+    unknowns = (*term.unknowns, *own)
+    return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
 
 
 def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:

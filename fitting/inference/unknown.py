@@ -95,17 +95,28 @@ def precision(prior: Array, x: Array) -> Array:
 def values(unknowns: Sequence[Coordinate], x: Array, nominal: Mapping[str, float]) -> dict[str, Array]:
     """Values [SI] of all variables that move; x : (…, p) gives arrays (…,).
 
-    nominal : values at x = 0; of variables that it lacks, those of the unknowns that move them.
+    What is shifted as a ratio to another number follows that number's scale. nominal : values at x = 0; of variables
+    that it lacks, those of the unknowns that move them.
     """
     nominal = {variable: each.nominal for each in unknowns for variable, _ in each.moves} | dict(nominal)
     scale: dict[str, Array] = {}
+    for i, each in enumerate(unknowns):
+        if each.kind == SCALE:
+            for variable, step in each.moves:
+                scale[variable] = scale.get(variable, 0.0) + step * x[..., i]
     shift: dict[str, Array] = {}
     for i, each in enumerate(unknowns):
-        into = scale if each.kind == SCALE else shift
-        for variable, step in each.moves:
-            into[variable] = into.get(variable, 0.0) + step * x[..., i]
+        if each.kind != SCALE:
+            for variable, step in each.moves:
+                unit = step * np.exp(scale.get(reference(each, variable), 0.0))
+                shift[variable] = shift.get(variable, 0.0) + unit * x[..., i]
     names = dict.fromkeys([*scale, *shift])
     return {n: nominal[n] * np.exp(scale.get(n, 0.0)) + shift.get(n, 0.0) for n in names}
+
+
+def reference(unknown: Coordinate, variable: str) -> str:
+    """The variable that one of an unknown's is counted relative to; nothing where it is counted by itself."""
+    return f"{variable.rpartition('.')[0]}.{unknown.ratio}" if unknown.ratio else ""
 
 
 def parameter_values(unknowns: Sequence[Coordinate], network: Network, x: Array) -> dict[str, Array]:
