@@ -361,6 +361,7 @@ def test_groups_have_their_tables() -> None:
         "network, nothing hidden: unusable | ≤ 25 % | 50.0 % (1/2; 1.3–98.7) | **no** |",
         "network, d′ ≥ 30: names without saying that more remains | ≤ 5 % | 100.0 % (1/1;",
         "walls alike, d′ ≥ 30: named right | – | 100.0 % (1/1;",
+        "| effect | 2 | 50.0 % (1/2; 1.3–98.7) | 9.00 | 1.00 | 0.11 |",
         "bench, nothing hidden: false alarms | ≤ 2 % | 0.0 % (0/1; 0.0–97.5) | open |",
     ):
         assert cells in text, cells

@@ -60,6 +60,7 @@ def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
         yield "Power", t.power(own)
         yield "By effect", t.by_effect(own)
     yield "Confidence", reliability(own)
+    yield "What the named effects close", t.closed(own)
     if w.of(own, "outside"):
         yield "Outside the catalogue", t.outside(own)
 
@@ -72,6 +73,7 @@ def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tupl
         yield "Places", t.places(own, network)
     yield "What is not told apart", t.ambiguous(own)
     yield "Confidence", reliability(own)
+    yield "What the named effects close", t.closed(own)
     yield "Parameters of the added term", t.parameters(own)
     yield "Two effects", t.pairs(own)
     yield "Outside the catalogue", t.outside(own)

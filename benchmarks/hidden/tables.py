@@ -135,6 +135,24 @@ def parameters(lines: Sequence[Line]) -> str:
     return f"{note}\n\n" + markdown(("parameter", "records", "median error", "median absolute error", "covered"), rows)
 
 
+def closed(lines: Sequence[Line]) -> str:
+    """How much of the gap on held-out beats what was named closes, and what remains, by verdict."""
+    rows = []
+    for verdict in ("effect", "ambiguous", "several", "partial"):
+        own = [x for x in lines if x["verdict"] == verdict]
+        found = [x["gap"]["held_out"] for x in own]
+        found = [g for g in found if g.get("given") and "best" in g]
+        if found:
+            before, after, ratio = (
+                f"{np.median(v):.2f}"
+                for v in zip(*((g["given"], g["best"], g["best"] / g["given"]) for g in found), strict=True)
+            )
+            rows.append((verdict, len(own), share(own, w.confident_right), before, after, ratio))
+    note = "Medians of the whitened RMS on held-out beats; 1 is noise, and what is above it remains."
+    header = ("verdict", "records", "right name and place", "gap before", "after (remains)", "after/before")
+    return f"{note}\n\n" + markdown(header, rows)
+
+
 def outside(lines: Sequence[Line]) -> str:
     """What effects outside the catalogue are taken for."""
     rows = []
