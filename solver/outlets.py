@@ -207,10 +207,10 @@ class Resistance(Outlet):
         "resistance R",
         1.0,
         1e15,
-        nominal=1e9,
-        display="mmHg.s/mL",
         refit=("network",),
         individual=0.1,
+        nominal=1e9,
+        display="mmHg.s/mL",
     )
 
     symbol = "R"

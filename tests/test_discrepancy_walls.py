@@ -36,7 +36,7 @@ EFFECTS = ("wall_stiffness", "terminal_reflection", "channel_gain")
 @pytest.fixture(scope="module")
 def stiff() -> Naming:
     """B is 45 % stiffer, and every wall may differ from the file's by itself."""
-    return name(network_problem(beats(STIFFER), NETWORK), terms(*EFFECTS))
+    return name(network_problem(beats(STIFFER), NETWORK), terms(*EFFECTS), walls="individual")
 
 
 # --- this animal's walls ----------------------------------------------------------------------------------------------
