@@ -112,7 +112,7 @@ def _partial(
     assert best.parts is not None
     wide = problem.widened(best.parts)
     none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
-    order = (first, *ranked(rest))
+    order = tuple(sorted(ranked([first, *rest]), key=lambda n: n.key != first.key))
     chance = {n.key: n.probability for n in ways if n.parts is not None}
     order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
     same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)

@@ -39,7 +39,6 @@ _SENSOR = (
     "It belongs to the measurement, not to the arteries: the network file describes it as a property of the channel, "
     "and the physics of the FMU is as it was."
 )
-_GIVEN = "Check what the model takes as given: the inlet flow, the geometry and the outlets."
 _ISOLABILITY = "python -m discrepancy isolability lists which sensor would add most."
 
 
@@ -47,13 +46,15 @@ def heading(outcome: Outcome) -> str:
     """The verdict in a few words."""
     if outcome.verdict == "effect" and _of_sensors(outcome):
         return "A sensor explains the disagreement"
+    if outcome.verdict == "partial" and _of_sensors(outcome):
+        return "A sensor is at fault, and that is not all"
     return _HEADINGS[outcome.verdict]
 
 
 def meaning(outcome: Outcome) -> str:
     """What the verdict means, in two or three sentences."""
     said = _MEANINGS[outcome.verdict]
-    return f"{said} {_SENSOR}" if outcome.verdict == "effect" and _of_sensors(outcome) else said
+    return f"{said} {_SENSOR}" if outcome.verdict in ("effect", "partial") and _of_sensors(outcome) else said
 
 
 def _of_sensors(outcome: Outcome) -> bool:
@@ -76,7 +77,10 @@ def next_steps(outcome: Outcome) -> list[str]:
                 "parameter should come out the same."
             )
         case "partial":
-            steps += [*_independent(outcome), f"{_GIVEN} What remains may come from them, not from the arteries."]
+            steps += [
+                *_independent(outcome),
+                f"{_given(outcome)} What remains may come from them, not from the arteries.",
+            ]
             steps.append(
                 "Judge the added term by what it leaves: the z map and the gaps of the channels below show where."
             )
@@ -84,12 +88,20 @@ def next_steps(outcome: Outcome) -> list[str]:
             if not steps:
                 steps.append(f"The study found no one measurement that separates the class; {_ISOLABILITY}")
         case "unknown":
-            steps += [*_independent(outcome), _GIVEN]
+            steps += [*_independent(outcome), _given(outcome)]
         case "unusable":
             steps.append("Put right what is named above and run the study again; no network or FMU was written.")
     if not outcome.complete:
         steps.append("Run the study again with more time (--time-limit): not all candidates were compared.")
     return steps
+
+
+def _given(outcome: Outcome) -> str:
+    """What to check first."""
+    given = (
+        "that both sensors are at one place, and the thickness" if outcome.kind == "bench" else "geometry and outlets"
+    )
+    return f"Check what the model takes as given: {given}."
 
 
 def _independent(outcome: Outcome) -> list[str]:

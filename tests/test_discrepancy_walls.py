@@ -123,7 +123,7 @@ def test_a_partial_answer_is_added(partial: tuple[Outcome, dict[str, Any], Path]
     assert outcome.network_after == read_network(folder / "model.toml")
     assert (folder / "model.fmu").is_file()
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert "What remains:" in page and "An effect is missing, and more than that" in page
+    assert "What remains:" in page and "A sensor is at fault, and that is not all" in page
 
 
 # --- the time limit ---------------------------------------------------------------------------------------------------
