@@ -55,7 +55,8 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Ite
     if rewiring and not found.best.explains:
         near = _seen(found.problem, at.CLOSER[-1])
         (base,) = near.restated([found.none.fit], found.problem)
-        fits = [base, *(f for f in near.refit(rewiring, base, runs) if f is not None)]
+        lowest = min(f.cost for f in near.restated(found.fits, found.problem))
+        fits = [base, *(f for f in near.refit(rewiring, base, runs, known=lowest) if f is not None)]
         yield (found := found.joined(_exact(found.problem, near, fits, found.columns, terms, runs)))
 
 

@@ -42,6 +42,11 @@ def _venous_pressure(description: str) -> Any:
     return field(default=0.0, kw_only=True, metadata={"quantity": pressure})
 
 
+def _resistance(description: str) -> Any:
+    facts = {"nominal": 1e9, "display": "mmHg.s/mL", "refit": ("network",), "individual": 0.1}
+    return quantity(None, "Pa.s/m^3", description, 1.0, 1e15, **facts)
+
+
 @dataclass(frozen=True)
 class Outlet:
     """The end of a segment: what all kinds have. ``symbol`` and ``noun`` name the kind in drawings and documents;
@@ -160,17 +165,7 @@ class Windkessel(Outlet):
         None, "Pa.s/m^3", "proximal resistance R1", 0.0, 1e15, nominal=1e8, display="mmHg.s/mL", individual=0.2
     )
     C: float = quantity(None, "m^3/Pa", "compliance C", 1e-16, 1.0, nominal=1e-9, display="mL/mmHg", individual=0.2)
-    R2: float = quantity(
-        None,
-        "Pa.s/m^3",
-        "distal resistance R2",
-        1.0,
-        1e15,
-        nominal=1e9,
-        display="mmHg.s/mL",
-        refit=("network",),
-        individual=0.1,
-    )
+    R2: float = _resistance("distal resistance R2")
 
     symbol = "RCR"
     noun = "Windkessel"
@@ -201,17 +196,7 @@ class Windkessel(Outlet):
 class Resistance(Outlet):
     """Pure resistance: P - P_venous = R Q."""
 
-    R: float = quantity(
-        None,
-        "Pa.s/m^3",
-        "resistance R",
-        1.0,
-        1e15,
-        refit=("network",),
-        individual=0.1,
-        nominal=1e9,
-        display="mmHg.s/mL",
-    )
+    R: float = _resistance("resistance R")
 
     symbol = "R"
     noun = "resistance"

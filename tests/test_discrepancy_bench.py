@@ -224,7 +224,6 @@ def test_a_cubic_rate_is_not_all_of_it() -> None:
     naming = judged((Effect("cubic_rate", (SITE,), 20.0),), "sheep")
     assert (naming.verdict, naming.best.label) == ("partial", f"nonlinear_wall_viscosity at {SITE}")
     assert naming.reason is not None and naming.reason.startswith("whitened RMS 2.")
-    assert naming.problem.loop.noise[1, 0, 0] > 1.2 * judged((), "sheep").problem.loop.noise[1, 0, 0]
 
 
 def test_a_springpot_is_named() -> None:

@@ -158,15 +158,21 @@ class NetworkProblem(Forward):
 
     # --- derivatives --------------------------------------------------------------------------------------------------
 
-    def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
-        """z : (n,) and its columns (n, p) by all unknowns, of every member."""
-        coarse, many = self._stepping(COARSE_DT), sum(len(m.x) for m in members) > _CHEAP
+    def derivatives(
+        self, members: Sequence[Member], runs: Runs, by: Sequence[Array] | None = None
+    ) -> list[tuple[Array, Array] | None]:
+        """z : (n,) and its columns (n, q) by the unknowns ``by`` : (q,) indices, default all, of every member."""
+        by = [np.arange(len(m.x)) for m in members] if by is None else by
+        coarse, many = self._stepping(SCREEN_DT), sum(map(len, by)) > _CHEAP
         if many and self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps
-            found = coarse.derivatives(members, runs)
+            found = coarse.derivatives(members, runs, by)
             there = zip(self.observe(members, runs), found, strict=True)
             return [None if x is None or own is None else (self.residual(x), own[1]) for x, own in there]
-        steps = [finite_steps(m.unknowns, m.x, _STEP) for m in members]
-        moved = [np.concatenate([m.x[None], m.x + np.diag(s)]) for m, s in zip(members, steps, strict=True)]
+        steps = [finite_steps(m.unknowns, m.x, _STEP)[i] for m, i in zip(members, by, strict=True)]
+        moved = [
+            np.concatenate([m.x[None], m.x + s[:, None] * np.eye(len(m.x))[i]])
+            for m, s, i in zip(members, steps, by, strict=True)
+        ]
         X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
         result: list[tuple[Array, Array] | None] = []
         for step in steps:

@@ -61,8 +61,10 @@ class Searched(Protocol):
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
 
-    def derivatives(self, members: Sequence[Member], runs: Runs) -> list[tuple[Array, Array] | None]:
-        """z : (n,) and its columns (n, p) by all unknowns, of every member."""
+    def derivatives(
+        self, members: Sequence[Member], runs: Runs, by: Sequence[Array] | None = None
+    ) -> list[tuple[Array, Array] | None]:
+        """z : (n,) and its columns (n, q) by the unknowns ``by`` : (q,) indices, default all, of every member."""
 
 
 class Search:
@@ -144,10 +146,16 @@ def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: flo
 
 
 def _derive(problem: Searched, searches: Sequence[Search], runs: Runs) -> None:
-    """Residuals and Jacobians of searches, simulated where they are."""
-    for s, found in zip(searches, problem.derivatives([s.member() for s in searches], runs), strict=True):
+    """Residuals and Jacobians of searches, simulated where they are.
+
+    Columns of what every artery has of its own hardly change, and are many: once simulated, they are kept up to date.
+    """
+    by = [np.array([i for i, u in enumerate(s.unknowns) if s.J is None or not u.group], int) for s in searches]
+    for s, i, found in zip(searches, by, problem.derivatives([s.member() for s in searches], runs, by), strict=True):
         if found is None:
             s.failed = True
-        else:
-            s.J = found[1]
-            s.settle(found[0])
+            continue
+        J = np.empty((len(found[0]), len(s.x))) if s.J is None else s.J.copy()
+        J[:, i] = found[1]
+        s.J = J
+        s.settle(found[0])
