@@ -207,9 +207,9 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
             )
         case "partial":
             more = f"; {others} other candidate{'s' if others > 1 else ''} cannot be ruled out" if others else ""
-            lacks = "A sensor is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
-            remains = plain(naming.reason or "")
-            return f"{lacks} {labels}: with it {gap}, but more than noise remains: {remains}{more}."
+            lacks = "The measurement is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
+            them, remains = "both" if len(effects) > 1 else "it", plain(naming.reason or "")
+            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains: {remains}{more}."
     return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
 
 

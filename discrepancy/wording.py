@@ -47,7 +47,7 @@ def heading(outcome: Outcome) -> str:
     if outcome.verdict == "effect" and _of_sensors(outcome):
         return "A sensor explains the disagreement"
     if outcome.verdict == "partial" and _of_sensors(outcome):
-        return "A sensor is at fault, and that is not all"
+        return "The measurement is at fault, and that is not all"
     return _HEADINGS[outcome.verdict]
 
 
