@@ -53,6 +53,14 @@ def discover_command(
     model: Annotated[str, typer.Option(help="A network file (TOML), the name of a bundled network, or an FMU.")],
     out: Annotated[Path, typer.Option(help="Folder for the report, the verdict and the extended model.")],
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
+    walls: Annotated[
+        str | None,
+        typer.Option(help="common (all arteries differ from the file together) or individual; default: by evidence."),
+    ] = None,
+    prior: Annotated[
+        Path | None, typer.Option(help="Result of `python -m fitting calibrate`: values, and how uncertain they are.")
+    ] = None,
+    time_limit: Annotated[str, typer.Option(help="Of naming; then the best answer so far is given.")] = "5 min",
     quiet: Quiet = False,
 ) -> None:
     """Find, name and add what a model lacks. The word `discover` may be left out.
@@ -65,8 +73,11 @@ def discover_command(
     kept = "finished stages are kept, the one under way begins anew; run again to go on."
     with _sentences(kept), bar(quiet, pace=_PACE) as progress:
         seconds = None if period is None else parse_quantity(period, "s", "--period")
+        limit = parse_quantity(time_limit, "s", "--time-limit")
         progress(0.0, "reading")
-        outcome = discover(record, model, out, period=seconds, progress=progress)
+        outcome = discover(
+            record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit, progress=progress
+        )
     if not quiet:
         _show(outcome)
         say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))
@@ -116,17 +127,17 @@ def _sentences(interrupted: str) -> Iterator[None]:
 
 
 def _show(outcome: Outcome) -> None:
-    from .command_tables import class_text, effects_table, gap_text
+    from .command_tables import class_text, effects_table, gap_text, walls_text
 
     say(outcome.sentence)
     if outcome.effects:
         show(effects_table(outcome))
-    for text in (gap_text(outcome), class_text(outcome), outcome.separating_measurement):
+    for text in (gap_text(outcome), class_text(outcome), walls_text(outcome), outcome.separating_measurement):
         if text:
             say(text)
     if outcome.verdict == "unusable":
         say(outcome.reason or "")
-    say_notes(outcome.warnings)
+    say_notes((*outcome.notes, *outcome.warnings))
 
 
 def _show_plan(plan: SensorPlan) -> None:

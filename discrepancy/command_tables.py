@@ -10,7 +10,7 @@ from . import thresholds
 from .outcome import Outcome
 from .places import plain
 from .sensor_plan import Gain, SensorPlan, confused, nearest
-from .tables import effect_row, number, places_text
+from .tables import effect_row, number, places_text, spread_text
 from .tables import gap_text as gap_pair
 
 _MOST_GAINS = 3
@@ -18,7 +18,8 @@ _MOST_GAINS = 3
 
 def effects_table(outcome: Outcome) -> Table:
     """The effects that were added, with their parameters in the units that people read."""
-    title = "best of the class" if outcome.verdict == "ambiguous" else "what was missing"
+    titles = {"ambiguous": "best of the class", "partial": "a part of what was missing"}
+    title = titles.get(outcome.verdict, "what was missing")
     table = Table("effect", "where", "parameter", "value", "95 % interval", "confidence", title=title)
     for row in map(effect_row, outcome.effects):
         for i, p in enumerate(row["parameters"]):
@@ -38,10 +39,19 @@ def gap_text(outcome: Outcome) -> str:
 
 def class_text(outcome: Outcome) -> str:
     """The members of the class, where there are several."""
-    if outcome.verdict != "ambiguous":
+    if outcome.verdict not in ("ambiguous", "partial") or len(outcome.members) < 2:
         return ""
     members = "; ".join(f"{plain(name)} at {places_text(where)}" for name, where in outcome.members)
     return f"cannot be told apart: {members}"
+
+
+def walls_text(outcome: Outcome) -> str:
+    """Which kind of walls the verdict stands on, where any were compared."""
+    if outcome.walls is None or outcome.kind != "network":
+        return ""
+    if not outcome.walls.arteries:
+        return "walls: common, all arteries differ from the file together"
+    return f"walls: individual, every artery by itself; between arteries {spread_text(outcome)}"
 
 
 # --- the sensor plan ----------------------------------------------------------------------------------------------

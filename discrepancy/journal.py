@@ -49,8 +49,9 @@ class Journal:
 
     def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
         """The stage "naming", which is kept without its problem: that is made anew, weighted as it was."""
-        kept, weights = self.stage("naming", lambda: parted(compute()))
-        return replace(kept, problem=problem.restored(weights))
+        kept, individual, weights = self.stage("naming", lambda: parted(compute()))
+        own = problem.individual() if individual else problem
+        return replace(kept, problem=own.restored(weights))
 
     def close(self) -> None:
         """The study is done: its state is no longer needed."""
@@ -61,6 +62,7 @@ class Journal:
         return hashlib.sha256(self.key + b"\n" + content).hexdigest().encode()
 
 
-def parted(naming: Naming) -> tuple[Naming, Any]:
-    """A naming without its problem, and what that was weighted with at last."""
-    return replace(naming, problem=None), naming.problem.weights  # type: ignore[arg-type]
+def parted(naming: Naming) -> tuple[Naming, bool, Any]:
+    """A naming without its problem; whether that has deviations of every artery; what it was weighted with at last."""
+    problem = naming.problem
+    return replace(naming, problem=None), bool(problem.deviations), problem.weights  # type: ignore[arg-type]

@@ -12,9 +12,12 @@ from fitting.estimate import Estimate
 from fitting.result_files import finite
 from solver.network import Network
 
+from . import thresholds
+
 Array = np.ndarray
 
-VERDICTS = ("none", "effect", "ambiguous", "several", "unknown", "unusable")
+VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
+ADDED = ("effect", "ambiguous", "several", "partial")  # those that add to the model
 
 
 @dataclass(frozen=True)
@@ -35,19 +38,20 @@ class NamedEffect:
 class Candidate:
     """One hypothesis that was refitted.
 
-    delta_bic : BIC over that of the best (0 for the best). chi2_per_dof : of the fitted beats. held_out : whitened RMS
-    on the held-out beats, NaN where it cannot be simulated with their inflow. separation : d' by which the data tell it
-    from the best. in_class : cannot be ruled out.
+    behind : -2 ln of its odds against the best (0 for the best). chi2_per_dof : of the fitted beats. held_out :
+    whitened RMS on the held-out beats, NaN where it cannot be simulated with their inflow. separation : d' by which the
+    data tell it from the best. in_class : cannot be ruled out. walls : "common" or "individual".
     """
 
     name: str
     where: tuple[str, ...]
     parameters: Mapping[str, Estimate]
-    delta_bic: float
+    behind: float
     chi2_per_dof: float
     held_out: float
     separation: float
     in_class: bool
+    walls: str = "common"
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,37 @@ class Absorbed:
     sd: float
     prior_sd: float
     unit: str = "1"
+
+
+@dataclass(frozen=True)
+class OwnNumber:
+    """A number of one artery or outlet: the file's, this animal's, and how far it is from what all have in common.
+
+    file : [SI]. deviation : in the spreads that the quantity states between arteries of one animal.
+    """
+
+    file: float
+    now: Estimate
+    deviation: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether few arteries deviate as much."""
+        return abs(self.deviation) > thresholds.BEYOND
+
+
+@dataclass(frozen=True)
+class Walls:
+    """This animal's walls.
+
+    kind : "common", where all arteries differ from the file together, or "individual". spread : by quantity, the stated
+    standard deviation between arteries and the one that the record tells. arteries : by variable; both are empty where
+    all is common.
+    """
+
+    kind: str = "common"
+    spread: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    arteries: Mapping[str, OwnNumber] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -138,6 +173,8 @@ class Outcome:
     whitened RMS of each site, predicted from the others. gap_before, gap_after : whitened RMS by the sensors' noise
     alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from
     the direct solver, of a channel's pulse: under the record's inflow, or, of a bench, under the network's own.
+    confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
+    complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
     """
 
     verdict: str
@@ -148,6 +185,10 @@ class Outcome:
     effects: tuple[NamedEffect, ...] = ()
     members: tuple[tuple[str, tuple[str, ...]], ...] = ()  # the class: name and place
     reason: str | None = None
+    remains: str | None = None
+    confidence: float | None = None
+    complete: bool = True
+    walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
     balances: tuple[Balance, ...] = ()
@@ -167,8 +208,17 @@ class Outcome:
     network_before: Network | None = None
     network_after: Network | None = None
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
+
+    @property
+    def closed(self) -> tuple[float, float] | None:
+        """The part of the gap on (fitted, held-out) beats that what was added closes."""
+        if self.gap_before is None or self.gap_after is None:
+            return None
+        fitted, held_out = (1.0 - after / before for before, after in zip(self.gap_before, self.gap_after, strict=True))
+        return fitted, held_out
 
     @property
     def invisible(self) -> tuple[str, ...]:
@@ -186,19 +236,36 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
     def gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
         return None if pair is None else {"fit": pair[0], "held_out": pair[1]}
 
+    def walls(w: Walls) -> dict[str, Any]:
+        spread = {key: {"stated": stated, "found": found} for key, (stated, found) in w.spread.items()}
+        arteries = {
+            name: {"file": n.file, **n.now.plain, "deviation": n.deviation, "beyond": n.beyond}
+            for name, n in w.arteries.items()
+        }
+        return {"kind": w.kind, "spread": spread, "arteries": arteries}
+
     channels = {
         c.name: {"before": c.gap_before[1], "after": None if c.gap_after is None else c.gap_after[1]}
         for c in outcome.channels
     }
     content = {
         "verdict": outcome.verdict,
+        "confidence": outcome.confidence,
+        "complete": outcome.complete,
         "effects": [effect(e) for e in outcome.effects],
         "class": [{"name": name, "where": list(where)} for name, where in outcome.members],
         "located": [
             {"site": at.site, "signal": at.signal, "harmonic": at.harmonic, "z": at.z} for at in outcome.located
         ],
         "global_p_value": outcome.p_value,
-        "gap": {"before": gap(outcome.gap_before), "after": gap(outcome.gap_after), "channels": channels},
+        "gap": {
+            "before": gap(outcome.gap_before),
+            "after": gap(outcome.gap_after),
+            "closed": gap(outcome.closed),
+            "channels": channels,
+        },
+        "remains": outcome.remains,
+        "walls": None if outcome.walls is None else walls(outcome.walls),
         "separating_measurement": outcome.separating_measurement,
         "invisible": list(outcome.invisible),
         "not_judged": list(outcome.isolability.not_judged) if outcome.isolability else [],
@@ -210,6 +277,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "fmu_against_solver": outcome.parity,
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),
+        "notes": list(outcome.notes),
         "record": outcome.record,
         "model": outcome.model,
         "provenance": dict(outcome.provenance),

@@ -31,7 +31,7 @@ class Mark:
 def marks(outcome: Outcome) -> list[Mark]:
     """Every place of the verdict's effects, and of the others in its class."""
     found = [(effect.name, effect.where) for effect in outcome.effects]
-    named = found if outcome.verdict in ("effect", "several") else []
+    named = found if outcome.verdict in ("effect", "several", "partial") else []
     return [
         Mark(_kind(name), _site(place), (name, where) in named, f"{plain(name)} at {place_text(place)}")
         for name, where in dict.fromkeys((*named, *outcome.members, *found))

@@ -11,6 +11,7 @@ import numpy as np
 from fitting.inference.bench import bench
 from fitting.inference.forward import Forward
 from fitting.inference.network import network_problem
+from fitting.inference.prior import Calibrated
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats, align
@@ -47,15 +48,22 @@ class Study:
         return self.problem.site
 
 
-def prepare(record: Record, network: Network, period: float | None = None, runs: Runs | None = None) -> Study:
+def prepare(
+    record: Record,
+    network: Network,
+    period: float | None = None,
+    runs: Runs | None = None,
+    prior: Calibrated | None = None,
+) -> Study:
     """Cut the record into beats, keep the last quarter of them apart, and set up the comparison.
 
+    prior : what a calibration of the network left uncertain.
     Raises Unusable if the record cannot be used with this network.
     """
     try:
         fitted, kept, warnings = parts(align(record, period))
         if INFLOW in record.channels:
-            problem: Forward = network_problem(fitted, network, channels(record, network), runs)
+            problem: Forward = network_problem(fitted, network, channels(record, network), runs, prior)
         else:
             problem = bench(fitted, network, bench_site(record, network))
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
+from .animal import odd_ones, walls_of
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .isolability import isolability, smallest
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
@@ -66,20 +67,27 @@ def unusable(
 def summary(record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: Shown) -> Outcome:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
-    located, balances = disagreement(study, before)
+    # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
+    located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     effects = tuple(r.added for r in shown.rounds if r.added is not None)
     members = tuple((t.effect, t.where) for n in naming.members for t in n.fit.terms)
     least = smallest(naming.base.fit, naming.columns, naming.terms) if naming.verdict == "none" else {}
     final = (naming.best if after else naming.base).fit
+    walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
+    remarks = plain(naming.reason) if naming.reason else None
     return Outcome(
         verdict=naming.verdict,
         sentence=sentence(naming, effects, before.gap, after.gap if after else None),
+        confidence=naming.confidence,
+        complete=naming.complete,
+        walls=walls,
         record=record.path,
         model=os.fspath(model),
         kind=study.problem.kind,
         effects=effects,
         members=tuple(dict.fromkeys(members)),
-        reason=plain(naming.reason) if naming.reason else None,
+        reason=None if naming.verdict == "partial" else remarks,
+        remains=remarks if naming.verdict == "partial" else None,
         separating_measurement=separating_measurement(naming, study),
         located=located.located,
         balances=balances,
@@ -99,6 +107,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         network_after=shown.network,
         p_value=global_p(study, naming, located.p_value),
         warnings=(*study.warnings, *fmu_warnings(shown)),
+        notes=tuple(odd_ones(walls, study.network)),
         provenance=_provenance(record, model, study, shown.given),
     )
 
@@ -144,6 +153,11 @@ def decided() -> dict[str, Any]:
     return {name: value for name, value in vars(thresholds).items() if name.isupper()}
 
 
+def weighted(study: Study, naming: Naming) -> Study:
+    """The study with its record weighted as it was in naming at last."""
+    return replace(study, problem=naming.problem)
+
+
 def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:
     """Where the refitted model and the record disagree, by all that is noise: sensors, drive and solver.
 
@@ -159,7 +173,12 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
 
 
 def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence; a second one where the search was cut short."""
+    said = _said(naming, effects, before, after)
+    return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
+
+
+def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
     gap = (
         f"the gap to held-out beats falls from {before.total[1]:.3g} to {after.total[1]:.3g} times the noise"
         if after
@@ -186,6 +205,11 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
                 f"The model lacks something like {labels}: with it {gap}, but {others} other "
                 f"candidate{'s' if others > 1 else ''} cannot be ruled out."
             )
+        case "partial":
+            more = f"; {others} other candidate{'s' if others > 1 else ''} cannot be ruled out" if others else ""
+            lacks = "The measurement is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
+            them, remains = "both" if len(effects) > 1 else "it", plain(naming.reason or "")
+            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains: {remains}{more}."
     return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
 
 
@@ -203,20 +227,20 @@ def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Chan
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
-    """What the nuisances took: x times its step, as logarithm of a scale or as a shift."""
+    """What all arteries have in common: x times its step, as logarithm of a scale or as a shift."""
     own = {u.name for term in fit.terms for u in term.unknowns}
     sd = np.sqrt(np.diag(fit.covariance))
     return tuple(
         Absorbed(f"ln {u.name}" if u.kind == "scale" else u.name, float(x) * u.size, float(s) * u.size, u.size, u.unit)
         for u, x, s in zip(fit.unknowns, fit.x, sd, strict=True)
-        if u.name not in own
+        if u.name not in own and not u.group
     )
 
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
     """The best hypotheses, each with what it leaves of the held-out beats."""
     shown, half = naming.ranked[:_SHOWN], quantile(naming.problem.dof_of_noise)
-    kept = study.problem.held_out(study.held_out, study.fitted)
+    kept = naming.problem.held_out(study.held_out, study.fitted)
     found = []
     for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
         parameters = {name: e for t in n.fit.terms for name, e in estimates(study.network, n.fit, t, half).items()}
@@ -225,6 +249,16 @@ def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
         dof = max(1, len(n.fit.z) - len(n.fit.x))
         left = float(np.sqrt(chi2 / size))
         found.append(
-            Candidate(names, where, parameters, n.above_best, n.fit.chi2 / dof, left, n.separation, n in naming.members)
+            Candidate(
+                names,
+                where,
+                parameters,
+                n.above_best,
+                n.fit.chi2 / dof,
+                left,
+                n.separation,
+                any(n is member for member in naming.members),
+                "individual" if n.individual else "common",
+            )  # fmt: skip
         )
     return tuple(found)

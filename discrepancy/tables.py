@@ -99,6 +99,13 @@ def _to_digits(value: float, width: float) -> str:
     return f"{rounded:.{max(places, 0)}f}".replace("-", "−")
 
 
+def percent(value: float | None) -> str:
+    """A part in per cent, never rounded to certainty."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    return "> 99 %" if value >= 0.995 else f"{100 * value:.0f} %"
+
+
 def p_text(value: float) -> str:
     """A p-value, with the least that is worth telling apart."""
     return "p < 1e-16" if value < 1e-16 else f"p = {number(value, 2)}"
@@ -131,7 +138,7 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
         "name": plain(effect.name),
         "where": places_text(effect.where),
         "equation": effect.equation,
-        "confidence": f"{100 * effect.confidence:.0f} %" if math.isfinite(effect.confidence) else DASH,
+        "confidence": percent(effect.confidence),
         "parameters": [
             {
                 "name": name,
@@ -152,7 +159,8 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
         "name": plain(candidate.name),
         "where": places_text(candidate.where),
         "parameters": [f"{name} = {value} ({interval})" for name, value, interval in texts],
-        "delta_bic": number(candidate.delta_bic),
+        "behind": number(candidate.behind),
+        "walls": candidate.walls,
         "chi2": _gap(candidate.chi2_per_dof),
         "held_out": _gap(candidate.held_out),
         "separation": number(candidate.separation),
@@ -210,6 +218,28 @@ def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
         }
         for a in outcome.absorbed
     ]
+
+
+def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """Every number of every artery and outlet: the file's and this animal's."""
+    arteries = outcome.walls.arteries if outcome.walls else {}
+    known = outcome.network_before.parameter_quantities() if outcome.network_before else {}
+    rows = []
+    for name, own in arteries.items():
+        value, interval = _estimate_text(own.now, known.get(name))
+        file = _estimate_text(Estimate(own.file, own.now.unit, (own.file, own.file)), known.get(name))[0]
+        deviation = f"{own.deviation:+.1f}".replace("-", "−")
+        texts = {"name": name, "file": file, "value": value, "interval": interval, "deviation": deviation}
+        rows.append({**texts, "beyond": own.beyond})
+    return rows
+
+
+def spread_text(outcome: Outcome) -> str:
+    """How much the arteries of this animal differ, by quantity, beside what was stated."""
+    spread = outcome.walls.spread if outcome.walls else {}
+    return "; ".join(
+        f"{key} {number(found, 2)} (stated {number(stated, 2)})" for key, (stated, found) in spread.items()
+    )
 
 
 def round_rows(outcome: Outcome) -> list[dict[str, str]]:

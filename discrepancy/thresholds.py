@@ -51,4 +51,5 @@ REFINED = 5  # hypotheses that are searched on without error
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named
 INVISIBLE = 3.0  # d' of a typical effect below which sensors cannot see it
 INSEPARABLE = 6.0  # d' between two typical effects below which sensors cannot tell them apart
+BEYOND = 2.0  # stated spreads from what all arteries have in common, from which one is said to be odd
 DETECTABLE = 5.0  # d' of the smallest detectable size: named half the time or more

@@ -112,12 +112,14 @@ def _partial(
     assert best.parts is not None
     wide = problem.widened(best.parts)
     none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
-    order = (first, *ranked(rest))
+    order = tuple(sorted(ranked([first, *rest]), key=lambda n: n.key != first.key))
     chance = {n.key: n.probability for n in ways if n.parts is not None}
     order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
     same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)
     labels = {n.label for n in _class(same)}
     members = tuple({n.label: n for n in reversed(order) if n.label in labels}.values())[::-1]
+    columns = wide.rewhitened(found.columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
+    make = replace(make, found=replace(found, columns=columns))
     return make("partial", wide, none, order, members, confidence, left)
 
 

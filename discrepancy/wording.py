@@ -12,6 +12,7 @@ _HEADINGS: Mapping[str, str] = {
     "effect": "One effect is missing",
     "ambiguous": "An effect is missing, and this record leaves several that it can be",
     "several": "Several effects are missing",
+    "partial": "An effect is missing, and more than that",
     "unknown": "Something is missing that the catalogue does not have",
     "unusable": "This record cannot be used",
 }
@@ -25,6 +26,9 @@ _MEANINGS: Mapping[str, str] = {
     "it; the record does not tell them apart. The first is only the best of them, not a finding.",
     "several": "The model and the record disagree by more than noise, and one effect does not explain it. The effects "
     "below do so together, strongest first; other pairs that would do as well are in the class.",
+    "partial": "The model and the record disagree by more than noise. The effect below explains a significant part of "
+    "it, and no other candidate does so as well; but more than noise remains. What remains counts as a random error of "
+    "the model, which makes the interval wider and the name less certain than one without.",
     "unknown": "The model and the record disagree by more than noise, and no effect of the catalogue explains it. "
     "Nothing was added to the model.",
     "unusable": "Nothing was compared and nothing was added to the model, because the record or its use is at fault, "
@@ -42,13 +46,15 @@ def heading(outcome: Outcome) -> str:
     """The verdict in a few words."""
     if outcome.verdict == "effect" and _of_sensors(outcome):
         return "A sensor explains the disagreement"
+    if outcome.verdict == "partial" and _of_sensors(outcome):
+        return "The measurement is at fault, and that is not all"
     return _HEADINGS[outcome.verdict]
 
 
 def meaning(outcome: Outcome) -> str:
     """What the verdict means, in two or three sentences."""
     said = _MEANINGS[outcome.verdict]
-    return f"{said} {_SENSOR}" if outcome.verdict == "effect" and _of_sensors(outcome) else said
+    return f"{said} {_SENSOR}" if outcome.verdict in ("effect", "partial") and _of_sensors(outcome) else said
 
 
 def _of_sensors(outcome: Outcome) -> bool:
@@ -70,20 +76,43 @@ def next_steps(outcome: Outcome) -> list[str]:
                 "Confirm the added term on a record that was not used here, at another heart rate if you can: its "
                 "parameter should come out the same."
             )
+        case "partial":
+            steps += [
+                *_independent(outcome),
+                f"{_given(outcome)} What remains may come from them, not from the arteries.",
+            ]
+            steps.append(
+                "Judge the added term by what it leaves: the z map and the gaps of the channels below show where."
+            )
         case "ambiguous":
             if not steps:
                 steps.append(f"The study found no one measurement that separates the class; {_ISOLABILITY}")
         case "unknown":
-            if outcome.located:
-                at = outcome.located[0]
-                steps.append(
-                    f"The disagreement is largest at {at.site}.{at.signal}: a second, independent sensor there would "
-                    "tell a fault of the measurement from missing physics."
-                )
-            steps.append("Check what the model takes as given: the inlet flow, the geometry and the outlets.")
+            steps += [*_independent(outcome), _given(outcome)]
         case "unusable":
             steps.append("Put right what is named above and run the study again; no network or FMU was written.")
+    if not outcome.complete:
+        steps.append("Run the study again with more time (--time-limit): not all candidates were compared.")
     return steps
+
+
+def _given(outcome: Outcome) -> str:
+    """What to check first."""
+    given = (
+        "that both sensors are at one place, and the thickness" if outcome.kind == "bench" else "geometry and outlets"
+    )
+    return f"Check what the model takes as given: {given}."
+
+
+def _independent(outcome: Outcome) -> list[str]:
+    """Which sensor to doubt first."""
+    if not outcome.located:
+        return []
+    at = outcome.located[0]
+    return [
+        f"The disagreement is largest at {at.site}.{at.signal}: a second, independent sensor there would tell a fault "
+        "of the measurement from missing physics."
+    ]
 
 
 def _names(labels: tuple[str, ...]) -> str:

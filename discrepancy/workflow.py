@@ -12,7 +12,9 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -20,8 +22,9 @@ import numpy as np
 from fitting.fmu_run import RunFailed
 from fitting.inference.added import estimates, extended
 from fitting.inference.fit import Fit
-from fitting.inference.simulator import Meter, Runs
+from fitting.inference.simulator import Meter, OutOfTime, Runs
 from fitting.inference.unknown import parameter_values, quantile
+from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
 from fitting.result_files import json_text, make_folder
@@ -31,14 +34,15 @@ from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 from solver.units import INFLOW
 
+from .asked import TIME_LIMIT, Asked
 from .journal import Journal
 from .name import name
-from .outcome import NamedEffect, Outcome, Round, verdict_json
+from .outcome import ADDED, NamedEffect, Outcome, Round, verdict_json
 from .places import entry
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
-from .summary import Shown, decided, summary, unusable
+from .summary import Shown, decided, summary, unusable, weighted
 from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
 from .verdict import Naming
 
@@ -56,19 +60,28 @@ def discover(
     out: str | os.PathLike[str],
     *,
     period: float | None = None,
+    walls: str | None = None,
+    prior: str | os.PathLike[str] | None = None,
+    time_limit: float = TIME_LIMIT,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
     added model.toml and model.fmu.
 
     record : a CSV file. model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
-    found by default. progress : told the fraction done and the stage. An interrupted study goes on where it was.
-    Raises ValueError for a model that cannot be read and for a folder that cannot be written. A record that cannot
-    be used is a verdict.
+    found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
+    ``python -m fitting calibrate``, whose values and covariance stand for the network file's and its spreads.
+    time_limit : of naming [s], after which the best answer so far is given. progress : told the fraction done and the
+    stage. An interrupted study goes on where it was.
+    Raises ValueError for a model or a prior that cannot be used and for a folder that cannot be written. A record that
+    cannot be used is a verdict.
     """
     started, folder = time.perf_counter(), Path(out)
+    asked = Asked(period, walls, prior, time_limit)
+    asked.check()
     network = read_model(model)
     measured = _read(record)
+    known = asked.known(network, measured) if isinstance(measured, Record) else None
     progress = _rising(progress)
     _check_folder(folder)
     journal = None
@@ -76,8 +89,8 @@ def discover(
         if isinstance(measured, Unusable):
             raise measured
         check_record(measured)
-        journal = Journal(folder, _key(measured, network, model, period))
-        outcome, fmu = _Work(measured, network, Path(model), journal, period, progress).run()
+        journal = Journal(folder, _key(measured, network, model, asked))
+        outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
     except Unusable as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
     outcome = replace(outcome, seconds=time.perf_counter() - started)
@@ -98,8 +111,8 @@ def _check_folder(folder: Path) -> None:
             raise ValueError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
 
 
-def _key(record: Record, network: Network, model: str | os.PathLike[str], period: float | None) -> list[Any]:
-    return [record.sha256, to_dict(network), os.fspath(model), period, decided(), software()]
+def _key(record: Record, network: Network, model: str | os.PathLike[str], asked: Asked) -> list[Any]:
+    return [record.sha256, to_dict(network), os.fspath(model), *asked.key, decided(), software()]
 
 
 def _read(record: str | os.PathLike[str]) -> Record | Unusable:
@@ -128,13 +141,14 @@ class _Work:
     """One study from its record to its outcome."""
 
     def __init__(
-        self, record: Record, network: Network, model: Path, journal: Journal, period: float | None, progress: Progress
-    ) -> None:
-        self.record, self.network, self.model, self.journal = record, network, model, journal
-        self.progress = progress
+        self, record: Record, network: Network, model: Path, journal: Journal, asked: Asked, known: Prior | None,
+        progress: Progress,
+    ) -> None:  # fmt: skip
+        self.record, self.model, self.journal, self.asked, self.progress = record, model, journal, asked, progress
+        self.network = network if known is None else known.network
         progress(0.02, "cutting the beats")
-        tell = Meter(lambda simulations: progress(0.08, f"{simulations} simulations"))
-        self.study = prepare(record, network, period, Runs(tell))
+        runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
+        self.study = prepare(record, self.network, asked.period, runs, None if known is None else known.calibrated)
         check_beats(self.study)
         check_radii(self.study)
         check_pressures(self.study)
@@ -157,10 +171,10 @@ class _Work:
         given = self._free(fmu, "given", _nothing(), wave, {})
         check_waves(study, given.beats)
         naming = self._name()
-        study = replace(study, problem=naming.problem)
-        added = naming.verdict in ("effect", "ambiguous", "several")
+        study = weighted(study, naming)
+        added = naming.verdict in ADDED
         best = naming.best.fit if added else naming.base.fit
-        self.progress(0.75, "running the model with its nuisances refitted")
+        self.progress(0.75, "running the model with this animal's walls")
         wave = study.problem.wave(study.fitted, best)
         base = naming.base.fit
         # a flow meter that is found to lie drove the model before
@@ -169,24 +183,33 @@ class _Work:
         shown = Shown(given, before)
         if added:
             shown = self._add(study, naming, wave, shown)
-        return summary(self.record, self.model, study, naming, shown), shown.archive
+        return summary(self.record, self.model, self.study, naming, shown), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
     def _name(self) -> Naming:
+        problem, limit, begun = self.study.problem, self.asked.time_limit, monotonic()
+        last = f"done by {datetime.now() + timedelta(seconds=limit):%H:%M:%S} at the latest"
         self.progress(0.2, "naming")
-        problem = self.study.problem
 
         def told(simulations: int) -> None:
-            self.progress(0.2 + 0.5 * (1.0 - 0.5 ** (simulations / 60.0)), f"naming, {simulations} simulations")
+            part = max(1.0 - 0.5 ** (simulations / 300.0), min((monotonic() - begun) / limit, 1.0))
+            self.progress(0.2 + 0.5 * part, f"naming, {simulations} simulations, {last}")
 
-        runs = Runs(Meter(told))
-        return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs))
+        runs = Runs(Meter(told), begun + limit, monotonic)
+        try:
+            return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
+        except OutOfTime:
+            raise Unusable(
+                f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
+                f"this record; allow more time."
+            ) from None
 
     def _fmu(self, network: Network, stage: str) -> Path:
         """The FMU to run: of the network, or of the bench of its site."""
         part = self.study.problem.part(network)
-        if part is network and stage == "given" and self.model.suffix.lower() == ".fmu":
+        as_it_is = self.asked.prior is None and self.model.suffix.lower() == ".fmu"
+        if part is network and stage == "given" and as_it_is:
             return self.model
         return self._built(part, stage)
 
@@ -236,7 +259,7 @@ class _Work:
                 t.effect,
                 t.where,
                 estimates(self.network, best.fit, t, half),
-                best.probability,
+                naming.confidence,
                 entry(t.effect).equation,
             )
             for t in best.fit.terms

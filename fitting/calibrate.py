@@ -112,8 +112,10 @@ class Calibration:
             "record": self.source,
             "sha256": self.sha256,
             "beats": self.beats,
-            "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind}
+            "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind,
+                                  "moves": dict(u.moves)}
                          for u, x, s in zip(self.unknowns, self.x, self.sd, strict=True)},
+            "covariance": self.covariance.tolist(),
             "chi2_over_dof": self.chi2 / self.dof,
             "channels": dict(self.channels),
             "report": list(self.report),

@@ -18,6 +18,7 @@ from forked import CHANNELS, NETWORK, SETTINGS, T, clean, inflow, record
 import fitting.inference.simulator
 from fitting.calibrate import calibrate
 from fitting.parameter_set import read_set, write_set
+from fitting.prior import read_prior
 from fitting.records.beats import Beats
 from solver import Network, NonPhysicalState, Settings, linear, simulate_periodic
 
@@ -149,6 +150,9 @@ def test_parameter_set(tmp_path: Path) -> None:
     calibrated = parameters.apply(START)
     other = replace(START, viscous_law="monotone").with_parameters({"B.h": 1e-3})
     assert found.parameter_set(complete=True).apply(other) == calibrated
+    prior = read_prior(tmp_path / "set.json", START)
+    assert prior.network == calibrated
+    assert sum(dict(u.moves).get("A.E", 0.0) ** 2 for u in prior.calibrated.unknowns) == pytest.approx(found.sd[0] ** 2)
 
 
 def test_a_breakdown_halves_the_step(monkeypatch: pytest.MonkeyPatch) -> None:

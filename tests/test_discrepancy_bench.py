@@ -219,11 +219,11 @@ def test_two_effects_are_several() -> None:
     assert naming.best.explains
 
 
-def test_a_cubic_rate_is_unknown() -> None:
-    """A stress φ3 ε̇³ is outside the catalogue: refused, and the residual described."""
+def test_a_cubic_rate_is_not_all_of_it() -> None:
+    """A stress φ3 ε̇³ is outside the catalogue: its nearest, a viscosity that bends, is named with what remains."""
     naming = judged((Effect("cubic_rate", (SITE,), 20.0),), "sheep")
-    assert naming.verdict == "unknown" and not naming.members
-    assert naming.reason is not None and "more remains: whitened RMS" in naming.reason
+    assert (naming.verdict, naming.best.label) == ("partial", f"nonlinear_wall_viscosity at {SITE}")
+    assert naming.reason is not None and naming.reason.startswith("whitened RMS 2.")
 
 
 def test_a_springpot_is_named() -> None:

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
-from discrepancy.outcome import Isolability, NamedEffect, Outcome
+from discrepancy.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from discrepancy.source import build_fmu
 from fitting.bench import on_bench
@@ -132,6 +132,29 @@ def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
     assert run("--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
 
 
+def test_walls_are_said(found: Callable[[Any], None]) -> None:
+    """Common; individual with the spreads that were found; a partial answer's table, and what is odd as a note."""
+    found(outcome(walls=Walls()))
+    assert "walls: common, all arteries differ from the file together" in run(*STUDY).stdout
+    own = {"CA.E": OwnNumber(4e6, Estimate(5e6, "Pa", (4.5e6, 5.5e6)), 2.5)}
+    walls = Walls("individual", {"E": (0.08, 0.11)}, own)
+    found(outcome(verdict="partial", walls=walls, notes=("CA.E: 25 % above the file's.",)))
+    said = run(*STUDY).stdout
+    assert "walls: individual, every artery by itself; between arteries E 0.11 (stated 0.08)" in said
+    assert "a part of what was missing" in said and "Note: CA.E: 25 % above the file's." in said
+
+
+def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Walls, prior and time limit, which has a unit; five minutes by default."""
+    given: list[dict[str, Any]] = []
+    monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
+    prior = tmp_path / "prior.json"
+    assert run(*STUDY, "--walls", "individual", "--prior", prior, "--time-limit", "2 min").exit_code == 0
+    assert (given[0]["walls"], given[0]["prior"], given[0]["time_limit"]) == ("individual", prior, 120.0)
+    assert run(*STUDY).exit_code == 0
+    assert (given[1]["walls"], given[1]["prior"], given[1]["time_limit"]) == (None, None, 300.0)
+
+
 def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
     """No table, and a gap before alone."""
     found(outcome(verdict="none", effects=(), members=(), gap_after=None, separating_measurement=None))
@@ -168,6 +191,14 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
         (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv: not a network file but a rec"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "cannot be made"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "5 kg"), "--time-limit"),
+        (
+            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "-1 s"),
+            "time limit -1 s: must be above",
+        ),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"), "must be common or individual"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"), "no.json: neither a file"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"), "a .json or an .ssv file"),
         (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
         (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),
         (("isolability", "sheep", "--channels", "XX.P"), "channel XX.P"),

@@ -62,8 +62,8 @@ def healthy() -> NetworkProblem:
 
 @pytest.fixture(scope="module")
 def stiff() -> Naming:
-    """A record in which B is 25 % stiffer, named among twelve candidates."""
-    return name(network_problem(beats(1.25), NETWORK), terms(*EFFECTS))
+    """A record in which B is 25 % stiffer and nothing else may differ, named among twelve candidates."""
+    return name(network_problem(beats(1.25), NETWORK), terms(*EFFECTS), walls="common")
 
 
 def at(problem: NetworkProblem, x: list[float], *added: Term) -> Fit:
@@ -118,7 +118,7 @@ def test_the_wrong_places_do_not_explain_it(stiff: Naming) -> None:
 
 def test_an_effect_of_a_hundredth_of_its_typical_size() -> None:
     """1.2 % stiffer (x = 0.04 of a typical size) in noise that shows 0.1 %: an effect, not what "none" absorbs."""
-    naming = name(network_problem(beats(1.012), NETWORK), terms(*EFFECTS))
+    naming = name(network_problem(beats(1.012), NETWORK), terms(*EFFECTS), walls="common")
     assert naming.best.label == "wall_stiffness at B"
     assert naming.base.fit.cost > naming.best.fit.cost + 40.0
 
@@ -182,7 +182,8 @@ def test_nothing_hidden(healthy: NetworkProblem) -> None:
 
 def read_back(naming: Naming) -> Naming:
     """Through the bytes of a journal, about a problem made anew."""
-    kept, weights = pickle.loads(pickle.dumps(parted(naming)))
+    kept, individual, weights = pickle.loads(pickle.dumps(parted(naming)))
+    assert individual == bool(naming.problem.deviations)
     return replace(kept, problem=network_problem(beats(1.25), NETWORK).restored(weights))
 
 

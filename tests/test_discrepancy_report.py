@@ -21,6 +21,7 @@ import pytest
 
 from discrepancy.figures import NAMES
 from discrepancy.outcome import (
+    ADDED,
     VERDICTS,
     Absorbed,
     Balance,
@@ -30,7 +31,9 @@ from discrepancy.outcome import (
     Located,
     NamedEffect,
     Outcome,
+    OwnNumber,
     Round,
+    Walls,
     verdict_json,
 )
 from discrepancy.places import marks
@@ -76,8 +79,8 @@ def synthetic_channel(i: int, name: str, added: bool) -> ChannelBeats:
     return ChannelBeats(name, measured, band, before, after, gap, (1.01, 1.04) if added else None)
 
 
-def candidate(effect: NamedEffect, delta_bic: float, in_class: bool) -> Candidate:
-    return Candidate(effect.name, effect.where, effect.parameters, delta_bic, 1.0, 1.1, delta_bic / 2, in_class)
+def candidate(effect: NamedEffect, behind: float, in_class: bool) -> Candidate:
+    return Candidate(effect.name, effect.where, effect.parameters, behind, 1.0, 1.1, behind / 2, in_class)
 
 
 def isolability(n: int) -> Isolability:
@@ -94,7 +97,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         return replace(
             plain, reason="CA.P <dead>: it does not change; check its sensor.", warnings=("Line 7 is empty.",)
         )
-    added = verdict in ("effect", "several", "ambiguous")
+    added = verdict in ADDED
     sites = SITES if verdict == "effect" else ("AA", "CA")  # figures of seven sites take a while
     names = [f"{site}.{signal}" for site in sites for signal in "PQR"]
     rng = np.random.default_rng(1)
@@ -102,7 +105,10 @@ def synthetic(verdict: str, network: Network) -> Outcome:
     if verdict != "none":
         z[:15, [name.startswith("CA") for name in names]] += 60.0 * np.exp(-np.arange(15.0) / 5)[:, None]
     z[30, 0] = np.nan
-    effects = {"effect": (CA,), "ambiguous": (CA,), "several": (CA, OUTLET)}.get(verdict, ())
+    effects = {"several": (CA, OUTLET)}.get(verdict, (CA,) if added else ())
+    own = {"CA.E": OwnNumber(9e5, Estimate(1.2e6, "Pa", (1.1e6, 1.3e6)), 3.1)}
+    own |= {"FA.outlet.R_t": OwnNumber(0.5, Estimate(0.48, "1", (0.45, 0.51)), -0.7)}
+    walls = Walls("individual", {"E": (0.08, 0.06)}, own) if verdict == "partial" else Walls()
     smallest = {
         "wall_viscosity at CA": Estimate(2.1e3, "Pa.s", (2.1e3, 2.1e3)),
         "side_branch at MD": Estimate(2e-12, "m^2/(Pa.s)", (0, 0)),
@@ -112,6 +118,11 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         effects=effects,
         members=tuple((e.name, e.where) for e in {"ambiguous": (CA, LAG)}.get(verdict, effects)),
         reason="A residual at harmonics 5 to 9 of CA that no effect explains." if verdict == "unknown" else None,
+        remains="Whitened RMS 3.1, most in CA.P." if verdict == "partial" else None,
+        confidence=None if verdict == "unknown" else 0.87,
+        complete=verdict != "partial",
+        walls=walls,
+        notes=("CA.E: 33 % above the file's.",) if verdict == "partial" else (),
         separating_measurement="Measure CA.R: its loop opens only for the wall." if verdict == "ambiguous" else None,
         located=() if verdict == "none" else (Located("CA", "Q", 7, 41.2, -35.0), Located("CA", "P", 1, 30.0)),
         balances=(Balance("mass", "MD", 0.8), Balance("wall law", "CA", 12.0)),
@@ -196,6 +207,25 @@ SAID = {
     "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3e−12"),
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
     "several": ("Several effects are missing", "Rounds", "terminal reflection, at FA", "0.620"),
+    "partial": (
+        "and more than that",
+        "What remains: Whitened RMS 3.1",
+        "87 %",
+        "89 %",
+        "of the gap to held-out beats closed",
+        "This animal’s walls",
+        "CA.E",
+        "0.9 MPa",
+        "1.20 MPa",
+        "1.10 … 1.30",
+        "+3.1",
+        "beyond",
+        "−0.7",
+        "E 0.06 (stated 0.08)",
+        "33 % above the file's",
+        "again with more time",
+        "individual",
+    ),  # fmt: skip
     "unknown": ("catalogue does not have", "What remains", "harmonics 5 to 9", "largest at CA.Q"),
     "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
 }

@@ -264,7 +264,8 @@ def test_a_naming_survives_a_journal_bit_by_bit() -> None:
     made = make(Case("bench", SITE, 40.0, hidden), 5)
     study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
     assert naming.verdict == "several"
-    kept, weights = pickle.loads(pickle.dumps(parted(naming)))
+    kept, individual, weights = pickle.loads(pickle.dumps(parted(naming)))
+    assert not individual
     again = replace(kept, problem=study.problem.restored(weights))
     assert (again.verdict, again.reason, again.terms) == (naming.verdict, naming.reason, naming.terms)
     assert [n.label for n in again.members] == [n.label for n in naming.members]

@@ -120,6 +120,21 @@ class Bench(Forward):
         noise[1:, 0, 0] += (parts[1] * self._law_error[1 : len(noise)]) ** 2
         return replace(self, loop=replace(self.loop, noise=noise))
 
+    def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
+        states = [_settled(self, f.member) for f in fits]
+        return [
+            f if s is None else replace(f, z=s.z, J=s.J, log_volume=s.log_volume)
+            for f, s in zip(fits, states, strict=True)
+        ]
+
+    @property
+    def weights(self) -> Array:
+        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise."""
+        return self.loop.noise
+
+    def restored(self, weights: Array) -> Bench:
+        return replace(self, loop=replace(self.loop, noise=weights))
+
     @property
     def _law_error(self) -> Array:
         """(N//2 + 1,) [Pa] standard deviations of harmonics of an error as large as the pulse."""

@@ -73,6 +73,11 @@ def taken_over(terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], start: Fi
     return Member(terms, unknowns, np.clip([known.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
 
+def sizes_of(fit: Fit, term: Term) -> list[float]:
+    """The numbers of a term in a fit."""
+    return [float(x) for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
+
+
 def begun(member: Member, term: Term) -> list[Member]:
     """Points from which a search of one of a member's terms may begin: where it is, and the term's own starts."""
     at = [i for i, u in enumerate(member.unknowns) if u in term.unknowns]

@@ -25,7 +25,6 @@ from ..records.noise import (
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
-    periodic_beat,
     pulses,
     solver_error,
     target,
@@ -33,14 +32,15 @@ from ..records.noise import (
 from . import channel_errors
 from .added import allowed
 from .batches import kind_of, simulated
-from .fit import Fit, Member, begun, taken_over
+from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .misfit import Block
-from .observation import mean_wander, meter, sense
+from .observation import meter, of_other_beats, sense
+from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out
-from .terms import EVERY, Term, about_common, deviations, nuisances, placed, refined, rewired
+from .terms import EVERY, Term, about_common, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -59,7 +59,8 @@ class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
     error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
-    felt : by the network as given, of beats that differ. deviations : what every artery has of its own, if any.
+    felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
+    have it in common. possible : what it may have.
     """
 
     kind = "network"
@@ -75,6 +76,7 @@ class NetworkProblem(Forward):
     response: Array
     felt: Felt | None = None
     deviations: tuple[Unknown, ...] = ()
+    possible: tuple[Unknown, ...] = ()
 
     @property
     def dof_of_noise(self) -> float:
@@ -82,28 +84,16 @@ class NetworkProblem(Forward):
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         finer = about_common if self.deviations else refined
-        return finer(self.network, term, _sizes(fit, term))
+        return finer(self.network, term, sizes_of(fit, term))
 
     def placed(self, fit: Fit, term: Term) -> Term | None:
-        return placed(self.network, term, _sizes(fit, term))
+        return placed(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
-        at = np.arange(len(self.signals))
-        covariance = self.target.covariance.copy()
-        covariance[:, at, at] -= self.error**2  # which more beats do not lower
-        covariance *= fitted.n_beats / beats.n_beats
-        covariance[:, at, at] += self.error**2
-        wander = mean_wander(beats, fitted, self.signals)
-        covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
         drive = inflow(beats, self.simulator.settings.dt)
-        own = varying(beats, self.network, self.signals, self.K)
-        return replace(
-            self,
-            beats=beats,
-            simulator=replace(self.simulator, drive=drive),
-            target=Target.of(self.signals, periodic_beat(beats, self.signals, self.K, own), covariance),
-            felt=own,
-        )
+        felt = varying(beats, self.network, self.signals, self.K)
+        other = of_other_beats(self.target, self.error, beats, fitted, felt)
+        return replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         X = self.observe([f.member for f in fits])
@@ -123,10 +113,10 @@ class NetworkProblem(Forward):
         Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
-        S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
-        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
-        full = np.fft.rfft(Q, norm="forward")
         shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
+        full = np.fft.rfft(Q, norm="forward")
+        weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset
         full[: self.K + 1] /= shown
@@ -145,14 +135,11 @@ class NetworkProblem(Forward):
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
-        network = rewired(self.network, terms)
-        there = network.parameters()
-        own = [u for u in self.deviations if set(u.variables) <= there.keys()]
-        nuisance = [u for u in (*nuisances(network), *own) if not set(u.variables) <= mine]
+        nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
     def individual(self) -> NetworkProblem:
-        return replace(self, deviations=deviations(self.network))
+        return replace(self, deviations=self.possible)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
@@ -366,15 +353,11 @@ class NetworkProblem(Forward):
         return found if allowed(self.network, found) else None
 
 
-def _sizes(fit: Fit, term: Term) -> list[float]:
-    """The numbers of a term in a fit."""
-    return [float(x) for u, x in zip(fit.unknowns, fit.x, strict=True) if u in term.unknowns]
-
-
 def network_problem(
-    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None
-) -> NetworkProblem:
-    """The problem of a record with inlet.Q and some outputs of the network.
+    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
+    prior: Calibrated | None = None,
+) -> NetworkProblem:  # fmt: skip
+    """The problem of a record with inlet.Q and some outputs of the network. prior : of a calibration.
 
     Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
     """
@@ -390,5 +373,5 @@ def network_problem(
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     felt = varying(beats, network, chosen, K)
-    weights = target(beats, chosen, H, error, felt)
-    return NetworkProblem(network, beats, chosen, K, simulator, weights, error, H[: K + 1], felt)
+    own, may = target(beats, chosen, H, error, felt), possible(network, prior)
+    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], felt, possible=may)

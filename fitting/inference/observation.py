@@ -12,6 +12,7 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.inflow import Inflow
+from ..records.noise import Felt, Target, periodic_beat
 from .fit import Member
 from .unknown import values
 
@@ -81,3 +82,18 @@ def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
         return float(np.var(np.nanmean(beats - np.nanmean(beats, axis=0), axis=1)))
 
     return np.array([of(name) for name in names])
+
+
+def of_other_beats(target: Target, error: Array, beats: Beats, fitted: Beats, felt: Felt | None = None) -> Target:
+    """Other beats of the same record, with the noise that the fitted ones showed, for their number.
+
+    error : (K+1, m) standard deviation of the solver's own error, which more beats do not lower. felt : of those
+    beats.
+    """
+    at, covariance = np.arange(len(target.names)), target.covariance.copy()
+    covariance[:, at, at] -= error**2
+    covariance *= fitted.n_beats / beats.n_beats
+    covariance[:, at, at] += error**2
+    wander = mean_wander(beats, fitted, target.names)
+    covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
+    return Target.of(target.names, periodic_beat(beats, target.names, len(target.X) - 1, felt), covariance)

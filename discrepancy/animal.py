@@ -1,0 +1,68 @@
+"""This animal's walls: every number of every artery and outlet as the record has it, beside the network file's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fitting.inference.evidence import Linear
+from fitting.inference.fit import Fit
+from fitting.inference.terms import rewired
+from fitting.inference.unknown import interval
+from solver.network import Network
+from solver.quantity import Quantity
+
+from .outcome import OwnNumber, Walls
+
+
+def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
+    """What a fit says of every artery and outlet; only of the kind where all have it in common.
+
+    The deviation of a number is what its own unknowns move it by, beside what moves all together. quantile : half a
+    95 % interval in standard deviations.
+    """
+    own = np.array([bool(u.group) for u in fit.unknowns], bool)
+    if not own.any():
+        return Walls()
+    whole = rewired(network, fit.terms)
+    file, nominal, known = network.parameters(), whole.parameters(), whole.parameter_quantities()
+    arteries = {}
+    for name in _deviating(fit, nominal, known):
+        now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
+        moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
+        arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual))
+    return Walls("individual", _spread(fit, known), arteries)
+
+
+def _deviating(fit: Fit, there: dict[str, float], known: dict[str, Quantity]) -> Iterator[str]:
+    """The numbers that may deviate by themselves, in the network's order."""
+    moved = {variable for u in fit.unknowns if u.group for variable in u.variables}
+    return (name for name in there if name in moved and known[name].individual > 0.0)
+
+
+def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:
+    """The stated spread of every quantity between arteries, and the one that makes the record most probable.
+
+    Of a calibration, in units of its own uncertainty.
+    """
+    found = Linear.of(fit).inferred().of
+    quantities = {name.rpartition(".")[2]: q for name, q in known.items()}
+    sizes = {group: quantities[group].individual if group in quantities else 1.0 for group in found}
+    return {group: (size, found[group] * size) for group, size in sizes.items()}
+
+
+def odd_ones(walls: Walls, network: Network) -> list[str]:
+    """A sentence for every number beyond the stated spread."""
+    known, said = network.parameter_quantities(), []
+    for name, own in walls.arteries.items():
+        if own.beyond:
+            more = own.now.value - own.file
+            scaled = known[name].low >= 0.0 and own.file > 0.0
+            by = f"{100.0 * abs(more) / own.file:.0f} %" if scaled else f"{abs(more):.2g}"
+            said.append(
+                f"{name}: the {known[name].description} is {by} {'above' if more > 0.0 else 'below'} the file's, "
+                f"{abs(own.deviation):.1f} stated spreads from what all have in common: this animal's own, not counted "
+                f"as an effect."
+            )
+    return said

@@ -1,0 +1,64 @@
+"""What is asked of a study beside its record and its model."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fitting.prior import Prior, read_prior
+from fitting.records.record import Record
+from solver.network import Network
+from solver.units import INFLOW
+
+from .name import COMMON, INDIVIDUAL
+
+TIME_LIMIT = 300.0  # s
+
+
+@dataclass(frozen=True)
+class Asked:
+    """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
+    probable. prior : a calibration's file. time_limit : of naming [s]."""
+
+    period: float | None = None
+    walls: str | None = None
+    prior: str | os.PathLike[str] | None = None
+    time_limit: float = TIME_LIMIT
+
+    def check(self) -> None:
+        """Raise ValueError, one sentence, for what cannot be asked."""
+        if self.walls not in (None, COMMON, INDIVIDUAL):
+            raise ValueError(f"walls {self.walls!r}: must be {COMMON} or {INDIVIDUAL}; or leave it out.")
+        if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
+            raise ValueError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
+        if self.prior is not None and self.walls == COMMON:
+            raise ValueError(
+                f"{os.fspath(self.prior)}: a calibration says how far each artery may differ, which walls {COMMON} "
+                f"leave out; ask for one of the two."
+            )
+
+    def known(self, network: Network, record: Record) -> Prior | None:
+        """What the calibration says of the network; raises ValueError, one sentence, where it is of no use."""
+        if self.prior is None:
+            return None
+        found = read_prior(self.prior, network)
+        if INFLOW not in record.channels:
+            raise ValueError(
+                f"{os.fspath(self.prior)}: {record.path} has no {INFLOW} and is compared with one wall alone, whose "
+                f"spread is its own; leave the calibration out."
+            )
+        return found
+
+    @property
+    def chosen(self) -> str | None:
+        """The walls that are looked for; a calibration is of arteries that differ."""
+        return self.walls if self.prior is None else INDIVIDUAL
+
+    @property
+    def key(self) -> list[Any]:
+        """What of it a study's answer depends on, plain; the calibration by its content."""
+        told = None if self.prior is None else Path(self.prior).read_text(encoding="utf-8")
+        return [self.period, self.walls, told, self.time_limit]

@@ -1,0 +1,100 @@
+"""A calibration as a prior: deviations along the directions in which it left the walls uncertain.
+
+With the unknowns x of the calibration, their covariance Σ = V Λ Vᵀ and what they move, unknown i of the prior moves
+variable v by √λ_i Σ_j V_ji step_jv and has the standard deviation 1. Factors and shifts have a Σ each: what they have
+in common is left out, which makes the prior wider.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.coordinate import SCALE, SHIFT, Coordinate
+from solver.network import Network
+from solver.quantity import Quantity
+
+from .terms import OWN, deviations, nuisances
+from .unknown import Unknown
+
+Array = np.ndarray
+
+CALIBRATION = "calibration"  # the group of unknowns that a calibration left uncertain
+_WIDEST = 5.0  # of a logarithm
+_LEAST = 1e-4  # of the largest standard deviation: a smaller one is none
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a calibration left uncertain. single : variables that had an unknown to themselves."""
+
+    unknowns: tuple[Unknown, ...]
+    single: frozenset[str]
+
+
+def along(coordinates: Sequence[Coordinate], covariance: Array, network: Network) -> Calibrated:
+    """The unknowns of a prior. covariance : (p, p) of the coordinates, counted from the network's own values."""
+    found: list[Unknown] = []
+    for kind in (SCALE, SHIFT):
+        at = [i for i, c in enumerate(coordinates) if c.kind == kind]
+        if at:
+            found += _directions([coordinates[i] for i in at], covariance[np.ix_(at, at)], network)
+    return Calibrated(tuple(found), frozenset(c.moves[0][0] for c in coordinates if len(c.moves) == 1))
+
+
+def _directions(coordinates: Sequence[Coordinate], covariance: Array, network: Network) -> list[Unknown]:
+    kind, values, known = coordinates[0].kind, network.parameters(), network.parameter_quantities()
+    names = list(dict.fromkeys(variable for c in coordinates for variable, _ in c.moves))
+    steps = np.array([[dict(c.moves).get(name, 0.0) for c in coordinates] for name in names])
+    variance, V = np.linalg.eigh(covariance)
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    found: list[Unknown] = []
+    for i in np.flatnonzero(sd > _LEAST * sd.max())[::-1]:
+        moved = steps @ V[:, i] * sd[i]
+        moves = tuple((name, float(step)) for name, step in zip(names, moved, strict=True) if step != 0.0)
+        low, high = _range(kind, moves, values, known)
+        name = f"{CALIBRATION} {kind} {len(found) + 1} {OWN}"
+        found.append(Unknown(name, kind, moves, low, high, group=CALIBRATION))
+    return found
+
+
+def _range(
+    kind: str, moves: Sequence[tuple[str, float]], values: Mapping[str, float], known: Mapping[str, Quantity]
+) -> tuple[float, float]:
+    """The lowest and the highest x that keep every variable in its range."""
+    low, high = -math.inf, math.inf
+    for name, step in moves:
+        q, value = known[name], values[name]
+        if kind == SCALE:
+            ends = (math.log(q.low / value) if q.low > 0.0 else -_WIDEST, math.log(q.high / value))
+        else:
+            ends = (q.low - value, q.high - value)
+        below, above = sorted(end / step for end in ends)
+        low, high = max(low, below), min(high, above)
+    return low, high
+
+
+def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:
+    """What every artery and outlet may have of its own: by a calibration, and, of what that did not ask for one by one,
+    by the spreads that quantities state."""
+    stated = deviations(network)
+    return stated if prior is None else (
+        *prior.unknowns, *(u for u in stated if not prior.single & set(u.variables))
+    )  # fmt: skip
+
+
+def of_animal(network: Network, own: Sequence[Unknown]) -> list[Unknown]:
+    """What every animal has of its own: what all arteries have in common, and ``own`` deviations of those numbers that
+    the network has. Where a calibration moved all that a common factor would, that is left out."""
+    there = network.parameters()
+    present = [u for u in own if set(u.variables) <= there.keys()]
+    known = calibrated(present)
+    return [*(u for u in nuisances(network) if not set(u.variables) <= known), *present]
+
+
+def calibrated(unknowns: Sequence[Unknown]) -> set[str]:
+    """The variables that a calibration left uncertain."""
+    return {variable for u in unknowns if u.group == CALIBRATION for variable in u.variables}

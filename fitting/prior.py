@@ -1,0 +1,86 @@
+"""The result of ``python -m fitting calibrate`` as what is known of a network beforehand: values and covariance."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver.coordinate import SCALE, SHIFT, Coordinate
+from solver.network import Network
+
+from .inference.prior import Calibrated, along
+from .parameter_set import ParameterSet, read_set
+
+Array = np.ndarray
+
+_AGAIN = "calibrate it again with this version (python -m fitting calibrate)"
+_ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off
+
+
+@dataclass(frozen=True)
+class Prior:
+    """The network with the values of a calibration, and unknowns along the directions that it left uncertain."""
+
+    network: Network
+    calibrated: Calibrated
+
+
+def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
+    """What a calibration file says of a network.
+
+    Raises ValueError, one sentence, for a file that is no calibration, one without covariance, one of another network,
+    and for parameters that the network has not.
+    """
+    found = read_set(path)
+    origin = found.provenance
+    if origin.get("method") != "network calibration":
+        raise ValueError(f"{path}: is no result of a calibration of a network, and has no covariance; {_AGAIN}.")
+    if origin.get("network") != network.name:
+        raise ValueError(
+            f"{path}: is the calibration of network {origin.get('network')}, not of {network.name}; give the network "
+            f"that was calibrated, or the calibration of this one."
+        )
+    foreign = [name for name in found.values if name not in network.parameters()]
+    if foreign:
+        raise ValueError(
+            f"{path}: {foreign[0]} is no parameter of network {network.name}; give the network that was calibrated."
+        )
+    try:
+        coordinates, covariance = _told(found)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise ValueError(f"{path}: holds no covariance of what was calibrated, or a broken one; {_AGAIN}.") from None
+    moved = {variable for c in coordinates for variable, _ in c.moves}
+    if not moved <= set(found.values):
+        raise ValueError(
+            f"{path}: its covariance is of {min(moved - set(found.values))}, which has no value; {_AGAIN}."
+        )
+    try:
+        here = found.apply(network)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return Prior(here, along(coordinates, covariance, here))
+
+
+def _told(found: ParameterSet) -> tuple[list[Coordinate], Array]:
+    """The unknowns of a calibration and their covariance. Raises any of several errors where they are not there."""
+    unknowns: Mapping[str, Any] = found.provenance["unknowns"]
+    coordinates = []
+    for name, each in unknowns.items():
+        moves = tuple((str(variable), float(step)) for variable, step in each["moves"].items())
+        if each["kind"] not in (SCALE, SHIFT) or not moves:
+            raise ValueError
+        coordinates.append(Coordinate(name, each["kind"], moves, -np.inf, np.inf))
+    covariance = np.array(found.provenance["covariance"], float)
+    n, largest = len(coordinates), np.abs(covariance).max()
+    if covariance.shape != (n, n) or not np.isfinite(largest) or largest <= 0.0:
+        raise ValueError
+    if (
+        np.abs(covariance - covariance.T).max() > _ASYMMETRY * largest
+        or np.linalg.eigvalsh(covariance)[0] < -_ASYMMETRY
+    ):
+        raise ValueError
+    return coordinates, covariance

@@ -1,0 +1,135 @@
+"""A calibration as prior: its directions, its file, and what a network problem makes of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from forked import NETWORK, clean, record
+
+from discrepancy.asked import Asked
+from fitting.inference.asked import parse_unknowns
+from fitting.inference.network import network_problem
+from fitting.inference.prior import Calibrated, along, possible
+from fitting.inference.terms import deviations
+from fitting.inference.unknown import values
+from fitting.parameter_set import ParameterSet, Value, unit_of, write_set
+from fitting.prior import read_prior
+from fitting.records.record import Record
+
+TEXTS = ("all.E", "B.phi0", "C.phi0", "C.outlet.R_t")
+COVARIANCE = np.array(
+    [[0.04, 0.01, 0.0, 0.0], [0.01, 0.09, -0.02, 0.0], [0.0, -0.02, 0.02, 0.0], [0.0, 0.0, 0.0, 0.0025]]
+)
+MOVED = {"A.E": 7e5, "B.E": 8e5, "C.E": 11e5, "B.phi0": 11e3, "C.phi0": 16e3, "C.outlet.R_t": 0.25}
+
+
+def calibrated() -> Calibrated:
+    return along(parse_unknowns(TEXTS, NETWORK), COVARIANCE, NETWORK)
+
+
+def plain(**changes: Any) -> dict[str, Any]:
+    """The provenance of a calibration of the fork."""
+    unknowns = {u.name: {"kind": u.kind, "moves": dict(u.moves)} for u in parse_unknowns(TEXTS, NETWORK)}
+    kept = {"method": "network calibration", "network": "fork", "unknowns": unknowns}
+    return {**kept, "covariance": COVARIANCE.tolist(), **changes}
+
+
+def written(folder: Path, moved: dict[str, float] = MOVED, **changes: Any) -> Path:
+    told = {name: Value(value, unit_of(name)) for name, value in moved.items()}
+    write_set(ParameterSet("calibrated", told, {}, plain(**changes)), folder / "set.json")
+    return folder / "set.json"
+
+
+def test_directions_have_the_covariance() -> None:
+    """Σ over unknowns of moves movesᵀ = S Σ Sᵀ, with S what the calibration's unknowns move: to round-off."""
+    found = calibrated().unknowns
+    names = [name for name in MOVED if not name.endswith("R_t")]
+    moves = np.array([[dict(u.moves).get(name, 0.0) for name in names] for u in found if u.kind == "scale"])
+    S = np.array([[dict(u.moves).get(name, 0.0) for u in parse_unknowns(TEXTS[:3], NETWORK)] for name in names])
+    np.testing.assert_allclose(moves.T @ moves, S @ COVARIANCE[:3, :3] @ S.T, rtol=1e-12, atol=1e-16)
+    (shift,) = (u for u in found if u.kind == "shift")
+    assert dict(shift.moves) == {"C.outlet.R_t": pytest.approx(0.05)}
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_directions_stay_in_the_ranges(end: str) -> None:
+    """At either end of an unknown every variable is inside its range; one is at its end, or at a factor e^±5."""
+    known = NETWORK.parameter_quantities()
+    for u in calibrated().unknowns:
+        moved = values([u], np.array([getattr(u, end)]), NETWORK.parameters())
+        for name, value in moved.items():
+            q = known[name]
+            assert q.low - 1e-9 * abs(q.low) <= value <= q.high * (1.0 + 1e-9), (u.name, name)
+
+
+def test_what_was_calibrated_has_no_other_prior() -> None:
+    """φ0 of B and C were asked for by themselves, E only in common: φ0 of A and E of all keep their stated spread; the
+    common scale of E is the calibration's, those of φ0 and R_t, of which it moved a part, remain."""
+    found = possible(NETWORK, calibrated())
+    stated = {u.name for u in found} & {u.name for u in deviations(NETWORK)}
+    assert {"A.E of its own", "B.E of its own", "A.phi0 of its own", "B.outlet.R_t of its own"} <= stated
+    assert not {"B.phi0 of its own", "C.phi0 of its own", "C.outlet.R_t of its own"} & stated
+    problem = network_problem(record(clean()), NETWORK, prior=calibrated())
+    common = {u.name for u in problem.individual().hypothesis(()) if not u.group}
+    assert "all.E" in {u.name for u in problem.hypothesis(())} and "all.E" not in common
+    assert {"all.phi0", "all.outlet.R_t"} <= common
+
+
+def test_a_file_read_back(tmp_path: Path) -> None:
+    """Values are the network's, directions those of the covariance about them."""
+    found = read_prior(written(tmp_path), NETWORK)
+    parameters = found.network.parameters()
+    assert {name: parameters[name] for name in MOVED} == MOVED
+    assert parameters["A.phi0"] == NETWORK.parameters()["A.phi0"]
+    assert [u.moves for u in found.calibrated.unknowns] == [u.moves for u in calibrated().unknowns]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"method": "wall fit"}, "no result of a calibration of a network"),
+        ({"network": "sheep"}, "calibration of network sheep, not of fork"),
+        ({"covariance": None}, "no covariance"),
+        ({"covariance": [[1.0, 2.0], [2.0, 1.0]]}, "no covariance"),
+        ({"unknowns": {"all.E": {"x": 0.1}}}, "no covariance"),
+    ],
+)
+def test_wrong_files(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+    """One sentence that begins with the file's name."""
+    path = written(tmp_path, **changes)
+    with pytest.raises(ValueError, match=said) as caught:
+        read_prior(path, NETWORK)
+    told = str(caught.value)
+    assert told.startswith(f"{path}: ") and told.endswith(".") and "\n" not in told
+
+
+def test_wrong_parameters(tmp_path: Path) -> None:
+    """A parameter that the network has not; a covariance of one without value; no parameter set at all."""
+    with pytest.raises(ValueError, match=r"D\.E is no parameter of network fork"):
+        read_prior(written(tmp_path, {**MOVED, "D.E": 1e6}), NETWORK)
+    with pytest.raises(ValueError, match=r"covariance is of B\.phi0, which has no value"):
+        read_prior(written(tmp_path, {n: v for n, v in MOVED.items() if n != "B.phi0"}), NETWORK)
+    (tmp_path / "other.json").write_text(json.dumps({"values": {}}), encoding="utf-8")
+    with pytest.raises(ValueError, match="not a parameter set"):
+        read_prior(tmp_path / "other.json", NETWORK)
+
+
+def test_what_cannot_be_asked(tmp_path: Path) -> None:
+    """Other walls, no time, common walls with a calibration, a calibration for a bench record: a sentence each."""
+    path = written(tmp_path)
+    for asked, said in (
+        (Asked(walls="thick"), "must be common or individual"),
+        (Asked(time_limit=0.0), "must be above 0 s"),
+        (Asked(time_limit=float("inf")), "finite"),
+        (Asked(walls="common", prior=path), "ask for one of the two"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            asked.check()
+    bench = Record("r.csv", "", np.zeros(2), {"A.P": np.zeros(2), "A.R": np.zeros(2)}, {})
+    with pytest.raises(ValueError, match=r"r\.csv has no inlet\.Q .*leave the calibration out"):
+        Asked(prior=path).known(NETWORK, bench)
+    assert Asked(prior=path).chosen == "individual" and Asked().chosen is None
