@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from fitting.inference.fit import Fit
@@ -73,7 +74,8 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     if not common.best.fit.terms and common.none.explains:
         return
     found = common
-    for own in with_own_walls(problem.individual(), terms, runs):
+    rival = common.best.score if common.best.explains else math.inf
+    for own in with_own_walls(problem.individual(), terms, runs, rival):
         yield (found := common.joined(own))
     if not found.best.fit.terms and found.best.explains:
         return
