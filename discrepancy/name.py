@@ -73,7 +73,7 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
         yield common
     if not common.best.fit.terms and common.none.explains:
         return
-    found = common
+    found, own = common, None
     rival = common.best.score if common.best.explains else math.inf
     for own in with_own_walls(problem.individual(), terms, runs, rival):
         yield (found := common.joined(own))
@@ -82,7 +82,7 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     if not common.best.explains:
         for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
             yield (found := found.joined(more))
-    if not found.best.explains:
+    if own is not None and not found.best.explains:
         for more in further(own, runs):
             yield (found := found.joined(more))
 
