@@ -153,7 +153,7 @@ class _Maker:
     ) -> Naming:  # fmt: skip
         return Naming(
             verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms,
-            stated(confidence, problem.kind), reason, self.complete,
+            stated(confidence, "partial" if verdict == "partial" else problem.kind), reason, self.complete,
         )  # fmt: skip
 
 

@@ -181,6 +181,8 @@ def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
 def stated(probability: float, kind: str) -> float:
     """A probability as it is said: its log-odds moved and stretched to what came true on tuning records.
 
+    kind : "bench" or "network", or "partial" of a name beside which more remains.
+
     J. Platt, Advances in Large Margin Classifiers (1999) 61.
     """
     p = min(max(probability, 1e-12), 1.0 - 1e-12)
