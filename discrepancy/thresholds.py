@@ -16,7 +16,7 @@ FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
 LOUDEST = 8  # entries of the z map that the verdict lists
 
 # --- name ---
-RELIABILITY = {"bench": (0.63, 0.28), "network": (0.3, 0.5), "partial": (0.0, 0.1)}  # shift, slope of stated log-odds
+RELIABILITY = {"bench": (0.63, 0.28), "network": (0.3, 0.5), "partial": (0.0, 0.1)}  # of log-odds
 CERTAIN = 12.0  # log-odds beyond which no name is surer
 FAR_OFF = 20.0  # misfit of the model as given from which on nothing depends on its last digits
 BIC_NONE = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place

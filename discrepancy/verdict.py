@@ -27,7 +27,7 @@ class Naming:
 
     verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
     effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened. confidence :
-    probability that the best name (effect and place) is right. reason : for unknown; of partial, what remains.
+    probability that the verdict is right: the best name (effect and place), or that nothing of the catalogue acts. reason : for unknown; of partial, what remains.
     complete : whether the search came to its end.
     """
 
@@ -58,21 +58,22 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     loose = {n.key: with_errors(problem, n, terms) for n in (*found.nones, *found.ranked[: at.LOOSE])}
     exact = [n for n in (*found.nones, *found.ranked) if n.stands]
     ways = ranked([*exact, *loose.values()])
-    best = ways[0]
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
+    # several that look alike share what they have between them: together they may be likelier than none
+    best = next((n for n in ways if n.fit.terms), ways[0]) if _named(ways) > 0.5 else ways[0]
     none = next((n for n in found.nones if n.individual == best.individual), found.none)
     make = _Maker(found, tuple(terms), complete)
     if not best.fit.terms:
         if best.parts is None or none.explains:
             return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))
-        return make("unknown", problem, none, found.ranked, (), _named(ways), _left(none.fit, problem))
+        return make("unknown", problem, none, found.ranked, (), 1.0 - _named(ways), _left(none.fit, problem))
     confidence = sum(n.probability for n in ways if n.label == best.label)
     if best.parts is None:
         same = tuple(n for n in ways if n.parts is None and n.fit.terms)
         rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
         members = _class(same)
-        return make(_said(best, members), problem, none, same + rest, members, confidence)
+        return make(_said(best, members), problem, none, same + rest, members, stated(confidence, problem.kind))
     return _partial(make, found, none, loose, ways, confidence)
 
 
@@ -108,7 +109,7 @@ def _partial(
     left = _left(exact.fit, problem)
     if closed < at.PART_CLOSED:
         reason = f"{exact.label} comes nearest, but more remains: {left}"
-        return make("unknown", problem, none, found.ranked, (), confidence, reason)
+        return make("unknown", problem, none, found.ranked, (), 1.0 - confidence, reason)
     assert best.parts is not None
     wide = problem.widened(best.parts)
     none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
@@ -120,7 +121,7 @@ def _partial(
     members = tuple({n.label: n for n in reversed(order) if n.label in labels}.values())[::-1]
     columns = wide.rewhitened(found.columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
     make = replace(make, found=replace(found, columns=columns))
-    return make("partial", wide, none, order, members, confidence, left)
+    return make("partial", wide, none, order, members, stated(confidence, "partial"), left)
 
 
 def _anew(wide: Forward, before: Forward, found: Sequence[Named]) -> list[Named]:
@@ -152,8 +153,8 @@ class _Maker:
         confidence: float, reason: str | None = None,
     ) -> Naming:  # fmt: skip
         return Naming(
-            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms,
-            stated(confidence, "partial" if verdict == "partial" else problem.kind), reason, self.complete,
+            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence, reason,
+            self.complete,
         )  # fmt: skip
 
 
