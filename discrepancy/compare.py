@@ -121,6 +121,15 @@ def further(found: Compared, runs: Runs, branches: int | None = None) -> Iterato
         yield found
 
 
+def rewirings(found: Compared) -> list[tuple[Term, ...]]:
+    """Outlets of another kind, which have two unknowns more: worth a refit where nothing else explains the record, and
+    where what explains it acts in the segment of the outlet."""
+    if not found.best.fit.terms and found.none.explains:
+        return []
+    near = {t.place for n in found.ranked if n.score < found.best.score + at.NEAR for t in n.fit.terms}
+    return [(t,) for t in found.terms if t.rewires and (t.place in near or not found.best.explains)]
+
+
 def along(found: Compared, runs: Runs) -> list[Fit]:
     """The best effects of a part of a segment, wherever along it they may lie: of the best alone if it explains all."""
     local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and n.fit.cost < at.ALONG_COST * found.best.fit.cost]

@@ -20,7 +20,7 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 
 from . import thresholds as at
-from .compare import Compared, further
+from .compare import Compared, further, rewirings
 from .verdict import Naming, decided
 from .walls import with_own_walls
 from .weigh import scores, shortlist
@@ -65,7 +65,8 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
 def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
     """Walls with all in common and, where something is missing, walls that differ; then more effects with both.
 
-    Two effects of walls with all in common are tried even where walls that differ explain the record: they are fewer.
+    Two effects of walls with all in common are tried even where an effect of walls that differ explains the record:
+    they are fewer numbers.
     """
     for common in _with_common_walls(problem, terms, runs):
         yield common
@@ -74,6 +75,8 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     found = common
     for own in with_own_walls(problem.individual(), terms, runs):
         yield (found := common.joined(own))
+    if not found.best.fit.terms and found.best.explains:
+        return
     if not common.best.explains:
         for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
             yield (found := found.joined(more))
@@ -96,9 +99,7 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     fits = [f for f in problem.refit([(t,) for t in plain], base, runs, columns) if f is not None]
     found = Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms)
     yield (found := _polished(found, runs))
-    # another kind of outlet has two unknowns more: it is only worth its price where nothing else explains the record
-    rewiring = [(t,) for t in terms if t.rewires]
-    if rewiring and not found.none.explains and not found.best.explains:
+    if rewiring := rewirings(found):
         problem, base = found.problem, found.none.fit
         lowest = min((n.fit.cost for n in found.ranked), default=base.cost)
         fits = [f for f in problem.refit(rewiring, base, runs, known=lowest) if f is not None]

@@ -16,6 +16,8 @@ FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
 LOUDEST = 8  # entries of the z map that the verdict lists
 
 # --- name ---
+RELIABILITY = {"bench": (0.0, 1.0), "network": (0.0, 1.0)}  # shift and slope of the log-odds of a name that are stated
+CERTAIN = 12.0  # log-odds beyond which no name is surer
 FAR_OFF = 20.0  # misfit of the model as given from which on nothing depends on its last digits
 BIC_NONE = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
@@ -43,6 +45,7 @@ FEWEST = 4  # effects that are refitted whatever they promise
 AFAR = 0.03  # error of the model, in pulses, under which walls that differ are seen first
 CLOSER = (0.01, 0.003)  # the same, for closer looks at what the effects promise
 EACH = 6  # effects of each look that are refitted
+WORTH = 4.0  # of evidence that an effect must promise to be refitted where none explains the record
 IN_DOUBT = 6.0  # of a score above the best: effects that are searched on where none explains the record
 REFINED = 5  # hypotheses that are searched on without error
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named

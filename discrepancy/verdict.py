@@ -16,7 +16,7 @@ from fitting.inference.terms import Term
 
 from . import thresholds as at
 from .compare import Compared
-from .weigh import Named, ranked, shares, with_errors
+from .weigh import Named, ranked, shares, stated, with_errors
 
 Array = np.ndarray
 
@@ -152,8 +152,8 @@ class _Maker:
         confidence: float, reason: str | None = None,
     ) -> Naming:  # fmt: skip
         return Naming(
-            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence, reason,
-            self.complete,
+            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms,
+            stated(confidence, problem.kind), reason, self.complete,
         )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, of_animal
 
 from . import thresholds as at
-from .compare import Compared
+from .compare import Compared, rewirings
 from .weigh import weighed
 
 Array = np.ndarray
@@ -51,8 +51,7 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Ite
         fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
         found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
-    rewiring = [(t,) for t in terms if t.rewires]
-    if rewiring and not found.best.explains:
+    if rewiring := rewirings(found):
         near = _seen(found.problem, at.CLOSER[-1])
         (base,) = near.restated([found.none.fit], found.problem)
         lowest = min(f.cost for f in near.restated(found.fits, found.problem))
@@ -80,7 +79,7 @@ def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) ->
 def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Term]:
     """The few effects that may still add to what explains the record already."""
     best, promised = _promised(none, columns, terms)
-    return {t.label: t for score, t in promised[: at.EACH] if score < best}
+    return {t.label: t for score, t in promised[: at.EACH] if score < best - at.WORTH}
 
 
 def _exact(

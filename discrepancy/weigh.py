@@ -178,6 +178,17 @@ def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
     )
 
 
+def stated(probability: float, kind: str) -> float:
+    """A probability as it is said: its log-odds moved and stretched to what came true on tuning records.
+
+    J. Platt, Advances in Large Margin Classifiers (1999) 61.
+    """
+    p = min(max(probability, 1e-12), 1.0 - 1e-12)
+    shift, slope = at.RELIABILITY[kind]
+    odds = shift + slope * min(math.log(p / (1.0 - p)), at.CERTAIN)
+    return 1.0 / (1.0 + math.exp(-odds))
+
+
 def shares(all_ways: Sequence[Named]) -> list[float]:
     """Probabilities of hypotheses among themselves."""
     best = min(n.score for n in all_ways)
