@@ -86,9 +86,9 @@ class Compared:
         """With the hypotheses of another comparison of the same record, under the weights of the better one."""
         better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
         worse = worse.restated(better.problem)
-        own = better if better.none.score <= worse.none.score else worse
+        own, other = (better, worse) if better.none.score <= worse.none.score else (worse, better)
         everything = [*better.fits, *worse.fits]
-        return Compared.of(better.problem, everything, own.columns, self.terms)
+        return Compared.of(better.problem, everything, own.columns or other.columns, self.terms)
 
 
 def key_of(fit: Fit) -> tuple[tuple[str, ...], bool]:

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from fitting.inference.fit import Fit
@@ -72,15 +73,16 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
         yield common
     if not common.best.fit.terms and common.none.explains:
         return
-    found = common
-    for own in with_own_walls(problem.individual(), terms, runs):
+    found, own = common, None
+    rival = common.best.score if common.best.explains else math.inf
+    for own in with_own_walls(problem.individual(), terms, runs, rival):
         yield (found := common.joined(own))
     if not found.best.fit.terms and found.best.explains:
         return
     if not common.best.explains:
         for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
             yield (found := found.joined(more))
-    if not found.best.explains:
+    if own is not None and not found.best.explains:
         for more in further(own, runs):
             yield (found := found.joined(more))
 

@@ -25,13 +25,23 @@ from .weigh import weighed
 Array = np.ndarray
 
 
-def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
-    """What is known after every stage. problem : with deviations."""
+def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs, rival: float = np.inf) -> Iterator[Compared]:
+    """What is known after every stage. problem : with deviations.
+
+    rival : score of what explains the record with walls that have all in common: where an animal without effect is less
+    probable, no effect of walls that differ is looked for.
+    """
     terms = tuple(t for t in terms if not of_animal(problem.network, t))
     afar = _seen(problem, at.AFAR)
     (base,) = afar.refit([()], runs=runs)
     if base is None:
         return
+    if rival < np.inf:
+        near = _seen(problem, at.CLOSER[-1])
+        found = _exact(problem, near, near.restated([base], afar), {}, terms, runs)
+        yield found
+        if found.none.score > rival:
+            return
     columns: Mapping[str, Array] = afar.columns(base, terms, runs)
     near, chosen, none, within = afar, dict[str, Term](), 0.0, at.NEAR
     for part in at.CLOSER:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from .anatomy import Anatomy, Vessel
 
@@ -93,7 +94,7 @@ def _vessels(model: Anatomy, effect: Effect, change: Callable[[Vessel, Effect], 
     return model.with_vessels(*(change(v, effect) for v in chosen))
 
 
-def _part(key: str, effect: Effect, length: float) -> dict[str, float]:
+def _part(key: str, effect: Effect, length: float) -> dict[str, Any]:
     """Where an effect of a part of a vessel acts; length : of its kind."""
     return {f"{key}_position": effect.position, f"{key}_length": effect.length or length}
 
@@ -175,8 +176,8 @@ def parameters(model: Anatomy, effect: Effect) -> dict[str, float]:
         key = _KEYS[effect.name]
         if effect.where == ALL:
             return {f"all.{key}": _value(model.vessels[0], key)}
-        plain = {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
-        return plain | {f"{name}.{key}_position": effect.position for name in effect.where if effect.length}
+        held = {f"{name}.{key}": _value(model.vessel(name), key) for name in effect.where}
+        return held | {f"{name}.{key}_position": effect.position for name in effect.where if effect.length}
     plain = {
         "fluid_friction": ("friction_scale", 1.0 + effect.size),
         "velocity_profile": ("alpha", model.alpha),

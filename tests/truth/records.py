@@ -128,8 +128,8 @@ def make(case: Case, seed: int | tuple[int, ...]) -> Made:
     Raises NoPeriodicFlow or NoPeriodicRadius if the effects are too large for a periodic state.
     """
     rng = np.random.default_rng(seed)
-    K, samples = _NETWORK_BEAT if case.kind == "network" else _BENCH_BEAT
-    beat = Beat(float(rng.uniform(0.4, 0.6)), K, samples)
+    harmonics, per_beat = _NETWORK_BEAT if case.kind == "network" else _BENCH_BEAT
+    beat = Beat(float(rng.uniform(0.4, 0.6)), harmonics, per_beat)
     animal = nuisance(rng, case.kind)
     base = case.network()
     if case.walls:  # by numbers of their own, so that all else is as without
