@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -218,7 +219,14 @@ def test_a_calibration_as_prior(network_record: Path) -> None:
     found = calibrate(beats_, wrong, ("all.E", "B.E", "B.phi0"))
     write_set(found.parameter_set(), network_record / "prior.json")
     arguments = (network_record / "record.csv", network_record / "fork.toml", network_record / "out")
-    outcome = discover(*arguments, prior=network_record / "prior.json", time_limit=3600.0)
+    said: list[str] = []
+    outcome = discover(
+        *arguments,
+        prior=network_record / "prior.json",
+        time_limit=3600.0,
+        progress=lambda fraction, label: said.append(label),
+    )
     assert outcome.verdict == "none" and outcome.walls is not None and outcome.walls.kind == "individual"
     assert "calibration" in outcome.walls.spread
+    assert any(re.fullmatch(r"naming, \d+ simulations, done by \d\d:\d\d:\d\d at the latest", label) for label in said)
     assert outcome.walls.arteries["B.E"].file == found.values["B.E"] == pytest.approx(NETWORK.segment("B").E, rel=0.02)
