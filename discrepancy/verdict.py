@@ -26,9 +26,9 @@ class Naming:
     """What a record says.
 
     verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
-    effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened. confidence :
-    probability that the verdict is right: the best name (effect and place), or that nothing of the catalogue acts. reason : for unknown; of partial, what remains.
-    complete : whether the search came to its end.
+    effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
+    confidence : probability that the verdict is right: the best name (effect and place), or that nothing of the
+    catalogue acts. reason : for unknown; of partial, what remains. complete : whether the search came to its end.
     """
 
     verdict: str
