@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from fitting.estimate import Estimate
 from fitting.inference.added import estimates
+from fitting.inference.jackknife import jackknife
 from fitting.inference.selection import conditioned
 from fitting.inference.terms import Term
 from fitting.inference.unknown import quantile
@@ -14,6 +17,7 @@ from solver.network import Network
 from .verdict import Naming
 from .weigh import Named, found_from
 
+_FEWEST = 3  # sites
 _SMALL = 1e-3  # a weight below which a hypothesis does not count
 
 
@@ -25,6 +29,9 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     """
     half = quantile(naming.problem.dof_of_noise)
     found = estimates(network, named.fit, term, half)
+    if naming.verdict == "partial":
+        wider = _wider(naming, named, term)
+        return {key: _scaled(e, wider) for key, e in found.items()}
     same = [n for n in naming.ranked if n.label == named.label and n.key != named.key]
     for other in same[:1]:
         weight = 1.0 / (1.0 + math.exp(min(0.5 * (other.score - named.score), 700.0)))
@@ -38,6 +45,28 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     x, sd = float(named.fit.x[sizes[0]]), math.sqrt(float(named.fit.covariance[sizes[0], sizes[0]]))
     limit = found_from(naming.terms, term)
     return {key: conditioned(e, x > 0.0, abs(x) / sd, limit, half) for key, e in found.items()}
+
+
+def _wider(naming: Naming, named: Named, term: Term) -> float:
+    """By how much an interval beside an error of the model is wider than its covariance says.
+
+    As the estimate moves when one site, or on a bench one harmonic, is left out.
+    """
+    fit = named.fit
+    sites = [name.rpartition(".")[0] for name in naming.problem.signals]
+    group = fit.order if naming.problem.site else np.array([sites.index(sites[s]) for s in fit.signal])
+    if len(np.unique(group)) < _FEWEST:
+        return 1.0
+    mine = [i for i, u in enumerate(fit.unknowns) if u in term.unknowns]
+    sd = np.sqrt(np.diag(fit.covariance))[mine]
+    return float(max(1.0, *(jackknife(fit, group)[mine] / sd)))
+
+
+def _scaled(told: Estimate, factor: float) -> Estimate:
+    low, high = told.ci95
+    return Estimate(
+        told.value, told.unit, (told.value - factor * (told.value - low), told.value + factor * (high - told.value))
+    )
 
 
 def _averaged(first: Estimate, second: Estimate, weight: float, quantile: float) -> Estimate:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
@@ -21,6 +20,7 @@ from solver.units import INFLOW
 from . import thresholds
 from .animal import odd_ones, walls_of
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
+from .intervals import stated
 from .isolability import isolability, smallest
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
 from .places import of_sensor, plain
@@ -239,11 +239,11 @@ def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
 
 def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
     """The best hypotheses, each with what it leaves of the held-out beats."""
-    shown, half = naming.ranked[:_SHOWN], quantile(naming.problem.dof_of_noise)
+    shown = naming.ranked[:_SHOWN]
     kept = naming.problem.held_out(study.held_out, study.fitted)
     found = []
     for n, (chi2, size) in zip(shown, kept.predict([n.fit for n in shown]), strict=True):
-        parameters = {name: e for t in n.fit.terms for name, e in estimates(study.network, n.fit, t, half).items()}
+        parameters = {name: e for t in n.fit.terms for name, e in stated(study.network, naming, n, t).items()}
         names = " + ".join(t.effect for t in n.fit.terms)
         where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
         dof = max(1, len(n.fit.z) - len(n.fit.x))

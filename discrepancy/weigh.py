@@ -186,8 +186,8 @@ def stated(probability: float, kind: str) -> float:
     J. Platt, Advances in Large Margin Classifiers (1999) 61.
     """
     p = min(max(probability, 1e-12), 1.0 - 1e-12)
-    shift, slope = at.RELIABILITY[kind]
-    odds = shift + slope * min(math.log(p / (1.0 - p)), at.CERTAIN)
+    most, shift, slope = at.RELIABILITY[kind]
+    odds = shift + slope * min(math.log(p / (1.0 - p)), most)
     return 1.0 / (1.0 + math.exp(-odds))
 
 

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from fitting.fmu_run import RunFailed
-from fitting.inference.added import estimates, extended
+from fitting.inference.added import extended
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Meter, OutOfTime, Runs
-from fitting.inference.unknown import parameter_values, quantile
+from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.records.record import Record, read_record
@@ -35,6 +35,7 @@ from solver.network import Network, to_dict
 from solver.units import INFLOW
 
 from .asked import TIME_LIMIT, Asked
+from .intervals import stated
 from .journal import Journal
 from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round, verdict_json
@@ -253,12 +254,12 @@ class _Work:
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
-        half, best = quantile(naming.problem.dof_of_noise), naming.best
+        best = naming.best
         first, *second = (
             NamedEffect(
                 t.effect,
                 t.where,
-                estimates(self.network, best.fit, t, half),
+                stated(self.network, naming, best, t),
                 naming.confidence,
                 entry(t.effect).equation,
             )
