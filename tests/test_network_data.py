@@ -11,6 +11,7 @@ from fitting.inference.identify import determined
 from fitting.inference.unknown import parameter_values
 from fitting.records import noise as network_data
 from fitting.records.beats import Beats
+from fitting.records.inflow import inflow as interpolated
 from solver import Settings, linear, load, simulate_periodic
 
 K = 12
@@ -23,10 +24,10 @@ def coefficients(waves: np.ndarray) -> np.ndarray:
 def test_inflow_is_interpolated_exactly() -> None:
     """Five harmonics from 50 samples, and a Nyquist harmonic from 8, at any time and in any beat: to round-off."""
     t = np.random.default_rng(0).uniform(0.0, 3.0, 50)
-    np.testing.assert_allclose(network_data.inflow(record(clean()), 1e-3)(t), inflow(t), rtol=1e-12)
+    np.testing.assert_allclose(interpolated(record(clean()), 1e-3)(t), inflow(t), rtol=1e-12)
     Q = np.cos(np.pi * np.arange(8))
     few = Beats("few.csv", "", T, {"inlet.Q": np.tile(Q, (2, 1))}, np.zeros(2))
-    np.testing.assert_allclose(network_data.inflow(few, 1e-3)(t), np.cos(8 * np.pi * t / T), atol=1e-12)
+    np.testing.assert_allclose(interpolated(few, 1e-3)(t), np.cos(8 * np.pi * t / T), atol=1e-12)
 
 
 def test_response_is_that_of_the_linear_network() -> None:

@@ -132,23 +132,32 @@ def interval(
 ) -> Estimate:  # fmt: skip
     """A variable that moves, by the delta method: of its logarithm where unknowns only scale it.
 
-    nominal : its value at x = 0. covariance : (p, p) of x. Within the allowed range, which a logarithm known to a
-    factor e^±10 or worse leaves as it is.
+    nominal : its value at x = 0. covariance : (p, p) of x. What is shifted as a ratio follows that number's scale, as
+    in :func:`values`. Within the allowed range, which a logarithm known to a factor e^±10 or worse leaves as it is.
     """
-    steps = np.array([dict(u.moves).get(variable, 0.0) for u in unknowns])
-    scales = np.array([u.kind == SCALE for u in unknowns], bool)
-    scaled = nominal * math.exp(steps[scales] @ x[scales])
-    value = scaled + float(steps[~scales] @ x[~scales])
+    steps, scales = _steps(unknowns, variable), np.array([u.kind == SCALE for u in unknowns], bool)
+    factors = np.where(scales, steps, 0.0)
+    scaled = nominal * math.exp(factors @ x)
+    value, slope = scaled, scaled * factors
+    for i in (int(i) for i in np.flatnonzero(steps * ~scales)):
+        ratio = _steps(unknowns, reference(unknowns[i], variable)) * scales
+        unit = steps[i] * math.exp(ratio @ x)
+        value, slope = value + unit * x[i], slope + unit * x[i] * ratio
+        slope[i] += unit
     if steps[~scales].any() or nominal == 0.0:
-        slope = np.where(scales, steps * scaled, steps)
         half = quantile * math.sqrt(max(float(slope @ covariance @ slope), 0.0))
         ends = (value - half, value, value + half)
     else:
-        half = quantile * math.sqrt(max(float(steps @ covariance @ steps), 0.0))
+        half = quantile * math.sqrt(max(float(factors @ covariance @ factors), 0.0))
         wide = half >= _ANYTHING
         ends = (-math.inf, value, math.inf) if wide else (value * math.exp(-half), value, value * math.exp(half))
     low, value, high = (float(v) for v in np.clip(ends, quantity.low, quantity.high))
     return Estimate(value, quantity.unit, (low, high))
+
+
+def _steps(unknowns: Sequence[Coordinate], variable: str) -> Array:
+    """(p,) by how much each unknown moves a variable."""
+    return np.array([dict(u.moves).get(variable, 0.0) for u in unknowns])
 
 
 def parameter_intervals(

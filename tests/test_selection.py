@@ -1,0 +1,119 @@
+"""Intervals of effects that were searched for: given that they were found, and whatever the walls may be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from forked import NETWORK, clean, record
+from scipy.special import ndtr, ndtri
+from small_network import term
+
+from discrepancy.intervals import stated
+from discrepancy.verdict import Naming
+from discrepancy.weigh import Named, found_from
+from fitting.estimate import Estimate
+from fitting.inference.added import estimates
+from fitting.inference.fit import Fit
+from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.selection import conditioned, reach
+from fitting.inference.unknown import quantile
+
+HALF = 1.959963984540054
+THRESHOLD = 4.7  # d' from which an effect is found
+
+
+# --- given that it was found ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])
+def test_coverage_of_what_was_found(size: float) -> None:
+    """x ~ N(size, 1), told where |x| > 4.7: the interval holds the size in 95 ± 1 % of 5000 (± 0.3 % is chance).
+
+    Below the threshold in 97.5 %: it never ends below the value that is told, which is too large then.
+    x ± 1.96 would hold a size of 2 never, and one of 5 in 96 %.
+    """
+    u = np.random.default_rng(int(size)).uniform(size=5000)
+    x = size - ndtri(u * ndtr(size - THRESHOLD))  # above the threshold; below -4.7 it is with 1e-11
+    assert x.min() > THRESHOLD
+    ends = np.array([reach(d, THRESHOLD, HALF) for d in x])
+    held = np.mean((x - ends[:, 0] <= size) & (size <= x + ends[:, 1]))
+    assert held == pytest.approx(0.95 if size > THRESHOLD else 0.975, abs=0.01)
+
+
+def test_far_above_the_threshold_selection_does_nothing() -> None:
+    """± 1.96 from four standard deviations above it, and to 2 % at three and a half."""
+    for d in (8.75, 20.0, 1000.0):
+        assert reach(d, THRESHOLD, HALF) == (HALF, HALF)
+    assert reach(THRESHOLD + 3.5, THRESHOLD, HALF) == pytest.approx((HALF, HALF), rel=0.02)
+
+
+def test_near_the_threshold_it_is_smaller_than_it_looks() -> None:
+    """At 4.8 the interval reaches nearly to zero, and hardly up."""
+    toward, away = reach(4.8, THRESHOLD, HALF)
+    assert toward > 4.0 and 0.0 <= away < HALF
+
+
+@pytest.mark.parametrize("toward_low", [True, False])
+def test_toward_where_the_effect_is_absent(toward_low: bool) -> None:
+    """1.2 and 0.8 of a factor: the long end is that of 1."""
+    value = 1.2 if toward_low else 0.8
+    found = conditioned(Estimate(value, "1", (value - 0.1, value + 0.1)), toward_low, 5.0, THRESHOLD, HALF)
+    toward, away = (0.1 * r / HALF for r in reach(5.0, THRESHOLD, HALF))
+    expected = (value - toward, value + away) if toward_low else (value - away, value + toward)
+    assert found.value == value and found.ci95 == pytest.approx(expected)
+
+
+# --- whatever the walls may be ----------------------------------------------------------------------------------------
+
+
+def naming(d: float, shift: float = 0.0, odds: float = math.inf) -> tuple[Naming, Named]:
+    """B stiffer by one typical size, known to 1/d of it; with walls that differ it is larger by ``shift`` spreads of
+    its, which are the same. odds : of common walls against walls that differ."""
+    problem, stiff = network_problem(record(clean()), NETWORK), term("wall_stiffness", "B")
+
+    def named(problem: NetworkProblem, x: float, score: float) -> Named:
+        unknowns = problem.hypothesis((stiff,))
+        J, at = d * np.eye(len(unknowns)), [u in stiff.unknowns for u in unknowns]
+        none = np.zeros(len(unknowns))
+        return Named(Fit((stiff,), unknowns, np.where(at, x, 0.0), none, J, none, none), score, 1.0)
+
+    common = named(problem, 1.0, 0.0)
+    own = named(problem.individual(), 1.0 + shift / d, 2.0 * math.log(odds) if odds < math.inf else 1e4)
+    found = Naming("effect", problem, common, (common, own), (common,), {}, (stiff,), 0.9)
+    return found, common
+
+
+def test_an_interval_far_from_the_threshold_is_the_fit_s() -> None:
+    """Common walls that are certain, d' = 50: that of the fit, to round-off."""
+    found, common = naming(50.0)
+    (stiff,) = found.terms
+    assert found_from(found.terms, stiff) < 46.0
+    plain = estimates(NETWORK, common.fit, stiff, quantile(found.problem.dof_of_noise))
+    (told,) = stated(NETWORK, found, common, stiff).values()
+    assert told.ci95 == pytest.approx(plain["B.E_scale"].ci95, rel=1e-12)
+
+
+def test_an_interval_holds_both_kinds_of_walls() -> None:
+    """Even odds, two spreads apart: squares of the ends are the mean of both and of how far they are apart."""
+    found, common = naming(50.0, 2.0, 1.0)
+    (stiff,), half = found.terms, quantile(found.problem.dof_of_noise)
+    own = found.ranked[1]
+    one, other = (estimates(NETWORK, n.fit, stiff, half)["B.E_scale"] for n in (common, own))
+    (told,) = stated(NETWORK, found, common, stiff).values()
+    apart = half * (other.value - one.value)
+    for end, a, b in zip(told.ci95, one.ci95, other.ci95, strict=True):
+        squares = 0.5 * (a - one.value) ** 2 + 0.5 * ((b - other.value) ** 2 + apart**2)
+        assert abs(end - one.value) == pytest.approx(math.sqrt(squares), rel=1e-9)
+    assert told.value == one.value and told.ci95[0] < one.ci95[0] and told.ci95[1] > other.value
+
+
+def test_an_interval_near_the_threshold_reaches_toward_none() -> None:
+    """Just found: below the fit's interval, toward a factor of 1."""
+    limit = found_from(naming(50.0)[0].terms, term("wall_stiffness", "B"))
+    found, common = naming(limit + 0.3)
+    (stiff,) = found.terms
+    plain = estimates(NETWORK, common.fit, stiff, quantile(found.problem.dof_of_noise))["B.E_scale"]
+    (told,) = stated(NETWORK, found, common, stiff).values()
+    assert told.ci95[0] < plain.ci95[0] and told.ci95[1] < plain.ci95[1]
