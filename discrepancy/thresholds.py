@@ -26,6 +26,7 @@ ELSE = 8.0  # price of an error of the model: something that is not in the catal
 PART = 2.0  # price of each part of such an error that is not zero
 PART_CLOSED = 0.5  # of the gap that an effect must close to be named where more than noise remains
 LOOSE = 4  # hypotheses that are tried with an error of the model
+INCOMPLETE = 0.5  # confidence of a search that was ended before all was compared, at most
 CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
 MISFIT = 2.3  # standard normal deviations of the misfit statistic from which a hypothesis does not explain the record
 MISFIT_SEVERAL = 1.3  # the same for several effects together: two terms can imitate much that is neither

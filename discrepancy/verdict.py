@@ -152,6 +152,7 @@ class _Maker:
         self, verdict: str, problem: Forward, base: Named, order: Sequence[Named], members: Sequence[Named],
         confidence: float, reason: str | None = None,
     ) -> Naming:  # fmt: skip
+        confidence = confidence if self.complete else min(confidence, at.INCOMPLETE)
         return Naming(
             verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence, reason,
             self.complete,
