@@ -55,8 +55,10 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Naming:
     """The verdict on what was compared."""
     problem = found.problem
-    loose = {n.key: with_errors(problem, n, terms) for n in (*found.nones, *found.ranked[: at.LOOSE])}
-    exact = [n for n in (*found.nones, *found.ranked) if n.stands]
+    seen = [n for n in (*found.nones, *found.ranked) if n.visible]
+    wider = {n.key: with_errors(problem, n, terms) for n in seen[: len(found.nones) + at.LOOSE]}
+    loose = {key: n for key, n in wider.items() if n is not None}
+    exact = [n for n in seen if n.explains]
     ways = ranked([*exact, *loose.values()])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)

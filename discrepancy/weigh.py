@@ -61,9 +61,9 @@ class Named:
         return self.misfit < (at.MISFIT_SEVERAL if len(self.fit.terms) > 1 else at.MISFIT)
 
     @property
-    def stands(self) -> bool:
-        """Whether it may be said as it is: its residual is noise, and each of two effects shows beside the other."""
-        return self.explains and (len(self.fit.terms) < 2 or self.visibility >= at.VISIBLE)
+    def visible(self) -> bool:
+        """Whether each of two effects shows beside the other."""
+        return len(self.fit.terms) < 2 or self.visibility >= at.VISIBLE
 
     @property
     def visibility(self) -> float:
@@ -153,12 +153,14 @@ def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     return Named(fit, evidence.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
 
 
-def with_errors(problem: Forward, exact: Named, terms: Sequence[Term]) -> Named:
-    """The same hypothesis with the errors of the model that make the record most probable.
+def with_errors(problem: Forward, exact: Named, terms: Sequence[Term]) -> Named | None:
+    """The same hypothesis with the errors of the model that make the record most probable; None where there are none.
 
     exact : whitened as ``problem`` is.
     """
     blocks = problem.blocks(exact.fit)
+    if not blocks:
+        return None
     parts = estimated(exact.fit, blocks, len(problem.parts))
     fit = widened(exact.fit, blocks, parts)
     cost = at.ELSE + at.PART * float(np.count_nonzero(parts))

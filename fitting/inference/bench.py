@@ -108,7 +108,8 @@ class Bench(Forward):
     def blocks(self, fit: Fit) -> list[Block]:
         """Of the wall law, as an error of its pressure."""
         state = _settled(self, fit.member)
-        assert state is not None
+        if state is None:
+            return []
         size = np.concatenate([self._law_error[:1], np.repeat(self._law_error[1 : self.K + 1], 2)])
         n = len(size)
         L = state.linear.L[:n, :n]
@@ -207,7 +208,7 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     """
     found: list[Fit] = []
     for member in _begin(problem, tuple(terms), start):
-        with suppress(NoFit):
+        with suppress(NoFit, np.linalg.LinAlgError):
             found.append(_searched(problem, member))
     if not found:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
@@ -273,7 +274,10 @@ def _promise(problem: Bench, member: Member) -> float:
     if state is None:
         return np.inf
     prior = precisions(member.unknowns)
-    step = _largest(bounded_step(state.J, state.z, prior, member.x, *bounds(member.unknowns)))
+    try:
+        step = _largest(bounded_step(state.J, state.z, prior, member.x, *bounds(member.unknowns)))
+    except np.linalg.LinAlgError:  # a law that all but overflows
+        return np.inf
     left = state.z + state.J @ step
     return float(left @ left) + penalty(prior, member.x + step) + state.log_volume
 

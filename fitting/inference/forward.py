@@ -114,7 +114,7 @@ class Forward(Protocol):
         """What a model may be wrong in, each by a part of its pulse (:mod:`fitting.inference.misfit`)."""
 
     def blocks(self, fit: Fit) -> list[Block]:
-        """Errors of the model in the whitened residual of a fit."""
+        """Errors of the model in the whitened residual of a fit; none where it has none."""
 
     def widened(self, parts: Array) -> Forward:
         """The same record with errors of these ``parts`` in its covariance."""
