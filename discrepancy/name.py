@@ -118,7 +118,7 @@ def _lower(problem: Forward, none: Fit, fits: Sequence[Fit], runs: Runs) -> Fit:
     best = min(fits, key=lambda f: f.cost, default=none)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]
-    if not sizes or max(sizes) > at.NO_SIZE or best.cost > none.cost - at.BIC_NONE:
+    if not sizes or max(sizes) > at.NO_SIZE or best.cost > none.cost - at.FIRST:
         return none
     (again,) = problem.refit([()], best, runs)
     return again if again is not None and again.cost < none.cost else none

@@ -19,7 +19,7 @@ LOUDEST = 8  # entries of the z map that the verdict lists
 # largest log-odds that count, and shift and slope of those that are stated: by logistic regression on what came true
 RELIABILITY = {"bench": (3.5, 0.0, 1.0), "network": (4.5, 0.0, 1.0), "partial": (3.5, 0.0, 0.2)}
 FAR_OFF = 20.0  # misfit of the model as given from which on nothing depends on its last digits
-BIC_NONE = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
+FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
 OWN_WALLS = 6.0  # price of walls that differ, in a record that walls with all in common may explain as well
 ELSE = 8.0  # price of an error of the model: something that is not in the catalogue

@@ -111,7 +111,7 @@ def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
     """The best place of every effect that promises a part of what the best promises, then the best of all."""
     if len(ranked) <= size:
         return [score.term for score in ranked]
-    least = max(at.BIC_NONE, at.PROMISING * ranked[0].gain)
+    least = max(at.FIRST, at.PROMISING * ranked[0].gain)
     chosen: dict[str, Term] = {}
     effects: set[str] = set()
     for score in ranked:
@@ -133,14 +133,14 @@ def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
     value = at.OWN_WALLS if any(u.group for u in fit.unknowns) else groups * evidence.beforehand(0.0)
     for i, term in enumerate(fit.terms):
         places = sum(t.effect == term.effect for t in terms)
-        value += 2.0 * math.log(max(len(effects), 1) * max(places, 1)) + (at.BIC_NONE if i == 0 else at.SECOND)
+        value += 2.0 * math.log(max(len(effects), 1) * max(places, 1)) + (at.FIRST if i == 0 else at.SECOND)
     return value
 
 
 def found_from(terms: Sequence[Term], term: Term) -> float:
     """d' from which an effect of one number is found: where its evidence is worth the price."""
     effects, places = {t.effect for t in terms}, sum(t.effect == term.effect for t in terms)
-    cost = at.BIC_NONE + 2.0 * math.log(max(len(effects), 1) * max(places, 1))
+    cost = at.FIRST + 2.0 * math.log(max(len(effects), 1) * max(places, 1))
     d = 4.0
     for _ in range(20):  # d² = cost + the price of a size that is d standard deviations large
         d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * evidence.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))

@@ -9,6 +9,7 @@ can show.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -204,7 +205,17 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     start : of a simpler hypothesis, whose unknowns are taken over.
     Raises NoFit if no wall of this kind carries the loop.
     """
-    member = _begin(problem, tuple(terms), start)
+    found: list[Fit] = []
+    for member in _begin(problem, tuple(terms), start):
+        with suppress(NoFit):
+            found.append(_searched(problem, member))
+    if not found:
+        raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
+    return min(found, key=lambda f: f.cost)
+
+
+def _searched(problem: Bench, member: Member) -> Fit:
+    """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
     unknowns, prior, damping = member.unknowns, precisions(member.unknowns), 0.0
     low, high = bounds(unknowns)
     x, r = member.x, problem.loop.R
@@ -241,14 +252,19 @@ def _largest(step: Array) -> Array:
     return step * min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
 
 
-def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> Member:
-    """Where the search begins: at the simpler fit, the new terms at the best of their starting points."""
-    member = taken_over(terms, problem.hypothesis(terms), start)
+def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
+    """Where searches begin: at the simpler fit, the new terms at the best of their starting points.
+
+    Where a term has several valleys, also at an ordinary wall: a slow sensor and a viscous wall are alike from afar,
+    and the simpler fit may have taken the one for the other.
+    """
+    unknowns = problem.hypothesis(terms)
     known = () if start is None else [u.name for u in start.unknowns]
-    for term in terms:
-        if term.starts and term.unknowns[0].name not in known:
-            member = min(begun(member, term), key=lambda trial: _promise(problem, trial))
-    return member
+    new = [term for term in terms if term.starts and term.unknowns[0].name not in known]
+    members = [taken_over(terms, unknowns, s) for s in ((start, None) if new and start is not None else (start,))]
+    for term in new:
+        members = [min(begun(m, term), key=lambda trial: _promise(problem, trial)) for m in members]
+    return members
 
 
 def _promise(problem: Bench, member: Member) -> float:
