@@ -182,7 +182,7 @@ def test_nothing_hidden(base: str, seed: int) -> None:
 def test_nonlinear_elasticity_is_named() -> None:
     """E_NL = 2 E in a viscoelastic wall at 40 dB: one name, and the 95 % interval holds the truth.
 
-    Its probability is 0.96; 0.82 is stated, as often as such names came true on tuning records.
+    Its probability, 0.96, is stated; of a bench at most 0.97 is.
     """
     made = make(Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),)), 5)
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
@@ -192,8 +192,7 @@ def test_nonlinear_elasticity_is_named() -> None:
     assert told.ci95[0] <= made.truth["effects"][0]["parameters"][f"{SITE}.ENL"] <= told.ci95[1]
     assert naming.verdict == "effect"
     assert naming.best.label == f"nonlinear_elasticity at {SITE}"
-    assert naming.best.probability > 0.9
-    assert naming.confidence == pytest.approx(0.82, abs=0.03)
+    assert 0.9 < naming.confidence < 0.972
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,23 @@ from scipy.stats import kstest, norm
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances
 from discrepancy.isolability import isolability, smallest
+from discrepancy.weigh import stated
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.search import bounded_step
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, precision
+
+# --- what a confidence is stated as -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "most"), [("bench", 0.97), ("network", 0.99), ("partial", 0.67)])
+def test_no_confidence_beyond_what_came_true(kind: str, most: float) -> None:
+    """It rises with the probability, is even where that is, and ends at 0.97 of a bench, 0.99 of a network, and 0.67
+    where more remains."""
+    told = [stated(p, kind) for p in (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 1.0)]
+    assert told == sorted(told) and told[0] < told[1] and told[2] == pytest.approx(0.5)
+    assert told[-1] == pytest.approx(most, abs=5e-3)
+
 
 # --- misfit ----------------------------------------------------------------------------------------------------------
 
