@@ -22,7 +22,8 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     The deviation of a number is what its own unknowns move it by, beside what moves all together. quantile : half a
     95 % interval in standard deviations.
     """
-    own = np.array([bool(u.group) for u in fit.unknowns], bool)
+    named = {u for term in fit.terms for u in term.unknowns}  # what an effect has of its own is no deviation
+    own = np.array([bool(u.group) and u not in named for u in fit.unknowns], bool)
     if not own.any():
         return Walls()
     whole = rewired(network, fit.terms)
@@ -37,7 +38,8 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
 
 def _deviating(fit: Fit, there: dict[str, float], known: dict[str, Quantity]) -> Iterator[str]:
     """The numbers that may deviate by themselves, in the network's order."""
-    moved = {variable for u in fit.unknowns if u.group for variable in u.variables}
+    named = {u for term in fit.terms for u in term.unknowns}
+    moved = {variable for u in fit.unknowns if u.group and u not in named for variable in u.variables}
     return (name for name in there if name in moved and known[name].individual > 0.0)
 
 

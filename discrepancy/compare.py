@@ -10,6 +10,7 @@ import numpy as np
 from fitting.inference.added import extended
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.misfit import settled
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, followers, joins
 
@@ -47,8 +48,12 @@ class Compared:
     def of(
         cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
     ) -> Compared:
-        """Of fits, weighed."""
-        named = [weighed(problem, f, terms) for f in fits]
+        """Of fits, weighed; of one hypothesis the more probable fit."""
+        known: dict[tuple[str, bool], Named] = {}
+        for n in (weighed(problem, f, terms) for f in fits):
+            if n.key not in known or n.score < known[n.key].score:
+                known[n.key] = n
+        named = list(known.values())
         nones, rest = tuple(n for n in named if not n.fit.terms), [n for n in named if n.fit.terms]
         return cls(problem, nones, ranked(rest), columns, terms)
 
@@ -58,18 +63,16 @@ class Compared:
         return [n.fit for n in (*self.nones, *self.ranked)]
 
     def joined_by(self, fits: Sequence[Fit]) -> Compared:
-        """With further hypotheses; of one that was there the more probable fit."""
-        known = {n.key: n for n in (*self.nones, *self.ranked)}
-        for n in (weighed(self.problem, f, self.terms) for f in fits):
-            if n.key not in known or n.score < known[n.key].score:
-                known[n.key] = n
-        return Compared.of(self.problem, [n.fit for n in known.values()], self.columns, self.terms)
+        """With further hypotheses."""
+        return Compared.of(self.problem, [*self.fits, *fits], self.columns, self.terms)
 
     def restated(self, problem: Forward) -> Compared:
         """Under the weights of another problem of the same record."""
         if problem is self.problem:
             return self
         fits = problem.restated(self.fits, self.problem)
+        if problem.site is None:  # where other weights have it
+            fits = [settled(f) for f in fits]
         return Compared.of(problem, fits, problem.rewhitened(self.columns, self.problem), self.terms)
 
     def polished(self, runs: Runs) -> Compared:
@@ -93,7 +96,7 @@ class Compared:
 
 def key_of(fit: Fit) -> tuple[tuple[str, ...], bool]:
     """What tells hypotheses apart: their effects, and whether walls differ."""
-    return _labels(fit), any(u.group for u in fit.unknowns)
+    return tuple(sorted(_labels(fit))), any(u.group for u in fit.unknowns)
 
 
 def _labels(fit: Fit) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     if naming.verdict == "partial":
         wider = _wider(naming, named, term)
         return {key: _scaled(e, wider) for key, e in found.items()}
-    same = [n for n in naming.ranked if n.label == named.label and n.key != named.key]
+    same = [n for n in naming.ranked if n.key[0] == named.key[0] and n.key != named.key]
     for other in same[:1]:
         weight = 1.0 / (1.0 + math.exp(min(0.5 * (other.score - named.score), 700.0)))
         if weight > _SMALL:

@@ -12,7 +12,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 from fitting.inference.fit import Fit
@@ -56,9 +55,12 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
             yield found
         yield from further(found, runs)
     elif walls == INDIVIDUAL:
-        for found in with_own_walls(own, terms, runs):
-            yield found
-        yield from further(found, runs)
+        last = None
+        for last in with_own_walls(own, terms, runs):
+            yield last
+        if last is None:
+            raise ArithmeticError("the model with walls that differ cannot be simulated with this record")
+        yield from further(last, runs)
     else:
         yield from _with_either(problem, terms, runs)
 
@@ -74,7 +76,7 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     if not common.best.fit.terms and common.none.explains:
         return
     found, own = common, None
-    rival = common.best.score if common.best.explains else math.inf
+    rival = common if common.best.explains else None
     for own in with_own_walls(problem.individual(), terms, runs, rival):
         yield (found := common.joined(own))
     if not found.best.fit.terms and found.best.explains:

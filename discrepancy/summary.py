@@ -200,6 +200,10 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
                 f"The model lacks two effects, most likely {labels}: with both {gap}, but {others} other "
                 f"pair{'s' if others > 1 else ''} cannot be ruled out."
             )
+        case "ambiguous" if not others:
+            return (
+                f"Two sensors of one site seem to be at fault, which together can imitate much else: {labels}: {gap}."
+            )
         case "ambiguous":
             return (
                 f"The model lacks something like {labels}: with it {gap}, but {others} other "

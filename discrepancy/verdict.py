@@ -70,7 +70,7 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
         if best.parts is None or none.explains:
             return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))
         return make("unknown", problem, none, found.ranked, (), 1.0 - _named(ways), _left(none.fit, problem))
-    confidence = sum(n.probability for n in ways if n.label == best.label)
+    confidence = sum(n.probability for n in ways if n.key[0] == best.key[0])
     if best.parts is None:
         same = tuple(n for n in ways if n.parts is None and n.fit.terms)
         rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
@@ -84,7 +84,7 @@ def _class(order: Sequence[Named]) -> tuple[Named, ...]:
     found: dict[str, Named] = {}
     for n in order:
         if n.score - order[0].score < 2.0 * math.log(at.CLASS_ODDS):
-            found.setdefault(n.label, n)
+            found.setdefault(n.key[0], n)
     return tuple(found.values())
 
 
@@ -119,8 +119,8 @@ def _partial(
     chance = {n.key: n.probability for n in ways if n.parts is not None}
     order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
     same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)
-    labels = {n.label for n in _class(same)}
-    members = tuple({n.label: n for n in reversed(order) if n.label in labels}.values())[::-1]
+    labels = {n.key[0] for n in _class(same)}
+    members = tuple({n.key[0]: n for n in reversed(order) if n.key[0] in labels}.values())[::-1]
     columns = wide.rewhitened(found.columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
     make = replace(make, found=replace(found, columns=columns))
     return make("partial", wide, none, order, members, stated(confidence, "partial"), left)

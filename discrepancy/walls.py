@@ -15,6 +15,7 @@ import numpy as np
 from fitting.inference.evidence import Linear
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.misfit import settled
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, of_animal
 
@@ -25,10 +26,12 @@ from .weigh import weighed
 Array = np.ndarray
 
 
-def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs, rival: float = np.inf) -> Iterator[Compared]:
+def with_own_walls(
+    problem: Forward, terms: tuple[Term, ...], runs: Runs, rival: Compared | None = None
+) -> Iterator[Compared]:
     """What is known after every stage. problem : with deviations.
 
-    rival : score of what explains the record with walls that have all in common: where an animal without effect is less
+    rival : what explains the record with walls that have all in common: where an animal without effect is less
     probable, no effect of walls that differ is looked for.
     """
     terms = tuple(t for t in terms if not of_animal(problem.network, t))
@@ -36,11 +39,12 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs, rival:
     (base,) = afar.refit([()], runs=runs)
     if base is None:
         return
-    if rival < np.inf:
+    yield Compared.of(problem, [settled(f) for f in problem.restated([base], afar)], {}, terms)
+    if rival is not None:
         near = _seen(problem, at.CLOSER[-1])
         found = _exact(problem, near, near.restated([base], afar), {}, terms, runs)
         yield found
-        if found.none.score > rival:
+        if found.none.score > rival.restated(found.problem).best.score:
             return
     columns: Mapping[str, Array] = afar.columns(base, terms, runs)
     near, chosen, none, within = afar, dict[str, Term](), 0.0, at.NEAR
@@ -66,7 +70,8 @@ def with_own_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs, rival:
         (base,) = near.restated([found.none.fit], found.problem)
         lowest = min(f.cost for f in near.restated(found.fits, found.problem))
         fits = [base, *(f for f in near.refit(rewiring, base, runs, known=lowest) if f is not None)]
-        yield (found := found.joined(_exact(found.problem, near, fits, found.columns, terms, runs)))
+        columns = near.rewhitened(found.columns, found.problem)
+        yield (found := found.joined(_exact(found.problem, near, fits, columns, terms, runs)))
 
 
 def _seen(problem: Forward, part: float) -> Forward:
@@ -103,5 +108,5 @@ def _exact(
     sharp = problem.sharpened(exact[reach[0]], runs)
     exact = sharp.restated(exact, problem)
     refined = dict(zip(reach, sharp.refine([exact[i] for i in reach], runs), strict=True))
-    found = [refined.get(i) or f for i, f in enumerate(exact)]
+    found = [refined.get(i) or settled(f) for i, f in enumerate(exact)]
     return Compared.of(sharp, found, sharp.rewhitened(columns, near), terms)

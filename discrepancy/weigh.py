@@ -48,7 +48,7 @@ class Named:
     @property
     def key(self) -> tuple[str, bool]:
         """What tells hypotheses apart: their effects, and whether walls differ."""
-        return self.label, self.individual
+        return " + ".join(sorted(term.label for term in self.fit.terms)), self.individual
 
     @property
     def individual(self) -> bool:

@@ -80,7 +80,12 @@ class Bench(Forward):
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
         """The most probable unknowns of every hypothesis; ``start`` : of another one."""
-        return [self._fitted(terms, start) for terms in hypotheses]
+        found = []
+        for terms in hypotheses:
+            if runs is not None:
+                runs.check()
+            found.append(self._fitted(terms, start))
+        return found
 
     def _fitted(self, terms: tuple[Term, ...], start: Fit | None) -> Fit | None:
         """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""

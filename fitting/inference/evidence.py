@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .fit import Fit
-from .unknown import Unknown, penalty, precision
+from .unknown import Unknown, bounds, penalty, precision
 
 Array = np.ndarray
 
@@ -47,19 +47,23 @@ class Linear:
     """
 
     def __init__(self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
+        prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
+        moves = ~_held(z, J, x, prior, unknowns)
+        self.held = float(sum(_price(u) for u, m in zip(unknowns, moves, strict=True) if u.of_size and not m))
+        J, x, prior = J[:, moves], x[moves], prior[moves]
+        unknowns = [u for u, m in zip(unknowns, moves, strict=True) if m]
         y = z - J @ x
         self.gram, self.right = J.T @ J, J.T @ y
         self.free = np.array([u.of_size for u in unknowns], bool)
         self.groups = [u.group for u in unknowns]
         self.signs = np.array([2.0 if u.low < 0.0 else 1.0 for u in unknowns])
         grouped = np.array([bool(g) for g in self.groups], bool)
-        prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
         local = precision(prior, x)
         plain = ~self.free & ~grouped
         self.sd = np.where(self.free, 1.0, np.sqrt(1.0 / local))
         # the tails of the priors of what all have in common, to second order about x
         self.rest = float(y @ y) + log_volume + penalty(prior[plain], x[plain]) - float(local[plain] @ x[plain] ** 2)
-        self.rest += float(np.log(local[plain]).sum() - np.log(prior[plain]).sum())
+        self.rest += float(np.log(local[plain]).sum() - np.log(prior[plain]).sum()) + self.held
 
     @classmethod
     def of(cls, fit: Fit) -> Linear:
@@ -95,6 +99,18 @@ class Linear:
                 break
             best = value
         return Widths(found, self.at(found) + sum(map(beforehand, found.values())))
+
+
+def _held(z: Array, J: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
+    """(p,) which unknowns stand at an end of their range that the data would have them leave."""
+    downhill = -(J.T @ z + precision(prior, x) * x)
+    low, high = bounds(unknowns)
+    return np.asarray(((x <= low) & (downhill < 0.0)) | ((x >= high) & (downhill > 0.0)))
+
+
+def _price(unknown: Unknown) -> float:
+    """-2 ln of what is left of the prior of a size that is as large as its own standard deviation."""
+    return 2.0 * math.log((2.0 if unknown.low < 0.0 else 1.0) * LOG_RANGE / math.sqrt(2.0 * math.pi))
 
 
 def beforehand(width: float) -> float:
