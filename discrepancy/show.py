@@ -15,7 +15,6 @@ import numpy as np
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
-from fitting.records.noise import mean_beat
 from fitting.records.spectral import shift
 from solver import Settings, simulate, simulate_periodic
 from solver.network import Network
@@ -77,7 +76,7 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
         noise = S * (study.fitted.n_beats / part.n_beats)
         if part is not study.fitted:
             noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, names))
-        parts.append(np.abs(X - mean_beat(part, names, K)) ** 2 / np.maximum(noise, 1e-300))
+        parts.append(np.abs(X - problem.repeated(part, study.fitted, K)) ** 2 / np.maximum(noise, 1e-300))
     weight = np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
     each = [np.sqrt((weight * p).sum(axis=0) / weight.sum()) for p in parts]
     total = tuple(float(np.sqrt(np.mean(e**2))) for e in each)

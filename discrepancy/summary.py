@@ -12,7 +12,6 @@ from scipy.stats import chi2 as chi2_distribution
 from fitting.inference.fit import Fit
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
-from fitting.records.noise import mean_beat
 from fitting.records.record import Record
 from solver.network import Network
 from solver.units import INFLOW
@@ -165,7 +164,7 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
     """
     beats, network, signals = study.fitted, study.network, study.problem.signals
     K = len(before.X) - 1
-    residual = mean_beat(beats, signals, K) - before.X
+    residual = study.problem.repeated(beats, beats, K) - before.X
     covariance = study.problem.covariance(beats)[: K + 1]
     momentum = momentum_balances(signals, residual, covariance, network)
     balances = (*mass_balances(beats, network), *momentum, *wall_balances(beats, network))

@@ -15,6 +15,7 @@ import numpy as np
 from solver.network import Network
 
 from ..records.beats import Beats
+from ..records.noise import mean_beat
 from .fit import Fit
 from .misfit import Block
 from .simulator import Runs
@@ -148,6 +149,10 @@ class Forward(Protocol):
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
+
+    def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
+        """(K+1, m) coefficients of the mean of some beats, as a beat that repeats has them."""
+        return mean_beat(beats, self.signals, K)
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""

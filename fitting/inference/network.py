@@ -25,6 +25,7 @@ from ..records.noise import (
     check_flow_driven,
     degrees_of_freedom,
     harmonics_above_noise,
+    inflow_noise,
     pulses,
     solver_error,
     target,
@@ -114,13 +115,16 @@ class NetworkProblem(Forward):
         if X is None:
             return Q
         shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
-        S = beats.covariance((INFLOW,))[: self.K + 1, 0, 0].real
+        S = inflow_noise(beats, self.signals, self.response, self.felt)
         full = np.fft.rfft(Q, norm="forward")
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset
         full[: self.K + 1] /= shown
         return np.fft.irfft(full, beats.N, norm="forward")
+
+    def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
+        return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
 
     def driven(self, wave: Array) -> Drive:
         """The inflow; a run begins at rest: best where the flow is least."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def target(
     the mean beat, and what is not known of it enters the covariance.
     """
     K = len(solver_error) - 1
-    moved = _following(beats, names, response) if felt is None else felt.change
+    moved = _change(beats, names, response, felt)
     share = noise_share(beats, names, moved, len(response))
     # what is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
     # inflow as measured: a covariance that can be pooled and shrunk. The noise of the inflow then comes back, times H
@@ -125,6 +126,17 @@ def target(
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
     return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
+
+
+def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
+    """Variance (n,) of the mean inflow's coefficients by the noise of its meter alone; response : (n, m)."""
+    share = noise_share(beats, names, _change(beats, names, response, felt), len(response))
+    return np.asarray(share * beats.covariance((INFLOW,))[: len(response), 0, 0].real)
+
+
+def _change(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> Any:
+    """What the channels would do from beat to beat if they followed the measured inflow."""
+    return _following(beats, names, response) if felt is None else felt.change
 
 
 def periodic_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None) -> Array:
