@@ -65,6 +65,9 @@ def with_own_walls(
         fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
         found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
+        if found.best.fit.terms and not found.none.explains:  # walls may have stuck where an effect freed them
+            again = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
+            yield (found := found.joined_by(again))
     if rewiring := rewirings(found):
         near = _seen(found.problem, at.CLOSER[-1])
         (base,) = near.restated([found.none.fit], found.problem)
