@@ -106,10 +106,20 @@ def _exact(
 ) -> Compared:  # fmt: skip
     """The hypotheses within reach of the best, searched on without an error of the model; the others as they are."""
     order = sorted((weighed(near, f, terms).score, i) for i, f in enumerate(fits))
-    reach = [i for score, i in order if score < order[0][0] + within][: at.REFINED]
     exact = problem.restated(fits, near)
-    sharp = problem.sharpened(exact[reach[0]], runs)
+    sharp = problem.sharpened(exact[order[0][1]], runs)
     exact = sharp.restated(exact, problem)
-    refined = dict(zip(reach, sharp.refine([exact[i] for i in reach], runs), strict=True))
-    found = [refined.get(i) or settled(f) for i, f in enumerate(exact)]
-    return Compared.of(sharp, found, sharp.rewhitened(columns, near), terms)
+    found = {i: settled(f) for i, f in enumerate(exact)}
+    left = set(found)
+    again = [i for score, i in order if score < order[0][0] + within]
+    while again := again[: at.REFINED]:  # until none that was not searched on looks better than those that were
+        left -= set(again)
+        for i, fit in zip(again, sharp.refine([exact[i] for i in again], runs), strict=True):
+            if fit is not None:
+                found[i] = fit
+            elif exact[i].terms:
+                del found[i]
+        score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
+        lowest = min((score[i] for i in found if i not in left), default=np.inf)
+        again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
+    return Compared.of(sharp, list(found.values()), sharp.rewhitened(columns, near), terms)

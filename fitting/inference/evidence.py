@@ -24,7 +24,7 @@ from .unknown import Unknown, bounds, penalty, precision
 Array = np.ndarray
 
 DECADES = 3.0  # over which the sizes of an effect are spread
-WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0)  # that a group may have, in its stated spreads
+WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0)  # that a group may have, in its stated spreads
 DOUBT = 1.0  # standard deviation of the logarithm of a width about the stated spread
 COMMON = 0.5  # probability beforehand that a group has no deviations
 _SWEEPS = 3
