@@ -6,6 +6,7 @@
 """
 
 from .files import bundled, find_network, read_network, write_network
+from .muscl.settings import MusclSettings
 from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import Pressure, Reflection, Resistance, Windkessel
 from .scheme.failure import NonPhysicalState
@@ -23,6 +24,7 @@ __all__ = [
     "Fluid",
     "Inlet",
     "Junction",
+    "MusclSettings",
     "Network",
     "NonPhysicalState",
     "NotPeriodic",

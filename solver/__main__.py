@@ -10,9 +10,11 @@ from rich.table import Table
 
 from .console import bar, right, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
+from .muscl.settings import MusclSettings
 from .network import Network
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
+from .schemes import AnySettings
 from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
 from .units import MMHG
 
@@ -32,6 +34,10 @@ def main(
     start: Annotated[str, typer.Option(help="rest, or periodic: near the beats that repeat.")] = "rest",
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
     element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
+    scheme: Annotated[str, typer.Option(help="staggered, or muscl: the paper's finite volumes.")] = "staggered",
+    cell: Annotated[str, typer.Option(help="Longest cell of muscl.")] = "5 mm",
+    cfl: Annotated[float, typer.Option(help="CFL number of muscl, at most 0.45.")] = 0.45,
+    ends: Annotated[str, typer.Option(help="Viscous pressure at the ends, of muscl: coupled or neumann.")] = "coupled",
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no table.")] = False,
@@ -39,11 +45,12 @@ def main(
     """Simulate a network of arteries and report pressure, flow and radius at its sites."""
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
-        settings = Settings(
-            dt=parse_quantity(dt, "s", "--dt"), element_length=parse_quantity(element_length, "m", "--element-length")
-        )
+        seconds = parse_quantity(dt, "s", "--dt")
+        settings: AnySettings = Settings(seconds, parse_quantity(element_length, "m", "--element-length"))
+        if scheme == "muscl":
+            settings = MusclSettings(seconds, parse_quantity(cell, "m", "--cell"), cfl, ends)
         model = model.with_parameters(_assignments(model, set_ or []))
-        result = _run(model, settings, duration, start, tolerance, max_beats, quiet)
+        result = _run(model, scheme, settings, duration, start, tolerance, max_beats, quiet)
         if out is not None:
             result.to_csv(out)
     if not quiet:
@@ -66,7 +73,8 @@ def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
 
 def _run(
     network: Network,
-    settings: Settings,
+    scheme: str,
+    settings: AnySettings,
     duration: str | None,
     start: str,
     tolerance: float,
@@ -76,9 +84,15 @@ def _run(
     with bar(quiet, network.name) as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
-            return simulate(network, duration=seconds, settings=settings, start=start, progress=progress)
+            return simulate(network, duration=seconds, settings=settings, scheme=scheme, start=start, progress=progress)
         return simulate_periodic(
-            network, settings=settings, tolerance=tolerance, max_beats=max_beats, start=start, progress=progress
+            network,
+            settings=settings,
+            scheme=scheme,
+            tolerance=tolerance,
+            max_beats=max_beats,
+            start=start,
+            progress=progress,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -12,22 +13,23 @@ from .scheme.sdirk import SDIRK3
 from .scheme.step import State
 
 Array = np.ndarray
+S = TypeVar("S")  # the states of a scheme
 
 
 @dataclass(frozen=True)
-class Reporter:
+class Reporter(Generic[S]):
     """Turns states into the outputs, in the order of ``names``: the FMU's variables and the columns of a result."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    report: Callable[[State], Array]
+    report: Callable[[S], Array]
 
-    def __call__(self, state: State) -> Array:
+    def __call__(self, state: S) -> Array:
         """(B, n_outputs) SI values."""
         return self.report(state)
 
 
-def reporter(model: Model) -> Reporter:
+def reporter(model: Model) -> Reporter[State]:
     """Outputs of a network: inlet.P (inlet.Q where that is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Parameters
+from .muscl.step import State as CellState
 from .network import Network
-from .outputs import Reporter, reporter
-from .scheme.mesh import Mesh
-from .scheme.model import Model, Settings, build
+from .outputs import Reporter
+from .scheme.model import Settings
 from .scheme.sdirk import INFLOW_TIMES
-from .scheme.step import State, adopt, initial_state, step
-from .start import periodic_state
+from .scheme.step import State
+from .schemes import AnySettings, Scheme, scheme_of
 from .units import SIGNAL_UNITS
 
 Array = np.ndarray
@@ -45,8 +45,8 @@ class NotPeriodic(ArithmeticError):
 class End:
     """Where a run ended: its last state, and the mesh and step [s] that give it meaning."""
 
-    state: State
-    mesh: Mesh
+    state: State | CellState
+    mesh: Any
     dt: float
 
 
@@ -120,7 +120,8 @@ def simulate(
     duration: float | None = None,
     *,
     parameters: Parameters | None = None,
-    settings: Settings | None = None,
+    settings: AnySettings | None = None,
+    scheme: str = "staggered",
     start: str = "rest",
     progress: Progress | None = None,
 ) -> Waveforms:
@@ -131,14 +132,15 @@ def simulate(
     ends at or just after the duration.
     start : "rest", or "periodic": near the beats that this inflow repeats at the inlet's period (:mod:`~solver.start`).
     A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
+    scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
     _check_network(network)
-    settings = settings or Settings()
+    made, settings = scheme_of(scheme, settings)
     duration = network.inlet.T if duration is None else duration
     if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0):
         raise ValueError(f"duration = {duration!r} s: must be a positive, finite number.")
-    run = _run(network, inflow, parameters, settings, settings.dt)
+    run = _run(network, inflow, parameters, made, settings, settings.dt)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
     table, state = run.table(run.begin(start, network.inlet.T), n, progress, "simulating")
     return run.waveforms(table, duration / network.inlet.T, math.nan, run.end(state))
@@ -150,7 +152,8 @@ def simulate_periodic(
     period: float | None = None,
     *,
     parameters: Parameters | None = None,
-    settings: Settings | None = None,
+    settings: AnySettings | None = None,
+    scheme: str = "staggered",
     tolerance: float = 1e-5,
     max_beats: int = 100,
     start: Waveforms | str | None = None,
@@ -166,7 +169,7 @@ def simulate_periodic(
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
     ``start`` has another mesh, step or batch.
     """
-    run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats)
+    run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, scheme)
     state, before, change = run.begin(start, n * run.dt), None, math.inf
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
@@ -210,11 +213,11 @@ def repeating_beat(
 
 def _periodic_run(
     network: Network, inflow: Inflow | None, period: float | None, parameters: Parameters | None,
-    settings: Settings | None, tolerance: float, max_beats: int,
+    settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered",
 ) -> tuple[_Run, int]:  # fmt: skip
     """The run whose beats are to repeat, and the steps of a beat."""
     _check_network(network)
-    settings = settings or Settings()
+    made, settings = scheme_of(scheme, settings)
     period = network.inlet.T if period is None else period
     if not (isinstance(period, (int, float, np.number)) and math.isfinite(period) and period >= settings.dt):
         raise ValueError(
@@ -225,7 +228,7 @@ def _periodic_run(
     if max_beats < 2:
         raise ValueError(f"max_beats = {max_beats!r} must be at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
-    return _run(network, inflow, parameters, settings, period / n), n
+    return _run(network, inflow, parameters, made, settings, period / n), n
 
 
 def _check_network(network: Any) -> None:
@@ -233,28 +236,32 @@ def _check_network(network: Any) -> None:
         raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
 
 
-def _run(network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float) -> _Run:
-    model = build(network, parameters, settings)
+def _run(
+    network: Network, inflow: Inflow | None, parameters: Parameters | None,
+    scheme: Scheme, settings: AnySettings, dt: float,
+) -> _Run:  # fmt: skip
+    model = scheme.build(network, parameters, settings)
     if inflow is None and network.inlet.causality != "flow":
         raise ValueError(f"network {network.name}: its inlet is driven by a pressure; give it as inflow, P(t) in Pa.")
-    return _Run(model, reporter(model), inflow or network.inlet.Q, dt)
+    return _Run(scheme, model, scheme.reporter(model), inflow or network.inlet.Q, dt)
 
 
 @dataclass(frozen=True)
 class _Run:
     """A model under an inflow, in steps of dt [s]."""
 
-    model: Model
-    report: Reporter
+    scheme: Scheme
+    model: Any
+    report: Reporter[Any]
     inflow: Inflow
     dt: float
 
-    def begin(self, start: Waveforms | str | None, period: float) -> State:
+    def begin(self, start: Waveforms | str | None, period: float) -> Any:
         """The state to start from: rest, near the periodic one, or where another run ended."""
         if start is None or start == "rest":
-            return initial_state(self.model)
+            return self.scheme.initial_state(self.model)
         if start == "periodic":
-            return periodic_state(self.model, self.flow, period, dt=self.dt)
+            return self.scheme.periodic_state(self.model, self.flow, period, dt=self.dt)
         if not isinstance(start, Waveforms):
             raise ValueError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:
@@ -264,9 +271,9 @@ class _Run:
                 f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "
                 "keep period, settings, lengths and stenoses, or start from rest."
             )
-        return replace(adopt(self.model, start.end.state), t=0.0)
+        return replace(self.scheme.adopt(self.model, start.end.state), t=0.0)
 
-    def table(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[Array, State]:
+    def table(self, state: Any, n: int, progress: Progress | None, label: str) -> tuple[Array, Any]:
         """The outputs of n steps from a state, (n + 1, B, n_outputs), and the last state."""
         B, names = self.model.coefficients.B, self.report.names
         size = 8.0 * n * B * len(names)
@@ -280,7 +287,7 @@ class _Run:
         table[0] = self.report(state)
         every = max(1, n // 50)
         for i in range(n):
-            state = step(self.model, state, self.dt, Q[i])
+            state = self.scheme.step(self.model, state, self.dt, Q[i])
             table[i + 1] = self.report(state)
             if progress and (i + 1) % every == 0:
                 progress((i + 1) / n, label)
@@ -300,7 +307,7 @@ class _Run:
             raise ValueError(f"inflow: Q = {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
         return Q.reshape(t.shape + Q.shape[1:])
 
-    def end(self, state: State) -> End:
+    def end(self, state: Any) -> End:
         """Where this run ended."""
         return End(state, self.model.mesh, self.dt)
 

@@ -1,0 +1,112 @@
+"""The equations of one network on cells: from a network to a frozen :class:`Model`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..coefficients import Coefficients, Parameters, Term, changes, coefficients
+from ..network import Network
+from ..wall import Wall
+from .grid import Grid, build_grid
+from .settings import MusclSettings
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A network, or a batch of B parameter sets of it, on cells. Made by :func:`build`.
+
+    dx : (B, n_cells) [m]. wall : (B, n_cells) at the centres; faces : (B, 2, n_cells) at the left and right face of
+    each cell; ends : (B, 2, n_segments) where segments begin and end. viscosity : (B, n_cells - 1) ν_s A [Pa·s] between
+    cells of one segment, else 0; end_viscosity : (B, 2, n_segments). tapered : whether walls change along a segment.
+    kinetic : (B, 2, n_segments) ρ k of the pressure that a junction keeps. A_rest : (B, n_cells).
+    """
+
+    network: Network
+    settings: MusclSettings
+    coefficients: Coefficients
+    mesh: Grid
+    dx: Array
+    wall: Wall
+    faces: Wall
+    ends: Wall
+    outlet_wall: Wall
+    viscosity: Array
+    end_viscosity: Array
+    tapered: bool
+    kinetic: Array
+    A_rest: Array
+
+
+def build(network: Network, parameters: Parameters | None = None, settings: MusclSettings | None = None) -> Model:
+    """The model of a network with some parameters replaced by numbers or by arrays of B numbers.
+
+    Raises ValueError for parameters that are not allowed, or for an effect that this scheme does not have.
+    """
+    settings = settings or MusclSettings()
+    c = coefficients(network, parameters)
+    _refuse_what_is_lacking(network, c)
+    grid, n = build_grid(network, c.L.max(axis=0), settings.cell), len(network.segments)
+    faces = _walls(c, np.stack([grid.segment] * 2), np.stack([grid.left, grid.right]))
+    ends = _walls(c, np.stack([np.arange(n)] * 2), np.repeat([[0.0], [1.0]], n, axis=1))
+    wall, outlets = c.wall_at(grid.segment, grid.middle), grid.topology.outlet_segment
+    k = np.zeros((c.B, grid.topology.n_nodes))
+    k[:, grid.topology.junctions] = c.k
+    model = Model(
+        network=network,
+        settings=settings,
+        coefficients=c,
+        mesh=grid,
+        dx=c.L[:, grid.segment] / grid.count[grid.segment],
+        wall=wall,
+        faces=faces,
+        ends=ends,
+        outlet_wall=c.wall_at(outlets, np.ones(len(outlets))),
+        viscosity=np.where(np.diff(grid.segment) == 0, faces.viscosity_area[:, 1, :-1], 0.0),
+        end_viscosity=ends.viscosity_area * (settings.ends == "coupled"),
+        tapered=bool(np.any(c.wall_at(grid.segment, grid.left).differs(c.wall_at(grid.segment, grid.right)))),
+        kinetic=ends.rho * k[:, grid.nodes],
+        A_rest=np.broadcast_to(wall.area(c.P_0), (c.B, grid.n_cells)).copy(),
+    )
+    _refuse_unreachable_pressure(model)
+    return model
+
+
+def _walls(c: Coefficients, segment: Array, x: Array) -> Wall:
+    return c.wall_at(segment.ravel(), x.ravel()).shaped(x.shape)
+
+
+def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
+    """Raise ValueError for effects that bend, delay or pierce the wall, or pull at the fluid."""
+    wall, every = c.base, np.arange(len(network.segments))
+    for term in c.terms:
+        before, lacking = wall, changes(term.effect, "drag")
+        if term.effect.owner == "segment":
+            wall = term.effect.wall(wall, term.at(every), np.full(len(every), 0.5))
+            lacking |= (wall.nonlinear, wall.leaks, wall.remembers) != (
+                before.nonlinear,
+                before.leaks,
+                before.remembers,
+            )
+        if lacking:
+            raise ValueError(_lacking(network, term))
+
+
+def _lacking(network: Network, term: Term) -> str:
+    neutral = ", ".join(f"{key} = {value:g}" for key, value in term.effect.neutral.items() if key in term.values)
+    return (
+        f"network {network.name}: scheme 'muscl' does not have the effect {term.effect.name}; "
+        f"switch it off ({neutral}) or use the default scheme."
+    )
+
+
+def _refuse_unreachable_pressure(model: Model) -> None:
+    for _, cell in np.argwhere(~(model.A_rest > 0.0)):
+        name = model.network.segments[model.mesh.segment[cell]].name
+        raise ValueError(
+            f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
+            f"{model.network.elastic_law} law; lower network.P_0 or raise the stiffness of {name}."
+        )

@@ -1,0 +1,32 @@
+"""The numerical settings of the finite volumes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ENDS = ("coupled", "neumann")
+
+
+@dataclass(frozen=True)
+class MusclSettings:
+    """dt : between outputs [s]; steps are shorter as cfl asks. cell : longest cell [m]. cfl : of (|U| + c) dt/dx.
+
+    ends : where segments end, "coupled": the total pressure is common; "neumann": ∂Q/∂x = 0, as published, so that the
+    elastic pressure is. Raises ValueError for what is not allowed.
+    """
+
+    dt: float = 1e-3
+    cell: float = 5e-3
+    cfl: float = 0.45
+    ends: str = "coupled"
+
+    def __post_init__(self) -> None:
+        for name, unit, low, high in (("dt", "s", 1e-7, 0.1), ("cell", "m", 1e-5, 1.0), ("cfl", "", 1e-3, 0.45)):
+            value = getattr(self, name)
+            if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
+                allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
+                raise ValueError(f"muscl settings: {name} = {value!r} must be a number in {allowed}.")
+        if self.ends not in ENDS:
+            raise ValueError(f"muscl settings: ends = {self.ends!r} must be {' or '.join(map(repr, ENDS))}.")

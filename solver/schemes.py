@@ -1,0 +1,52 @@
+"""The schemes by name: what each is made of, and its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from . import muscl, outputs, start
+from .muscl import MusclSettings
+from .outputs import Reporter
+from .scheme import model, step
+from .scheme.model import Settings
+
+AnySettings = Settings | MusclSettings
+
+
+class Scheme(NamedTuple):
+    """A scheme. Its models, states and meshes are its own, and only its own functions take them."""
+
+    settings: type[Any]
+    build: Callable[..., Any]
+    reporter: Callable[..., Reporter[Any]]
+    initial_state: Callable[..., Any]
+    periodic_state: Callable[..., Any]
+    adopt: Callable[..., Any]
+    step: Callable[..., Any]
+
+
+SCHEMES = {
+    "staggered": Scheme(
+        Settings, model.build, outputs.reporter, step.initial_state, start.periodic_state, step.adopt, step.step
+    ),
+    "muscl": Scheme(
+        MusclSettings, muscl.build, muscl.reporter, muscl.initial_state, muscl.periodic_state, muscl.adopt, muscl.step
+    ),
+}
+
+
+def scheme_of(name: str, settings: AnySettings | None) -> tuple[Scheme, AnySettings]:
+    """The scheme of a name, and its settings, those of its defaults for None.
+
+    Raises ValueError for an unknown name, or for settings of another scheme.
+    """
+    if name not in SCHEMES:
+        raise ValueError(f"scheme = {name!r}: must be {' or '.join(map(repr, SCHEMES))}.")
+    scheme = SCHEMES[name]
+    settings = scheme.settings() if settings is None else settings
+    if not isinstance(settings, scheme.settings):
+        raise ValueError(
+            f"settings: scheme {name!r} takes {scheme.settings.__name__}, not {type(settings).__name__}; give these."
+        )
+    return scheme, settings

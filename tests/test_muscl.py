@@ -1,0 +1,159 @@
+"""The paper's finite volumes: rest, mass, order, reference waveforms, and agreement with the default scheme."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from compare import elastic, errors_against, reference, relative_error
+from tubes import artery
+
+from solver import (
+    Inlet,
+    Junction,
+    MusclSettings,
+    Network,
+    Settings,
+    Site,
+    Waveforms,
+    Windkessel,
+    load,
+    muscl,
+    simulate,
+)
+from solver.muscl.step import State, _advance
+
+FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
+TAPERS = {"CA.taper": -0.4, "MD.taper": -0.2, "FA.taper": 0.3}
+
+
+def inflow(t: np.ndarray) -> np.ndarray:
+    """55 mL/s sin⁴: four continuous derivatives at the start."""
+    return 55e-6 * np.sin(2.0 * np.pi * t / 0.5) ** 4
+
+
+def _run(network: Network, duration: float, cell: float, ends: str = "coupled", **more: object) -> Waveforms:
+    return simulate(network, duration=duration, settings=MusclSettings(cell=cell, ends=ends), scheme="muscl", **more)
+
+
+def _largest(result: Waveforms, expected: Waveforms, names: tuple[str, ...] | None = None) -> float:
+    return max(relative_error(name, result[name], expected[name]) for name in names or expected)
+
+
+@pytest.mark.parametrize("ends", ["coupled", "neumann"])
+def test_rest_stays_at_rest(sheep: Network, ends: str) -> None:
+    """Q = 0, P = P_0 is a solution, of tapered walls too: within 20 ms all has moved by round-off only."""
+    venous = {f"{outlet.segment}.outlet.P_venous": 5000.0 for outlet in sheep.outlets}
+    tapered = sheep.with_terms(TAPERS).with_parameters({"network.P_0": 5000.0, **venous})
+    result = _run(tapered, 0.02, 0.01, ends, inflow=lambda t: 0.0 * t)
+    assert max(np.abs(result[name]).max() for name in result if name.endswith(".Q")) <= 1e-16  # of 5e-5 m³/s
+    assert max(np.abs(result[name] - 5000.0).max() for name in result if name.endswith(".P")) <= 1e-7  # K: 1e5 Pa
+    assert max(np.ptp(result[name]) for name in result if name.endswith(".R")) <= 1e-16
+
+
+@pytest.mark.parametrize("ends", ["coupled", "neumann"])
+def test_mass(sheep: Network, ends: str) -> None:
+    """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's own steps, 500 of uneven length: <= 1e-12 of the volume."""
+    model = muscl.build(sheep.with_terms(TAPERS), None, MusclSettings(cell=0.02, ends=ends))
+    state, outlets = muscl.initial_state(model), model.mesh.topology.outlet_segment
+    volumes, nets, steps = [_volume(model, state)], [0.0], [0.0]
+    for i in range(500):
+        dt = 3e-4 if i % 7 else 2e-4
+        drive = sheep.inlet.Q(np.array([state.t + dt]))
+        state = _advance(model, state, dt, drive, model.coefficients.P_venous)
+        r = dt / steps[-1] if i else 0.0
+        before = volumes[-2:][0]
+        expected = (1.0 + r) * volumes[-1] - r * r / (1.0 + r) * before + dt * ((1.0 + r) * nets[-1] - r * nets[-2:][0])
+        volumes.append(expected * (1.0 + r) / (1.0 + 2.0 * r))
+        nets.append(float(drive[0] - state.solved.Q_end[0, 1, outlets].sum()))
+        steps.append(dt)
+    assert max(volumes) - volumes[0] > 0.01 * volumes[0]
+    assert abs(_volume(model, state) - volumes[-1]) <= 1e-12 * volumes[0]
+
+
+def _volume(model: muscl.Model, state: State) -> float:
+    return float(np.sum(state.A * model.dx))
+
+
+@pytest.mark.parametrize(("wall", "low", "high"), [("viscous", 1.7, 2.3), ("elastic", 1.5, 2.3)])
+def test_order(sheep: Network, wall: str, low: float, high: float) -> None:
+    """Smooth inflow, cells of 10, 5, 2.5 mm and steps in proportion: differences at MD and CA fall at order 2."""
+    parameters = elastic(sheep.segments) if wall == "elastic" else None
+    runs = [_run(sheep, 0.15, cell, inflow=inflow, parameters=parameters) for cell in (0.01, 0.005, 0.0025)]
+    differences = [_largest(a, b, FOUR) for a, b in zip(runs, runs[1:], strict=False)]
+    order = np.log2(differences[0] / differences[1])
+    print(wall, differences, order)
+    assert low <= order <= high
+
+
+def _errors(sheep: Network, cell: float, ends: str = "coupled", parameters: dict | None = None) -> dict[str, float]:
+    expected = reference("sheep_elastic" if parameters else "sheep_kelvin_voigt")
+    errors = errors_against(_run(sheep, 2.5, cell, ends, parameters=parameters), expected)
+    print("\n" + "\n".join(f"{name:8s} {error:.1e}" for name, error in errors.items()))
+    return errors
+
+
+def test_reference_viscoelastic(sheep: Network) -> None:
+    """Cells of 2 cm, P and Q at MD and CA <= 2e-4 (1e-4 measured); all ten sites <= 1e-3."""
+    errors = _errors(sheep, 0.02)
+    assert max(errors[name] for name in FOUR) <= 2e-4
+    assert max(errors.values()) <= 1e-3
+
+
+def test_reference_elastic(sheep: Network) -> None:
+    """Cells of 2 cm, P and Q at MD and CA <= 7e-3 (4.8e-3 measured)."""
+    errors = _errors(sheep, 0.02, parameters=elastic(sheep.segments))
+    assert max(errors[name] for name in FOUR) <= 7e-3
+
+
+@pytest.mark.slow
+def test_reference_viscoelastic_at_fine_cells(sheep: Network) -> None:
+    """Cells of 1.25 mm: P and Q at MD and CA <= 2e-3, and so at all ten sites."""
+    errors = _errors(sheep, 1.25e-3)
+    assert max(errors.values()) <= 2e-3
+
+
+@pytest.mark.slow
+def test_reference_elastic_at_fine_cells(sheep: Network) -> None:
+    """Elastic, cells of 1.25 mm: P and Q at MD and CA <= 2e-3."""
+    errors = _errors(sheep, 1.25e-3, parameters=elastic(sheep.segments))
+    assert max(errors[name] for name in FOUR) <= 2e-3
+
+
+@pytest.mark.slow
+def test_reference_with_published_ends(sheep: Network) -> None:
+    """∂Q/∂x = 0 at the ends, cells of 1.25 mm: P and Q at MD and CA <= 1.5e-2."""
+    errors = _errors(sheep, 1.25e-3, "neumann")
+    assert max(errors[name] for name in FOUR) <= 1.5e-2
+
+
+def test_published_ends_cost_accuracy(sheep: Network) -> None:
+    """Viscous pressure dropped at the ends, cells of 1 cm, 0.2 s: off by 1 to 10 %; elastic walls: the same bits."""
+    exact = simulate(sheep, duration=0.2)
+    assert 0.01 <= _largest(_run(sheep, 0.2, 0.01, "neumann"), exact, FOUR) <= 0.1
+    runs = [_run(sheep, 0.05, 0.01, ends, parameters=elastic(sheep.segments)) for ends in ("coupled", "neumann")]
+    assert all(np.array_equal(runs[0][name], runs[1][name]) for name in runs[0])
+
+
+def test_human() -> None:
+    """16 human arteries from rest at 80 mmHg, cells of 1 cm, against the default scheme: <= 5e-3 over 0.4 s."""
+    human = load("human")
+    worst = _largest(_run(human, 0.4, 0.01), simulate(human, duration=0.4))
+    print(worst)
+    assert worst <= 5e-3
+
+
+def _loop() -> Network:
+    """An artery that splits into two unequal ones which meet again, with a kinetic pressure kept and a Windkessel."""
+    segments = (artery("A"), artery("B", L=0.1, R0=6e-3), artery("C", L=0.15, R0=7e-3, phi0=1e4), artery("D", phi0=1e4))
+    sites = tuple(Site(s.name, s.name) for s in segments)
+    junctions = (Junction(("A",), ("B", "C"), k=1.0), Junction(("B", "C"), ("D",)))
+    outlet = Windkessel("D", 5e6, 1e-8, 5e7)
+    return Network("loop", segments, Inlet("A"), junctions, (outlet,), sites, P_0=1e3)
+
+
+def test_loop_with_a_windkessel() -> None:
+    """Elastic and viscous walls, a loop, kinetic pressure kept at a junction, R C R: against the default <= 1e-3."""
+    network = _loop()
+    worst = _largest(_run(network, 0.2, 5e-3, inflow=inflow), simulate(network, inflow, 0.2, settings=Settings(5e-4)))
+    print(worst)
+    assert worst <= 1e-3

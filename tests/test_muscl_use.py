@@ -1,0 +1,96 @@
+"""The finite volumes as a scheme among others: names, settings, batches, restarts, and what they do not have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compare import relative_error
+from tubes import artery, tube
+from typer import Typer
+from typer.testing import CliRunner
+
+from solver import MusclSettings, Network, NonPhysicalState, Reflection, Settings, simulate, simulate_periodic
+from solver.__main__ import main
+
+COARSE = MusclSettings(cell=0.02)
+
+
+def test_a_batch_is_its_members(sheep: Network) -> None:
+    """Two parameter sets in one run, against each alone: the same to 1e-11 (the steps are those of the faster wave)."""
+    E = np.array([1.5e6, 1.539e6])
+    both = simulate(sheep, duration=0.05, parameters={"AA.E": E}, settings=COARSE, scheme="muscl")
+    one = simulate(sheep, duration=0.05, parameters={"AA.E": E[1]}, settings=COARSE, scheme="muscl")
+    assert max(relative_error(name, both.member(1)[name], one[name]) for name in one) <= 1e-11
+
+
+def test_beats_until_they_repeat() -> None:
+    """Periodic beats, and a start where the last run ended, which takes two."""
+    network = tube(artery(phi0=1e4), Reflection("A", 0.3))
+    beat = simulate_periodic(network, settings=COARSE, scheme="muscl", tolerance=1e-4)
+    again = simulate_periodic(network, settings=COARSE, scheme="muscl", tolerance=1e-4, start=beat)
+    assert again.beats == 2
+    expected = simulate_periodic(network)
+    assert max(relative_error(name, again[name], expected[name]) for name in again) <= 3e-3
+
+
+def test_pressure_inlet() -> None:
+    """The pressure that a flow made drives the same flow, to 1e-3."""
+    network = tube(artery(phi0=1e4), Reflection("A", 0.3))
+    by_flow = simulate(network, lambda t: 5e-5 * np.sin(2.0 * np.pi * t / 0.5) ** 4, 0.2)
+    driven = replace(network, inlet=replace(network.inlet, causality="pressure"))
+    P = by_flow["inlet.P"]
+    result = simulate(
+        driven, lambda t: np.interp(t, by_flow.time, P), 0.2, settings=MusclSettings(cell=5e-3), scheme="muscl"
+    )
+    assert relative_error("inlet.Q", result["inlet.Q"], by_flow["inlet.Q"]) <= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("terms", "name"),
+    [
+        ({"CA.K": 10.0}, "stenosis"),
+        ({"CA.leak": 1e-10}, "side_branch"),
+        ({"CA.tau": 0.01}, "stress_relaxation"),
+        ({"fluid.unsteady_scale": 1.0}, "unsteady_friction"),
+        ({"CA.phiNL": 10.0}, "nonlinear_wall_viscosity"),
+    ],
+)
+def test_what_is_lacking_is_named(sheep: Network, terms: dict[str, float], name: str) -> None:
+    """One sentence names the effect that this scheme does not have."""
+    with pytest.raises(ValueError, match=f"scheme 'muscl' does not have the effect {name}"):
+        simulate(sheep.with_terms(terms), scheme="muscl")
+
+
+def test_refused(sheep: Network) -> None:
+    """Unknown schemes, settings of another, and what the settings do not allow."""
+    with pytest.raises(ValueError, match="scheme = 'fem': must be 'staggered' or 'muscl'"):
+        simulate(sheep, scheme="fem")
+    with pytest.raises(ValueError, match="takes MusclSettings, not Settings"):
+        simulate(sheep, settings=Settings(), scheme="muscl")
+    with pytest.raises(ValueError, match="start = 'periodic': scheme 'muscl' has none"):
+        simulate(sheep, start="periodic", settings=COARSE, scheme="muscl")
+    with pytest.raises(ValueError, match="cfl = 0.9 must be a number in"):
+        MusclSettings(cfl=0.9)
+    with pytest.raises(ValueError, match="ends = 'open' must be 'coupled' or 'neumann'"):
+        MusclSettings(ends="open")
+    with pytest.raises(ValueError, match="use longer cells"):
+        simulate(sheep, settings=MusclSettings(cell=1e-5), scheme="muscl")
+
+
+def test_breakdown_is_located(sheep: Network) -> None:
+    """Too much inflow ends with segment, place and time."""
+    with pytest.raises(NonPhysicalState, match="segment AA at x = "):
+        simulate(sheep, lambda t: 5e-3 + 0.0 * t, 0.1, settings=COARSE, scheme="muscl")
+
+
+def test_command_line(tmp_path: Path) -> None:
+    """--scheme muscl --cell --ends; another --ends is refused."""
+    app = Typer()
+    app.command()(main)
+    options = ["sheep", "--scheme", "muscl", "--cell", "2cm", "--duration", "10 ms", "--out", str(tmp_path / "out.csv")]
+    assert CliRunner().invoke(app, options).exit_code == 0
+    assert len((tmp_path / "out.csv").read_text().splitlines()) == 12
+    assert CliRunner().invoke(app, [*options, "--ends", "open"]).exit_code != 0
