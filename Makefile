@@ -54,6 +54,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/wall_fits.py
 	$(BIN)/python benchmarks/records.py
+	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
 	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy build_fmu

@@ -5,20 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from compare import elastic, errors_against, reference, relative_error
-from tubes import artery
+from tubes import VISCOUS, artery, line, tube
 
 from solver import (
     Inlet,
     Junction,
     MusclSettings,
     Network,
-    Settings,
+    Reflection,
     Site,
     Waveforms,
     Windkessel,
     load,
     muscl,
     simulate,
+    simulate_periodic,
 )
 from solver.muscl.step import State, _advance
 
@@ -46,7 +47,7 @@ def test_rest_stays_at_rest(sheep: Network, ends: str) -> None:
     tapered = sheep.with_terms(TAPERS).with_parameters({"network.P_0": 5000.0, **venous})
     result = _run(tapered, 0.02, 0.01, ends, inflow=lambda t: 0.0 * t)
     assert max(np.abs(result[name]).max() for name in result if name.endswith(".Q")) <= 1e-16  # of 5e-5 m³/s
-    assert max(np.abs(result[name] - 5000.0).max() for name in result if name.endswith(".P")) <= 1e-7  # K: 1e5 Pa
+    assert max(np.abs(result[name] - 5000.0).max() for name in result if name.endswith(".P")) <= 5e-9  # K: 1e5 Pa
     assert max(np.ptp(result[name]) for name in result if name.endswith(".R")) <= 1e-16
 
 
@@ -74,14 +75,14 @@ def _volume(model: muscl.Model, state: State) -> float:
     return float(np.sum(state.A * model.dx))
 
 
-@pytest.mark.parametrize(("wall", "low", "high"), [("viscous", 1.7, 2.3), ("elastic", 1.5, 2.3)])
+@pytest.mark.parametrize(("wall", "low", "high"), [("viscous", 1.7, 2.3), ("elastic", 1.1, 2.1)])
 def test_order(sheep: Network, wall: str, low: float, high: float) -> None:
-    """Smooth inflow, cells of 10, 5, 2.5 mm and steps in proportion: differences at MD and CA fall at order 2."""
+    """Smooth inflow, cells of 10, 5, 2.5 mm and steps in proportion: differences at MD and CA fall at order 2 (1.96
+    measured); in elastic walls, where the slopes are limited at crests, at 1.4."""
     parameters = elastic(sheep.segments) if wall == "elastic" else None
     runs = [_run(sheep, 0.15, cell, inflow=inflow, parameters=parameters) for cell in (0.01, 0.005, 0.0025)]
     differences = [_largest(a, b, FOUR) for a, b in zip(runs, runs[1:], strict=False)]
     order = np.log2(differences[0] / differences[1])
-    print(wall, differences, order)
     assert low <= order <= high
 
 
@@ -135,11 +136,9 @@ def test_published_ends_cost_accuracy(sheep: Network) -> None:
 
 
 def test_human() -> None:
-    """16 human arteries from rest at 80 mmHg, cells of 1 cm, against the default scheme: <= 5e-3 over 0.4 s."""
+    """16 human arteries from rest at 80 mmHg, cells of 1 cm, against the default scheme: <= 3e-4 (1.4e-4 measured)."""
     human = load("human")
-    worst = _largest(_run(human, 0.4, 0.01), simulate(human, duration=0.4))
-    print(worst)
-    assert worst <= 5e-3
+    assert _largest(_run(human, 0.4, 0.01), simulate(human, duration=0.4)) <= 3e-4
 
 
 def _loop() -> Network:
@@ -154,6 +153,20 @@ def _loop() -> Network:
 def test_loop_with_a_windkessel() -> None:
     """Elastic and viscous walls, a loop, kinetic pressure kept at a junction, R C R: against the default <= 1e-3."""
     network = _loop()
-    worst = _largest(_run(network, 0.2, 5e-3, inflow=inflow), simulate(network, inflow, 0.2, settings=Settings(5e-4)))
-    print(worst)
-    assert worst <= 1e-3
+    worst = _largest(_run(network, 0.2, 5e-3, inflow=inflow), simulate(network, inflow, 0.2))
+    assert worst <= 1e-3, worst
+
+
+def test_dispersion() -> None:
+    """One tube, waves of 4 Hz, cells of 1 cm: γ = √(Z'Y') within 1e-3, from cosh γd = (P1 + P3)/(2 P2)."""
+    L, omega = 0.4, 8.0 * np.pi
+    segment = artery(L=L, phi0=1.2e4)
+    network = tube(segment, Reflection("A", 0.5), VISCOUS, (0.25, 0.5, 0.75))
+    beat = simulate_periodic(
+        network, lambda t: 1e-9 * np.sin(omega * t), 0.25, settings=MusclSettings(cell=0.01), scheme="muscl",
+        tolerance=1e-5,
+    )  # fmt: skip
+    P = [np.fft.rfft(beat[f"x{i}.P"][:-1])[1] for i in range(3)]
+    measured = complex(np.arccosh((P[0] + P[2]) / (2.0 * P[1])) / (0.25 * L))
+    exact = complex(line(segment, np.array([omega]))[0][0])
+    assert abs(measured - exact) <= 1e-3 * abs(exact), abs(measured - exact) / abs(exact)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..outputs import Reporter
+from .flux import pressure_elastic
 from .model import Model
 from .step import State
 
@@ -12,13 +13,14 @@ Array = np.ndarray
 
 
 def reporter(model: Model) -> Reporter[State]:
-    """The outputs of :func:`solver.outputs.reporter`: A, Q and ∂A/∂t = -∂Q/∂x at a site from cubics through the four
-    nearest cells, P by the wall law; at outlets and at the inlet pressure and flow of the nodes."""
+    """The outputs of :func:`solver.outputs.reporter`: elastic pressure, Q and ∂A/∂t = -∂Q/∂x at a site by
+    cubics through the four nearest cells, P by the wall law; at outlets and inlet pressure and flow of the nodes."""
     network, grid = model.network, model.mesh
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     segment = np.array([index[site.segment] for site in network.sites], int)
     position = np.array([site.position for site in network.sites])
     cells, value, slope = grid.samples(segment, position)
+    around = model.wall.at(cells.ravel())
     wall, L, n = model.coefficients.wall_at(segment, position), model.coefficients.L[:, segment], len(segment)
     units, outlets = network.output_units(), grid.topology
     by_flow = network.inlet.causality == "flow"
@@ -27,7 +29,8 @@ def reporter(model: Model) -> Reporter[State]:
         solved = state.solved
         result = np.empty((len(state.A), len(units)))
         result[:, 0] = solved.H[:, 0] if by_flow else solved.Q_end[:, 0, grid.inlet_segment]
-        A, Q = ((x[:, cells] * value).sum(axis=-1) for x in (state.A, state.Q))
+        P = pressure_elastic(around, state.A[:, cells.ravel()]).reshape(len(state.A), *cells.shape)
+        A, Q = wall.area((P * value).sum(axis=-1)), (state.Q[:, cells] * value).sum(axis=-1)
         A_t = -(state.Q[:, cells] * slope).sum(axis=-1) / L
         sites = (wall.pressure(A, A_t), Q, np.sqrt(A / np.pi))
         result[:, 1 : 1 + 3 * n] = np.stack(sites, axis=-1).reshape(len(result), -1)

@@ -1,0 +1,139 @@
+"""Work and precision of the schemes on the paper's sheep network: a table, and docs/images/schemes.png.
+
+    python benchmarks/schemes.py [--rows FILE] [--figure FILE]
+
+Error of the fifth beat from rest (relative L2, pressures by their mean-removed norm) against the reference waveforms in
+tests/data, and CPU time of a beat, one thread. FILE keeps what was measured, so that a run can be continued.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before NumPy is imported: one thread, so that CPU time is time
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import csv
+import json
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from solver import MusclSettings, Settings, Waveforms, load, simulate
+from solver.files import write_whole
+
+ROOT = Path(__file__).resolve().parents[1]
+FOUR = ("MD.P", "MD.Q", "CA.P", "CA.Q")
+BEATS = 5
+CELLS = (20.0, 10.0, 5.0, 2.5, 1.25)  # mm
+WALLS = {"viscoelastic": "sheep_kelvin_voigt", "elastic": "sheep_elastic"}
+LINES = {  # label, colour (Okabe and Ito's), marker, line
+    "default": ("default scheme", "#000000", "o", "-"),
+    "coupled": ("MUSCL, coupled ends", "#0072B2", "s", "--"),
+    "neumann": ("MUSCL, published ends", "#D55E00", "^", ":"),
+}
+DEFAULTS = {
+    "viscoelastic": [Settings(dt=5e-3, tolerance=1e-3), Settings(dt=2.5e-3), Settings(), Settings(dt=5e-4)],
+    "elastic": [Settings(dt=2.5e-3), Settings(), Settings(5e-4, 0.025, 3), Settings(5e-4, 0.0125, 4)],
+}
+
+
+def cases() -> list[tuple[str, str, Any]]:
+    """Line, wall and settings. In elastic walls both kinds of ends are the same to the last bit."""
+    found: list[tuple[str, str, Any]] = [("default", wall, s) for wall in WALLS for s in DEFAULTS[wall]]
+    for cell in CELLS:
+        found += [(ends, "viscoelastic", MusclSettings(cell=1e-3 * cell, ends=ends)) for ends in ("coupled", "neumann")]
+        found.append(("coupled", "elastic", MusclSettings(cell=1e-3 * cell)))
+    return found
+
+
+def name_of(settings: Settings | MusclSettings) -> str:
+    """The settings that differ, as the table shows them."""
+    if isinstance(settings, MusclSettings):
+        return f"cells of {1e3 * settings.cell:g} mm"
+    return f"dt {1e3 * settings.dt:g} ms, {1e2 * settings.element_length:g} cm, degree {settings.degree}"
+
+
+def errors(result: Waveforms, file: str) -> dict[str, float]:
+    """Error of every channel over the last beat, at the times that it shares with the reference, 1 ms apart."""
+    with (ROOT / "tests" / "data" / f"{file}.csv").open() as stream:
+        rows = list(csv.reader(stream))
+    table, found = np.array(rows[1:], float), {}
+    dt = result.time[1]
+    own = len(result.time) - 1 - round(0.5 / dt) + np.arange(round(0.5 / dt))
+    at = (own - own[0]) * dt / 1e-3
+    whole = np.isclose(at, np.round(at))
+    for i, title in enumerate(rows[0]):
+        name = title.split(" ")[0]
+        if name in result and name not in ("time", "inlet.Q"):
+            expected = table[np.round(at[whole]).astype(int), i]
+            scale = expected if name.endswith("Q") else expected - expected.mean()
+            found[name] = float(np.linalg.norm(result[name][own[whole]] - expected) / np.linalg.norm(scale))
+    return found
+
+
+def measured(line: str, wall: str, settings: Settings | MusclSettings) -> dict[str, Any]:
+    """One row: what was run, its errors, and the CPU time of a beat [s]."""
+    sheep = load("sheep")
+    parameters = {f"{s.name}.phi0": 0.0 for s in sheep.segments} if wall == "elastic" else None
+    scheme, start = "staggered" if line == "default" else "muscl", time.process_time()
+    result = simulate(sheep, duration=0.5 * BEATS, parameters=parameters, settings=settings, scheme=scheme)
+    seconds, every = (time.process_time() - start) / BEATS, errors(result, WALLS[wall])
+    PQ = {name: error for name, error in every.items() if name[-1] in "PQ" and not name.startswith("inlet")}
+    worst = max(PQ, key=lambda name: PQ[name])
+    return {
+        "line": line, "wall": wall, "settings": name_of(settings), "seconds": seconds,
+        **{name: every[name] for name in FOUR}, "worst": PQ[worst], "where": worst,
+    }  # fmt: skip
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Error at the paper's two sites against CPU time, one panel a wall."""
+    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.8), sharex=True, sharey=True, layout="constrained")
+    for panel, wall in zip(panels, WALLS, strict=True):
+        for line, (label, colour, marker, style) in LINES.items():
+            own = [row for row in rows if (row["line"], row["wall"]) == (line, wall)]
+            if own:
+                x, y = [row["seconds"] for row in own], [max(row[name] for name in FOUR) for row in own]
+                label = label if wall == "viscoelastic" or line == "default" else "MUSCL, either ends"
+                panel.loglog(x, y, color=colour, marker=marker, linestyle=style, markersize=5, label=label)
+        panel.set(title=f"{wall} walls", xlabel="CPU time of a beat [s]")
+        panel.grid(which="major", alpha=0.3)
+        panel.legend(frameon=False, fontsize=9)
+    panels[0].set_ylabel("largest relative error of P and Q\nat MD and CA [–]")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)
+
+
+def main(
+    rows: Annotated[Path, typer.Option(help="What was measured; made, and continued.")] = Path("build/schemes.json"),
+    figure: Annotated[Path, typer.Option(help="The figure to write.")] = ROOT / "docs" / "images" / "schemes.png",
+) -> None:
+    """Measure what is not in the file yet, print the table and draw the figure."""
+    found: list[dict[str, Any]] = json.loads(rows.read_text()) if rows.exists() else []
+    for line, wall, settings in cases():
+        key = (line, wall, name_of(settings))
+        if key not in {(row["line"], row["wall"], row["settings"]) for row in found}:
+            found.append(measured(line, wall, settings))
+            rows.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(rows, json.dumps(found, indent=1) + "\n")
+    order = {(line, wall, name_of(settings)): i for i, (line, wall, settings) in enumerate(cases())}
+    found = sorted(found, key=lambda row: order[(row["line"], row["wall"], row["settings"])])
+    table = Table("scheme", "walls", "settings", "CPU s a beat", *FOUR, "ten sites")
+    for row in sorted(found, key=lambda row: (row["wall"] == "elastic", row["line"])):
+        numbers = [f"{row[name]:.1e}" for name in FOUR]
+        worst = f"{row['worst']:.1e} {row['where']}"
+        table.add_row(row["line"], row["wall"], row["settings"], f"{row['seconds']:.2f}", *numbers, worst)
+    Console(width=150).print(table)
+    draw(found, figure)
+
+
+if __name__ == "__main__":
+    typer.run(main)
