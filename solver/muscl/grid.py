@@ -9,6 +9,7 @@ import numpy as np
 
 from ..network import Network
 from ..scheme.element import lagrange
+from ..scheme.elimination import Elimination, eliminate
 from ..scheme.mesh import Topology, topology
 
 Array = np.ndarray
@@ -51,6 +52,11 @@ class Grid:
     def at_ends(self) -> Array:
         """(2, 2, n_segments) the cells next to both ends (first axis), the outer and the inner one (second)."""
         return np.stack([np.stack([self.first, self.first + 1]), np.stack([self.last, self.last - 1])])
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """How the system of the nodes is solved."""
+        return eliminate(self.nodes.T, self.topology.n_nodes)
 
     @cached_property
     def inlet_segment(self) -> int:

@@ -117,33 +117,28 @@ def _meet(model: Model, H: Array, nodes: Nodes) -> tuple[Array, Array]:
 
     H : (3, B, 2, n_segments) the pressure at an end as H[0] + H[1] Q_left + H[2] Q_right.
     """
-    grid, n = model.mesh, model.mesh.topology.n_nodes
+    grid, first = model.mesh, model.mesh.topology.outlets.start
     (a, b), (c, d) = ((H[1, :, i], H[2, :, i]) for i in range(2))
     inverse = np.stack([np.stack([d, -b], 1), np.stack([-c, a], 1)], 1) / (a * d - b * c)[:, None, None]
     at_rest = -(inverse * H[0][:, None]).sum(axis=2)  # what flows at zero pressure in the nodes
-    B = len(at_rest)
-    pairs = (grid.nodes[:, None] * n + grid.nodes[None]).ravel()
-    G = _summed((_OUT[:, None] * inverse).reshape(B, -1), pairs, n * n).reshape(B, n, n)
-    net = _summed((_OUT * at_rest).reshape(B, -1), grid.nodes.ravel(), n)
+    net = _summed(_OUT * at_rest, grid.nodes, grid.topology.n_nodes)
+    scale, less = np.ones_like(net), np.zeros_like(net)
     if model.network.inlet.causality == "flow":
         net[:, 0] += nodes.drive
     else:
-        G[:, 0], net[:, 0] = 0.0, nodes.drive
-        G[:, 0, 0] = -1.0
-    first = grid.topology.outlets.start
+        scale[:, 0], less[:, 0], net[:, 0] = 0.0, 1.0, nodes.drive
     for index, load in nodes.kinds:
         at = first + index
         P = nodes.H[:, at] - nodes.behind[:, index]
-        slope, scale = load.slope(P), np.broadcast_to(load.scale, P.shape)
-        G[:, at] *= scale[..., None]
-        G[:, at, at] -= slope
-        net[:, at] = scale * net[:, at] - load.flow(P) + slope * nodes.H[:, at]
-    found = -np.linalg.solve(G, net[..., None])[..., 0]
+        scale[:, at], less[:, at] = load.scale, load.slope(P)
+        net[:, at] = scale[:, at] * net[:, at] - load.flow(P) + less[:, at] * nodes.H[:, at]
+    products = np.moveaxis(_OUT[:, None] * inverse, 3, 1).reshape(len(net), -1)
+    found = grid.elimination.factor(products, scale, less).solve(net)
     return at_rest + (inverse * found[:, grid.nodes][:, None]).sum(axis=2), found
 
 
 def _summed(values: Array, targets: Array, n: int) -> Array:
-    """(B, n) sums of values : (B, m) that go to targets : (m,)."""
+    """(B, n) sums of values : (B, …) that go to targets : (…)."""
     B = len(values)
-    everywhere = (n * np.arange(B)[:, None] + targets).ravel()
+    everywhere = (n * np.arange(B)[:, None] + targets.ravel()).ravel()
     return np.bincount(everywhere, values.ravel(), B * n).reshape(B, n)
