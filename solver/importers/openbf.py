@@ -178,7 +178,7 @@ def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, An
 
 
 def _inflow(path: Path) -> tuple[list[float], list[float]]:
-    """Times [s] and flows [m³/s] of a table of two columns."""
+    """Times [s] and flows [m³/s] of a table of two columns, in the order of time: curves read off figures run back."""
     rows = []
     for n, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip():
@@ -188,6 +188,7 @@ def _inflow(path: Path) -> tuple[list[float], list[float]]:
         except ValueError:
             raise ValueError(f"{path}, line {n}: must hold a time and a flow, but is {line.strip()!r}.") from None
         rows.append((t, Q))
+    rows.sort()
     return [t for t, _ in rows], [Q for _, Q in rows]
 
 

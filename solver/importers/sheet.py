@@ -23,7 +23,7 @@ from .sections import Edge, Sections, joined, names, value
 
 _NAMES, _NODES = ("name", "id"), ("from", "to", "parent")
 _SETTING = re.compile(
-    r"(name|species|reference|elastic_law|viscous_law|(network|fluid|inlet|junctions|sites|channels)\.)"
+    r"((name|species|reference|elastic_law|viscous_law|sites)\s*=|(network|fluid|inlet|junctions|sites|channels)\.)"
 )
 _SEGMENT = {key: q.unit for key, q in (quantities(Segment) | terms_of("segment") | SEGMENT).items()}
 _OUTLET = {key: q.unit for kind in OUTLETS for key, q in (quantities(kind) | terms_of("outlet")).items()}
@@ -104,14 +104,17 @@ def _ends(numbers: dict[str, float], where: str) -> dict[str, Any]:
 
 
 def to_sheet(network: Network) -> str:
-    """The network as a table of vessels in SI; :func:`read_sheet` gives an equal network, bit for bit."""
+    """The network as a table of vessels in SI, its junctions and outlets in the order of the vessels.
+
+    :func:`read_sheet` gives the same numbers, bit for bit.
+    """
     data = tomllib.loads(dumps(network))
     texts: list[tuple[str, Any]] = [(key, each) for key, each in data.items() if isinstance(each, str)]
     texts += [(f"{key}.{k}", each) for key in ("network", "fluid", "inlet") for k, each in data[key].items()]
     own = {j["in"][0]: {k: v for k, v in j.items() if k not in ("in", "out")} for j in data.get("junctions", [])}
     texts += [(f"junctions.{name}", numbers) for name, numbers in own.items() if any(numbers.values())]
     sites = data["sites"]
-    texts += [(f"sites.{name}", each) for name, each in sites.items()] if sites else []
+    texts += [(f"sites.{name}", each) for name, each in sites.items()] or [("sites", {})]
     texts += [(f'channels."{name}"', each) for name, each in data.get("channels", {}).items()]
     head = [f"# {key} = {value(each)}" for key, each in texts if key != "inlet.segment"]
     start, end = {data["inlet"]["segment"]: "0"}, dict[str, str]()
