@@ -66,15 +66,16 @@ def with_sites(network: Network) -> Network:
     return replace(network, sites=tuple(sites))
 
 
-def compared(result: Waveforms, found: Reference) -> dict[str, tuple[float, float, float]]:
-    """By output, in parts of openBF's pulse: rms of the difference about its mean; its mean; other pulse."""
+def compared(result: Waveforms, found: Reference, later: float = 0.0) -> dict[str, tuple[float, float, float]]:
+    """By output, in parts of openBF's pulse: rms of the difference about its mean; its mean; other pulse.
+
+    later [s] : by which openBF's times are taken to be late.
+    """
     errors, T = {}, result.time[-1]
     for name, (t, wanted) in found.items():
-        at = np.mod(t, T) if result.time[0] == 0.0 else t
-        difference = np.interp(at, result.time, result[name]) - wanted
-        pulse = np.ptp(wanted)
-        own = np.ptp(result[name])
-        errors[name] = (np.std(difference) / pulse, np.mean(difference) / pulse, own / pulse - 1.0)
+        own = np.interp((np.mod(t, T) if result.time[0] == 0.0 else t) - later, result.time, result[name])
+        difference, pulse = own - wanted, np.ptp(wanted)
+        errors[name] = (np.std(difference) / pulse, np.mean(difference) / pulse, np.ptp(own) / pulse - 1.0)
     return errors
 
 
@@ -132,7 +133,7 @@ def main(
     settings = Settings(
         dt=parse_quantity(dt, "s", "--dt"), element_length=parse_quantity(element_length, "m", "--element-length")
     )
-    drawn: list[tuple[str, Waveforms, Reference]] = []
+    drawn: list[tuple[str, Waveforms, Reference, Waveforms]] = []
     for name in networks.split(","):
         network = load(name)
         found = reference(network, data)
@@ -147,8 +148,10 @@ def main(
             result = simulate_periodic(other, settings=settings, tolerance=1e-4, start="periodic")
             rows[label] = compared(result, found)
             if label == "as it comes":
-                drawn.append((name, result, found))
-                rows["beats: as many as openBF, from rest"] = compared(_as_many(other, settings, found), found)
+                drawn.append((name, result, found, same))
+                same = _as_many(other, settings, found)
+                rows["beats: as many as openBF, from rest"] = compared(same, found)
+                rows["the same, time: 0.6 ms later"] = compared(same, found, later=6e-4)
             if not switch_all:
                 break
         for label, errors in rows.items():
@@ -172,21 +175,26 @@ def _as_many(network: Network, settings: Settings, found: Reference) -> Waveform
     return replace(result, time=result.time[kept], columns=columns)
 
 
-def _draw(drawn: list[tuple[str, Waveforms, Reference]], path: Path) -> None:
+def _draw(drawn: list[tuple[str, Waveforms, Reference, Waveforms]], path: Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    panels = [(name, r, f, key) for name, r, f in drawn for key in f if "_50." in key and not key.startswith("d2")]
+    panels = [
+        (name, r, f, s, key) for name, r, f, s in drawn for key in f if "_50." in key and not key.startswith("d2")
+    ]
     figure, axes = plt.subplots(2, len(panels) // 2, figsize=(3.4 * len(panels) / 2, 5.0), squeeze=False, sharex="col")
-    for i, (name, result, found, key) in enumerate(panels):
+    for i, (name, result, found, same, key) in enumerate(panels):
         axis = axes[i % 2][i // 2]
         factor, unit = {"P": (1e-3, "kPa"), "Q": (1e6, "mL/s")}[key[-1]]
         t, wanted = found[key]
         at = np.mod(t, result.time[-1])
         order = np.argsort(at)
         axis.plot(result.time, factor * result[key], color="C0", label="here")
+        beat = np.mod(same.time, result.time[-1])
+        turn = np.argsort(beat)
+        axis.plot(beat[turn], factor * same[key][turn], "--", color="C1", label="here, as many beats")
         axis.plot(at[order], factor * wanted[order], "k.", markersize=3, label="openBF")
         axis.set_ylabel(f"{key[-1]} [{unit}]")
         if i % 2 == 0:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .scheme.mesh import Samples
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.step import State
@@ -37,7 +38,12 @@ def reporter(model: Model) -> Reporter:
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     segment = np.array([index[site.segment] for site in network.sites], int)
     position = np.array([site.position for site in network.sites])
-    gauss, lobatto = mesh.sample_gauss(segment, position).T, mesh.sample_lobatto(segment, position).T
+    gauss, lobatto, places = (
+        mesh.sample_gauss(segment, position),
+        mesh.sample_lobatto(segment, position),
+        model.layout.places,
+    )
+    both = Samples.of_parts(((gauss, places["A"]), (lobatto, places["Q"])))
     wall = model.coefficients.wall_at(segment, position)
     n, B = len(segment), model.coefficients.B
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
@@ -46,17 +52,17 @@ def reporter(model: Model) -> Reporter:
     def report(state: State) -> Array:
         result = np.empty((B, len(units)))
         result[:, 0] = inlet_answer(model, state)
-        A_t = state.A_t.reshape(B, -1) @ gauss
-        A = state.y[:, model.layout.places["A"]] @ gauss
+        A_t, AQ = gauss(state.A_t.reshape(B, -1)), both(state.y)
+        A = AQ[:, :n]
         P, Q, R = (result[:, 1 + i : 1 + 3 * n : 3] for i in range(3))  # at the sites
         P[:] = wall.pressure(A, A_t)
         if model.wall.remembers:
             # the difference, not the stress itself: so that the answer is continuous as tau vanishes
             stress = model.wall.combined(np.moveaxis(model.layout.part(state.y, "stress"), 1, 0))
             change = stress - model.wall.viscous_stress(state.A, state.A_t)
-            change = np.where(model.wall.forgets, 0.0, change).reshape(B, -1) @ gauss
+            change = gauss(np.where(model.wall.forgets, 0.0, change).reshape(B, -1))
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
-        Q[:] = state.y[:, model.layout.places["Q"]] @ lobatto
+        Q[:] = AQ[:, n:]
         R[:] = np.sqrt(A / np.pi)
         result[:, 1 + 3 * n :: 2] = state.H[:, outlets]
         result[:, 2 + 3 * n :: 2] = state.Q[:, outlet_element, -1]

@@ -61,7 +61,7 @@ def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: flo
 def _kept(model: Model) -> int:
     """How many harmonics are kept."""
     mesh = model.mesh
-    numbers = model.coefficients.B * (mesh.n_nodes**2 + mesh.n_elements * (mesh.element.N + 1) ** 2)
+    numbers = model.coefficients.B * (mesh.elimination.inner.size + mesh.n_elements * (mesh.element.N + 3) ** 2)
     return int(np.clip(_STORAGE / (16.0 * numbers), _FEWEST, _MOST))
 
 
@@ -171,8 +171,7 @@ class _Response:
         """Changes of y and H that cancel amplitudes of momentum and of ΣQ at the nodes that are left over."""
         mesh, o, jacobian = self.model.mesh, self.operators, self.operators.at_rest
         Q = -np.einsum("beij,bej->bei", jacobian.K_inverse, R)
-        net = net + o.loads.scale * (Q[..., mesh.element.both_ends].reshape(len(Q), -1) @ mesh.net_inflow)
-        H = np.matmul(jacobian.minus_G_inverse, net[..., None])[..., 0]
+        H = jacobian.nodal.solve(net + mesh.net_inflow(Q, o.loads.signs))
         at_ends = H.take(mesh.ends, axis=1)
         Q = Q + jacobian.K_left * at_ends[..., :1] + jacobian.K_right * at_ends[..., 1:]
         y = np.zeros((len(Q), self.model.layout.size), complex)

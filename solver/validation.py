@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -96,6 +97,7 @@ def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
 
 
 def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) -> None:
+    times = Counter(names)
     for name in names:
         if not isinstance(name, str) or not _NAME.match(name):
             raise ValueError(
@@ -103,8 +105,8 @@ def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) ->
             )
         if name in reserved:
             raise ValueError(f"{kind} name {name!r} is reserved ({', '.join(sorted(reserved))}); rename it.")
-        if names.count(name) > 1:
-            raise ValueError(f"{kind} {name}: the name occurs {names.count(name)} times; names must be unique.")
+        if times[name] > 1:
+            raise ValueError(f"{kind} {name}: the name occurs {times[name]} times; names must be unique.")
 
 
 def _check_law(key: str, name: str, laws: Iterable[str]) -> None:
@@ -119,7 +121,7 @@ def _suggest(name: str, known: Iterable[str]) -> str:
 
 
 def _check_references(network: Described) -> None:
-    names = [s.name for s in network.segments]
+    names = dict.fromkeys(s.name for s in network.segments)
     mentions = [(f"junction {j.name}", s) for j in network.junctions for s in (*j.inflow, *j.outflow)]
     mentions += [(f"site {s.name}", s.segment) for s in network.sites]
     mentions += [(f"outlet {o.segment}", o.segment) for o in network.outlets]
@@ -170,11 +172,14 @@ def _check_topology(network: Described) -> None:
 
 
 def _check_reachable(network: Described) -> None:
-    reached = {network.inlet.segment}
-    grew = True
-    while grew:
-        new = {s for j in network.junctions if reached & {*j.inflow, *j.outflow} for s in (*j.inflow, *j.outflow)}
-        grew = not new <= reached
+    joined: dict[str, set[str]] = {s.name: set() for s in network.segments}
+    for junction in network.junctions:
+        joined[junction.inflow[0]] |= {*junction.inflow, *junction.outflow}
+        for name in (*junction.inflow, *junction.outflow):
+            joined[name].add(junction.inflow[0])
+    reached, new = {network.inlet.segment}, {network.inlet.segment}
+    while new:
+        new = {other for name in new for other in joined[name]} - reached
         reached |= new
     for segment in network.segments:
         if segment.name not in reached:

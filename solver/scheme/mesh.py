@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ..network import Network
 from .element import Element, element, lagrange
+from .elimination import Elimination, Sums, eliminate
 
 Array = np.ndarray
 
-_LARGEST_MESH = 4000  # elements; the nodal system is dense, and 1000 elements already take some 5 ms a step
+_LARGEST_MESH = 1_000_000  # elements: more are a mistake in a length
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,23 @@ def topology(network: Network) -> Topology:
     return Topology(start, end, outlet_segment, 1 + len(network.junctions) + len(network.outlets))
 
 
+class Samples(NamedTuple):
+    """Values at points, each from a few of many: at : (n_points, k) which, weight : (n_points, k)."""
+
+    at: Array
+    weight: Array
+
+    @staticmethod
+    def of_parts(parts: Iterable[tuple[Samples, slice]]) -> Samples:
+        """Of a whole, at the points of samples of its parts, one after the other."""
+        found = [(samples.at + part.start, samples.weight) for samples, part in parts]
+        return Samples(*map(np.concatenate, zip(*found, strict=True)))
+
+    def __call__(self, values: Array) -> Array:
+        """(B, n_points) of values (B, n)."""
+        return np.einsum("bpk,pk->bp", values.take(self.at, 1), self.weight)
+
+
 # --- mesh ---------------------------------------------------------------------------------------------------------
 
 
@@ -63,7 +82,7 @@ class Mesh:
     segment : (n_e,) segment of each element. parts : (n_e,) length of the segment over that of the element.
     left : (n_e,) x/L where it begins. piece : (n_e,) number of the stretch between cuts that it lies in.
     ends : (n_e, 2) node at the left and right end; the first nodes are the topology's.
-    incidence : (n_nodes, 2 n_e) net inflow of each node from the flows at the element ends (left, right, left, …).
+    n_nodes : points where elements meet, or end.
     first, count : (n_segments,) first element and number of elements of each segment.
     """
 
@@ -74,13 +93,9 @@ class Mesh:
     left: Array
     piece: Array
     ends: Array
-    incidence: Array
+    n_nodes: int
     first: Array
     count: Array
-
-    @property
-    def n_nodes(self) -> int:
-        return len(self.incidence)
 
     @property
     def n_elements(self) -> int:
@@ -92,9 +107,28 @@ class Mesh:
         return int(np.flatnonzero(self.ends[:, 0] == 0)[0])
 
     @cached_property
-    def net_inflow(self) -> Array:
-        """(2 n_e, n_nodes): flows at the element ends (left, right, left, …) times it are the nodes' net inflows."""
-        return np.ascontiguousarray(self.incidence.T)
+    def elimination(self) -> Elimination:
+        """How the system of the nodal pressures is solved."""
+        return eliminate(self.ends, self.n_nodes)
+
+    @cached_property
+    def joined(self) -> Sums:
+        """How flows at the element ends (left, right, left, …) add up at the nodes."""
+        return Sums.of(self.ends.ravel())
+
+    @cached_property
+    def _at_ends(self) -> Array:
+        """Which of the flows (n_e (N+1)) are those of ``joined``, in its order."""
+        element, right = np.divmod(self.joined.order, 2)
+        return element * (self.element.N + 1) + right * self.element.N
+
+    def signs(self, scale: Array) -> Array:
+        """(B, 2 n_e): what flows count in :meth:`net_inflow` where that of a node counts scale : (B, n_nodes)."""
+        return np.where(self.joined.order % 2, 1.0, -1.0) * scale.take(self.ends.ravel()[self.joined.order], 1)
+
+    def net_inflow(self, Q: Array, signs: Array) -> Array:
+        """What flows into each node and does not leave it, (B, n_nodes), of flows Q : (B, n_e, N+1)."""
+        return np.add.reduceat(Q.reshape(len(Q), -1).take(self._at_ends, 1) * signs, self.joined.first, 1)
 
     @cached_property
     def sink(self) -> Array:
@@ -119,31 +153,30 @@ class Mesh:
         mine, others = (self.segment, self.parts, self.ends), (other.segment, other.parts, other.ends)
         return self.element.N == other.element.N and all(map(np.array_equal, mine, others))
 
-    def sample_gauss(self, segment: Array, position: Array) -> Array:
-        """Matrix (n_points, n_e N): A or ∂Q/∂x at x = position · L from the N + 1 nearest points of its piece."""
+    def sample_gauss(self, segment: Array, position: Array) -> Samples:
+        """A or ∂Q/∂x (B, n_e N) at x = position · L from the N + 1 nearest points of its piece, if it has as many."""
         N = self.element.N
-        points = self.positions(self.element.x_gauss).ravel()
-        W = np.zeros((len(segment), self.n_elements * N))
-        for row, (s, x) in enumerate(zip(segment, position, strict=True)):
-            at = np.flatnonzero(np.repeat(self.piece == self.piece[self._holding(s, x)], N))
-            near = at[np.sort(np.argsort(np.abs(points[at] - x), kind="stable")[: N + 1])]
-            W[row, near] = lagrange(points[near], np.array([x]))[0]
-        return W
+        points, at, weight = self.positions(self.element.x_gauss).ravel(), list[Array](), list[Array]()
+        for e, x in zip(self._holding(segment, position), position, strict=True):
+            same = np.flatnonzero(self.piece[e] == self.piece[max(0, e - 1) : e + 2]) + max(0, e - 1)
+            inside = (N * same[:, None] + np.arange(N)).ravel()
+            near = inside[np.sort(np.argsort(np.abs(points[inside] - x), kind="stable")[: N + 1])]
+            at.append(np.resize(near, N + 1))
+            weight.append(np.resize(lagrange(points[near], np.array([x]))[0], N + 1) * (np.arange(N + 1) < len(near)))
+        return Samples(np.array(at, int).reshape(len(at), -1), np.array(weight))
 
-    def sample_lobatto(self, segment: Array, position: Array) -> Array:
-        """Matrix (n_points, n_e (N+1)) that evaluates Q at x = position · L."""
-        n = self.element.N + 1
-        W = np.zeros((len(segment), self.n_elements * n))
-        for row, (s, x) in enumerate(zip(segment, position, strict=True)):
-            e = self._holding(s, x)
-            xi = 2.0 * (x - self.left[e]) * self.parts[e] - 1.0
-            W[row, e * n : e * n + n] = lagrange(self.element.x_lobatto, np.array([xi]))[0]
-        return W
+    def sample_lobatto(self, segment: Array, position: Array) -> Samples:
+        """Q (B, n_e (N+1)) at x = position · L."""
+        n, e = self.element.N + 1, self._holding(segment, position)
+        xi = 2.0 * (position - self.left[e]) * self.parts[e] - 1.0
+        return Samples(n * e[:, None] + np.arange(n), lagrange(self.element.x_lobatto, xi))
 
-    def _holding(self, segment: int, x: float) -> int:
-        """The element that holds the point x/L of a segment."""
-        own = slice(self.first[segment], self.first[segment] + self.count[segment])
-        return int(self.first[segment] + np.searchsorted(self.left[own], x, side="right") - 1)
+    def _holding(self, segment: Array, position: Array) -> Array:
+        """The elements that hold the points x/L of segments."""
+        begins = ((first, self.left[first : first + n]) for first, n in zip(self.first, self.count, strict=True))
+        left = dict(enumerate(begins))
+        points = zip(segment, position, strict=True)
+        return np.array([left[s][0] + left[s][1].searchsorted(x, side="right") - 1 for s, x in points], int)
 
 
 def build_mesh(
@@ -173,11 +206,8 @@ def build_mesh(
     ends = np.stack([nodes.start[segment], nodes.end[segment]], axis=1)
     ends[inner, 1] = nodes.n_nodes + np.arange(inner.sum())
     ends[np.flatnonzero(inner) + 1, 0] = ends[inner, 1]
-    incidence = np.zeros((nodes.n_nodes + inner.sum(), 2 * len(segment)))
-    at = np.arange(len(segment))
-    incidence[ends[:, 0], 2 * at] = -1.0
-    incidence[ends[:, 1], 2 * at + 1] = 1.0
-    return Mesh(nodes, element(degree), segment, parts, left, piece, ends, incidence, first, count)
+    n_nodes = nodes.n_nodes + int(inner.sum())
+    return Mesh(nodes, element(degree), segment, parts, left, piece, ends, n_nodes, first, count)
 
 
 # --- the state vector ---------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import numpy as np
 from ..outlets import Load
 from ..wall import Wall
 from . import terms
+from .elimination import Factor
 from .guards import refuse
 from .model import Model
 from .optional import Force
@@ -28,11 +29,12 @@ _KEPT = 16  # lengths of step whose operators a model keeps
 class Loads:
     """What the outlets put on the nodes at the end of a stage: :class:`~solver.outlets.Load`, scale ΣQ = flow(P - P_b).
 
-    scale : (B, n_nodes), 1 but at outlets and at an inlet whose pressure is given. keep, give, charge : (B, n_outlets).
-    kinds : nodes, outlets, load of each.
+    scale : (B, n_nodes), 1 but at outlets and at an inlet whose pressure is given. signs : what the flows at element
+    ends count then. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
     """
 
     scale: Array
+    signs: Array
     keep: Array
     give: Array
     charge: Array
@@ -44,13 +46,13 @@ class Condensed:
     """The inverse of the Jacobian of a stage, its elements condensed onto the nodes.
 
     K_inverse : (B, n_e, N+1, N+1) of each element's momentum. K_left, K_right : (B, n_e, N+1) response of Q to the
-    pressures at its ends. minus_G_inverse : (B, n_nodes, n_nodes) of the nodal system.
+    pressures at its ends. nodal : the system of the nodal pressures.
     """
 
     K_inverse: Array
     K_left: Array
     K_right: Array
-    minus_G_inverse: Array
+    nodal: Factor
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def _loads(model: Model, tau: float) -> Loads:
         scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
         charge[:, ends.index] = load.charge
         kinds.append((_as_slice(at), _as_slice(ends.index), load))
-    return Loads(scale, keep, give, charge, tuple(kinds))
+    return Loads(scale, model.mesh.signs(scale), keep, give, charge, tuple(kinds))
 
 
 def _as_slice(index: Array) -> Index:
@@ -152,21 +154,19 @@ def _as_slice(index: Array) -> Index:
 
 def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> Condensed:
     """Invert the element Jacobians K and condense them onto the nodes; outlets linearised at H : (B, n_nodes)."""
-    mesh, B = model.mesh, len(K)
+    mesh = model.mesh
     K_inverse = np.linalg.inv(K)
     K_left = np.ascontiguousarray(K_inverse[..., 0])
     K_right = np.ascontiguousarray(-K_inverse[..., -1])
-    response = np.zeros((B, 2 * mesh.n_elements, mesh.n_nodes), K.dtype)
-    e = np.arange(mesh.n_elements)
-    for column, K_end in enumerate((K_left, K_right)):
-        response[:, 2 * e, mesh.ends[:, column]] += K_end[..., 0]
-        response[:, 2 * e + 1, mesh.ends[:, column]] += K_end[..., -1]
-    G = loads.scale[..., None] * (mesh.incidence @ response)
-    G[:, 0, 0] -= model.inlet.slope
+    by_left, by_right = K_left[..., mesh.element.both_ends], K_right[..., mesh.element.both_ends]
+    # into the left node, then into the right one, by the pressures at both
+    products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
+    less = np.zeros_like(loads.scale)
+    less[:, 0] += model.inlet.slope
     for nodes, outlets, load in loads.kinds:
-        at = np.arange(mesh.n_nodes)[nodes]
-        G[:, at, at] -= load.slope(H[:, nodes] - behind[:, outlets])
-    return Condensed(K_inverse, K_left, K_right, -np.linalg.inv(G))
+        less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])
+    nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
+    return Condensed(K_inverse, K_left, K_right, nodal)
 
 
 class Stage(NamedTuple):
@@ -236,7 +236,7 @@ class Stage(NamedTuple):
         R = terms.residual(self.start, Q, H)
         Q_free = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
         net = self.node_residual(Q_free, H)
-        dH = np.matmul(jacobian.minus_G_inverse, net[..., None])[..., 0]
+        dH = jacobian.nodal.solve(net)
         at_ends = dH.take(self.start.model.mesh.ends, axis=1)
         Q_free += jacobian.K_left * at_ends[..., :1]
         Q_free += jacobian.K_right * at_ends[..., 1:]
@@ -245,8 +245,7 @@ class Stage(NamedTuple):
     def node_residual(self, Q: Array, H: Array) -> Array:
         """ΣQ at the nodes; what drives the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
         mesh, loads = self.start.model.mesh, self.operators.loads
-        ends = Q[..., mesh.element.both_ends].reshape(len(Q), -1)
-        net = loads.scale * (ends @ mesh.net_inflow)
+        net = mesh.net_inflow(Q, loads.signs)
         net[:, 0] += self.start.model.inlet.surplus(self.drive, H[:, 0])
         for nodes, outlets, load in loads.kinds:
             net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])

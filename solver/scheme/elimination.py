@@ -1,0 +1,195 @@
+"""The system of the nodal pressures, solved at a cost that grows with the number of nodes.
+
+Node i is coupled to node j where an element joins them. Arteries branch, so most nodes have one or two neighbours.
+These are eliminated round by round, all of a round at once, no two of them neighbours; what they leave couples their
+neighbours. Leaves and every second node of a chain go, so that a tree of n nodes takes some log n rounds, and a
+network with loops comes down to these. What stays is inverted as a whole. Which node goes when is found once a mesh.
+
+Elimination by rounds: G. L. Miller, J. H. Reif, Parallel tree contraction, Proc. 26th FOCS (1985) 478.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+Index = Array | slice
+
+CORE = 96  # nodes that are inverted as a whole: below, a product with the inverse costs less than a round
+_WORTH = 0.1  # of the nodes, which a round must take: where many loops meet, few can go
+
+
+class Sums(NamedTuple):
+    """Sums of terms by where they go. order : the terms by target; first : (n,) where each target's begin; targets :
+    (n,)."""
+
+    order: Array
+    first: Array
+    targets: Array
+
+    @staticmethod
+    def of(targets: Array) -> Sums:
+        """For terms that go to targets : (n_terms,)."""
+        order = np.argsort(targets, kind="stable")
+        each, first = np.unique(targets[order], return_index=True)
+        return Sums(order, first, each)
+
+
+class Round(NamedTuple):
+    """Nodes v that go together; each has a near and a far neighbour, or a near one that counts as both.
+
+    nodes : (m,) v. near, far : (m,). row, column : entries (2, m) G_v,near and G_v,far, G_near,v and G_far,v.
+    gives : how G of the neighbours changes, (2, 2, m) terms. passes : how the right side there does, (2, m) terms;
+    source : the nodes v of these.
+    """
+
+    nodes: Array
+    near: Array
+    far: Array
+    row: Array
+    column: Array
+    gives: Sums
+    passes: Sums
+    source: Array
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """What is eliminated when, of a system of n nodes that elements couple.
+
+    Entries of G are counted: the diagonal first, then those of element ends, then those that arise. The last one is 0.
+    n_entries : their number. elements : how the (4 n_e) products of element ends (left with left and right, right with
+    left and right) add up to entries. rows : the node of every entry's equation. core : nodes that stay; inner : their
+    entries (n_core, n_core).
+    """
+
+    n_entries: int
+    elements: Sums
+    rows: Array
+    rounds: tuple[Round, ...]
+    core: Index
+    inner: Array
+
+    def factor(self, products: Array, scale: Array, less: Array) -> Factor:
+        """-G⁻¹ of G = scale · Σ products - diag(less). products : (B, 4 n_e) flow into a node of each element end by
+        the pressure at each end. scale, less : (B, n) of each node's equation.
+
+        Raises LinAlgError where G is singular.
+        """
+        G = np.zeros((len(products), self.n_entries), products.dtype)
+        G[:, self.elements.targets] = np.add.reduceat(products.take(self.elements.order, 1), self.elements.first, 1)
+        G[:, :-1] *= scale.take(self.rows, 1)
+        G[:, : less.shape[1]] -= less
+        passed, taken, own = list[Array](), list[Array](), list[Array]()
+        for r in self.rounds:
+            pivot = G[:, r.nodes]
+            if not pivot.all():
+                raise np.linalg.LinAlgError("Singular matrix")
+            column, row = G[:, r.column] / pivot[:, None], G[:, r.row]
+            change = (column[:, :, None] * row[:, None]).reshape(len(G), -1)
+            G[:, r.gives.targets] -= np.add.reduceat(change.take(r.gives.order, 1), r.gives.first, 1)
+            passed.append(column.reshape(len(G), -1).take(r.passes.order, 1))
+            taken.append(-row / pivot[:, None])
+            own.append(-1.0 / pivot)
+        return Factor(self, tuple(passed), tuple(taken), tuple(own), -np.linalg.inv(G[:, self.inner]))
+
+
+@dataclass(frozen=True)
+class Factor:
+    """-G⁻¹: what every round passes on, (B, 2 m), takes back, (B, 2, m), and keeps, (B, m); inverse : of the core."""
+
+    plan: Elimination
+    passed: tuple[Array, ...]
+    taken: tuple[Array, ...]
+    own: tuple[Array, ...]
+    inverse: Array
+
+    def solve(self, net: Array) -> Array:
+        """-G⁻¹ net : (B, n)."""
+        if not self.plan.rounds:
+            return np.matmul(self.inverse, net[..., None])[..., 0]
+        left = net.copy()
+        for r, passed in zip(self.plan.rounds, self.passed, strict=True):
+            going = passed * left.take(r.source, 1)
+            left[:, r.passes.targets] -= np.add.reduceat(going, r.passes.first, 1)
+        found = np.empty_like(left)
+        found[:, self.plan.core] = np.matmul(self.inverse, left[:, self.plan.core, None])[..., 0]
+        for r, taken, own in zip(reversed(self.plan.rounds), reversed(self.taken), reversed(self.own), strict=True):
+            x = own * left.take(r.nodes, 1)
+            x += taken[:, 0] * found.take(r.near, 1)
+            x += taken[:, 1] * found.take(r.far, 1)
+            found[:, r.nodes] = x
+        return found
+
+
+# --- which node goes when -----------------------------------------------------------------------------------------
+
+
+def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
+    """How to eliminate the n nodes that elements with ends : (n_e, 2) couple, until about ``core`` of them stay."""
+    entries = {(i, i): i for i in range(n)}
+
+    def entry(i: int, j: int) -> int:
+        return entries.setdefault((i, j), len(entries))
+
+    pairs = [(i, j) for a, b in ends.tolist() for i in (a, b) for j in (a, b)]
+    elements = Sums.of(np.array([entry(i, j) for i, j in pairs]))
+    beside: dict[int, set[int]] = {i: set() for i in range(n)}
+    for i, j in entries:
+        beside[i] |= {j} - {i}
+    rounds = list[Round]()
+    while len(beside) > core:
+        going = _apart(beside)
+        if len(going) < _WORTH * len(beside):
+            break
+        rounds.append(_round(going, [sorted(beside[v]) for v in going], entry))
+        for v in going:
+            others = beside.pop(v)
+            for i in others:
+                beside[i] = (beside[i] | others) - {i, v}
+    stay = np.array(sorted(beside))
+    key = np.array(list(entries))
+    inner = np.full((n, n) if not rounds else (len(stay), len(stay)), -1)
+    place = np.full(n, -1)
+    place[stay] = np.arange(len(stay))
+    row, column = place[key].T
+    both = (row >= 0) & (column >= 0)
+    inner[row[both], column[both]] = np.flatnonzero(both)
+    return Elimination(len(key) + 1, elements, key[:, 0], tuple(rounds), stay if rounds else slice(None), inner)
+
+
+def _apart(beside: dict[int, set[int]]) -> list[int]:
+    """Nodes with at most two neighbours, no two of them neighbours: those with one first."""
+    found, taken = list[int](), set[int]()
+    for v in sorted((v for v, others in beside.items() if len(others) <= 2), key=lambda v: len(beside[v])):
+        if v not in taken:
+            found.append(v)
+            taken |= beside[v]
+    return found
+
+
+def _round(nodes: list[int], beside: Iterable[list[int]], entry: Callable[[int, int], int]) -> Round:
+    """The round in which nodes go that have these one or two neighbours."""
+    near, far = np.array([(others[0], others[-1]) for others in beside]).T
+    two = near != far
+    pairs = ((near, near), (near, far), (far, near), (far, far))
+
+    def entries(i: Array, j: Array) -> Array:
+        return np.array(list(map(entry, i.tolist(), j.tolist())))
+
+    v = np.array(nodes)
+    passes = Sums.of(np.concatenate([near, far]))
+    return Round(
+        nodes=v,
+        near=near,
+        far=far,
+        row=np.stack([entries(v, near), np.where(two, entries(v, far), -1)]),
+        column=np.stack([entries(near, v), np.where(two, entries(far, v), -1)]),
+        gives=Sums.of(np.concatenate([entries(i, j) for i, j in pairs])),
+        passes=passes,
+        source=np.tile(v, 2)[passes.order],
+    )
