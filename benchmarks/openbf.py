@@ -148,8 +148,8 @@ def main(
             result = simulate_periodic(other, settings=settings, tolerance=1e-4, start="periodic")
             rows[label] = compared(result, found)
             if label == "as it comes":
-                drawn.append((name, result, found, same))
                 same = _as_many(other, settings, found)
+                drawn.append((name, result, found, same))
                 rows["beats: as many as openBF, from rest"] = compared(same, found)
                 rows["the same, time: 0.6 ms later"] = compared(same, found, later=6e-4)
             if not switch_all:
