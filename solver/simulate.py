@@ -241,9 +241,10 @@ def _run(
     scheme: Scheme, settings: AnySettings, dt: float,
 ) -> _Run:  # fmt: skip
     model = scheme.build(network, parameters, settings)
-    if inflow is None and network.inlet.causality != "flow":
+    drive = inflow or network.inlet.given
+    if drive is None:
         raise ValueError(f"network {network.name}: its inlet is driven by a pressure; give it as inflow, P(t) in Pa.")
-    return _Run(scheme, model, scheme.reporter(model), inflow or network.inlet.Q, dt)
+    return _Run(scheme, model, scheme.reporter(model), drive, dt)
 
 
 @dataclass(frozen=True)
