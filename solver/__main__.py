@@ -29,7 +29,9 @@ def main(
     duration: Annotated[
         str | None, typer.Option(help='Run this long, e.g. "2 s"; default: beats until they repeat.')
     ] = None,
-    start: Annotated[str, typer.Option(help="rest, or periodic: near the beats that repeat.")] = "rest",
+    start: Annotated[
+        str | None, typer.Option(help="rest, or periodic: near the beats that repeat. Default: what is sooner done.")
+    ] = None,
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
     element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
@@ -68,7 +70,7 @@ def _run(
     network: Network,
     settings: Settings,
     duration: str | None,
-    start: str,
+    start: str | None,
     tolerance: float,
     max_beats: int,
     quiet: bool,
@@ -76,7 +78,7 @@ def _run(
     with bar(quiet, network.name) as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
-            return simulate(network, duration=seconds, settings=settings, start=start, progress=progress)
+            return simulate(network, duration=seconds, settings=settings, start=start or "rest", progress=progress)
         return simulate_periodic(
             network, settings=settings, tolerance=tolerance, max_beats=max_beats, start=start, progress=progress
         )
