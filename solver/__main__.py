@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from .console import bar, right, say_written, sentences, show
+from .console import bar, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .network import Network
 from .scheme.failure import NonPhysicalState
@@ -50,6 +50,7 @@ def main(
             result.to_csv(out)
     if not quiet:
         _show(model, result)
+        say_notes(result.notes)
         say_written(out)
 
 

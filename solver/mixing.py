@@ -17,12 +17,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .scheme.model import Model
 from .scheme.step import State
 
 Array = np.ndarray
 
+_LONG = 1e6  # s, a stage so long that an outlet is its resistance
 _KEPT = 4  # beats that are mixed
 _SLOW = 0.25  # of the gap of the beat before: where less is left, beats repeat soon enough by themselves
+_SOON = 0.1  # of a gap that may be left after a beat where rest is as good a start as any
 _SAME = 1e-3  # changes of r that are no more than this part of the largest tell nothing
 _FURTHEST = 100.0  # Σ |w|
 
@@ -67,3 +70,20 @@ class Beats:
         r = np.stack(self.changes, axis=-1)  # (B, n_outlets, beats)
         share = np.linalg.pinv(r[..., -1:] - r[..., :-1], rcond=_SAME) @ r[..., -1:]
         return np.concatenate([share[..., 0], 1.0 - share.sum(axis=1)], axis=1).T
+
+
+def fills_slowly(model: Model, T: float) -> bool:
+    """Whether beats of length T [s] take more than a few to fill the arteries and Windkessels of any member.
+
+    Their time constant is C/Σ(1/R) at rest: e^{-T/τ} of a gap is left after a beat.
+    """
+    c, stiffness = model.coefficients, model.wall.stiffness(model.A_rest)
+    capacity = (-model.mesh.element.w_gauss / model.minus_J_inverse / stiffness).sum(axis=(1, 2))
+    conductance = np.zeros(c.B)
+    with np.errstate(all="ignore"):
+        for ends in c.outlets:
+            load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), _LONG)
+            slope = load.slope(c.P_0 - c.P_venous[:, ends.index]) / load.scale
+            conductance = conductance + np.nan_to_num(slope, nan=np.inf).sum(axis=1)
+            capacity = capacity + ends.kind.capacity(ends.numbers).sum(axis=1)
+        return bool(np.any(np.exp(-T * conductance / capacity) > _SOON))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Parameters
-from .mixing import Beats
+from .mixing import Beats, fills_slowly
 from .network import Network
 from .outputs import Reporter, reporter
 from .scheme.failure import NonPhysicalState
@@ -174,7 +174,7 @@ def simulate_periodic(
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
     start : "rest"; "periodic", near the answer (:mod:`~solver.start`); or an earlier result, with other parameters
     perhaps, whose last state takes the place of rest: it saves beats where little has changed; that of one parameter
-    set serves a batch. Default: rest; periodic where there is such a state and Windkessels would take beats to fill.
+    set serves a batch. Default: rest; periodic where there is such a state and the arteries would take beats to fill.
     accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.mixing`), and the default
     start may be the periodic one. The result is a beat that repeats the one before in either case.
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
@@ -292,9 +292,9 @@ class _Run:
     def begin_beats(self, start: Waveforms | str | None, period: float, near: bool) -> tuple[State, State | None]:
         """The state to start beats from, and another one in case that it breaks down.
 
-        Where nothing is said it is near the periodic one if Windkessels fill slowly.
+        Where nothing is said it is near the periodic one if the arteries fill slowly.
         """
-        if start is None and near and any(ends.kind.stores for ends in self.model.coefficients.outlets):
+        if start is None and near and fills_slowly(self.model, period):
             return self.near(period), self.begin("rest", period)
         return self.begin(start, period), None
 
