@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.network import Inlet, Network
+from solver.network import Network
 from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.failure import NonPhysicalState
 from solver.scheme.mesh import Layout
@@ -79,7 +79,7 @@ class CoSimulation(Component):
             return initial_state(self.model, t0)
         if self.drive == "inlet.P":
             return periodic_state(self.model, lambda t: values["inlet.P_mean"] + 0.0 * t, 1.0, t0)
-        pulse = Inlet.pulse(self.network.inlet.segment, values["inlet.Q_mean"], values["inlet.T"])
+        pulse = self.network.inlet.with_mean(values["inlet.Q_mean"], values["inlet.T"])
         return periodic_state(self.model, pulse.Q, pulse.T, t0)
 
     def retune(self, changed: Mapping[str, Any]) -> None:

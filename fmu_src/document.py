@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.network import Network
+from solver.network import Inlet, Network
 from solver.outlets import OUTLETS
 from solver.units import display_factor
 
@@ -107,7 +107,7 @@ _DRIVES = {
         "port": "P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h) with <code>inlet.P_0</code>, <code>inlet.Z_0</code> and "
         "<code>inlet.Z</code>.",
         "early": "Z_0",
-        "periodic": "where beats of a half-sine inflow with the mean <code>inlet.Q_mean</code> and the period "
+        "periodic": "where beats of {shape} with the mean <code>inlet.Q_mean</code> and the period "
         "<code>inlet.T</code> would have led to",
     },
     "pressure": {
@@ -136,6 +136,11 @@ crashes on others.</li>
 """
 
 
+def _use(inlet: Inlet) -> str:
+    words = _DRIVES[inlet.causality]
+    return _USE.format_map({**words, "periodic": words["periodic"].format(shape=inlet.shape)})
+
+
 def index_html(network: Network, table: tuple[Variable, ...], version: str) -> str:
     """One self-contained page: what the FMU is, how to use it, its variables, the network drawn, references."""
     reference = escape(" ".join(network.reference.split()) or "The network file names none.")
@@ -148,7 +153,7 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
 bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
-{_USE.format_map(_DRIVES[network.inlet.causality])}
+{_use(network.inlet)}
 {HOST}
 {variables_html(table)}
 <h2>References</h2>

@@ -35,7 +35,7 @@ _PULSES = {
     },
 }
 _PERIODIC = {
-    "flow": "near the beats of a half-sine of mean inlet.Q_mean and period inlet.T",
+    "flow": "near the beats of {} of mean inlet.Q_mean and period inlet.T",
     "pressure": "in the steady state under inlet.P_mean",
 }
 _OUTPUTS = {
@@ -70,7 +70,12 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             kind = "tunable" if quantity.tunable else "fixed"
             parameters.append(Variable(name, "parameter", kind, quantity.description, values[name], quantity))
     starts = {"solver.dt": settings.dt, "solver.element_length": settings.element_length}
-    starts |= {"inlet.Q_mean": network.inlet.Q_mean, "inlet.T": network.inlet.T, "inlet.P_mean": network.P_0}
+    inlet, P_mean = network.inlet, network.inlet.P_mean
+    starts |= {
+        "inlet.Q_mean": inlet.Q_mean,
+        "inlet.T": inlet.T,
+        "inlet.P_mean": network.P_0 if P_mean is None else P_mean,
+    }
     for name, quantity in (SETTINGS | _PULSES[network.inlet.causality]).items():
         parameters.append(Variable(name, "parameter", "fixed", quantity.description, starts[name], quantity))
     texts = (
@@ -89,7 +94,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         ),
         (
             "network.start",
-            f"at rest under network.P_0; or {_PERIODIC[network.inlet.causality]}",
+            f"at rest under network.P_0; or {_PERIODIC[inlet.causality].format(inlet.shape)}",
             "rest",
             STARTS,
         ),

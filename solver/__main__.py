@@ -1,13 +1,15 @@
-"""Command line of the solver: ``python -m solver NETWORK``."""
+"""Command line of the solver: ``python -m solver NETWORK``, or list, import, export."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
+from . import commands
 from .console import bar, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .network import Network
@@ -20,7 +22,7 @@ from .units import MMHG
 def main(
     network: Annotated[
         str,
-        typer.Argument(help="A network file (TOML), or the name of a bundled network: human, sheep, sheep_nonlinear."),
+        typer.Argument(help="A network file (TOML), or the name of a bundled network (python -m solver list)."),
     ],
     out: Annotated[Path | None, typer.Option(help="Write the waveforms to this CSV file.")] = None,
     set_: Annotated[
@@ -38,7 +40,10 @@ def main(
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no table.")] = False,
 ) -> None:
-    """Simulate a network of arteries and report pressure, flow and radius at its sites."""
+    """Simulate a network of arteries and report pressure, flow and radius at its sites.
+
+    Or list, import, export: networks that come along, and other formats.
+    """
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         settings = Settings(
@@ -102,4 +107,6 @@ def _show(network: Network, result: Waveforms) -> None:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
+        commands.app()
     typer.run(main)

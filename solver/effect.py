@@ -116,6 +116,7 @@ class Effect:
     along : such keys that say where along a segment.
     signature, confusable, separator : what it does to records, what does nearly the same, and what tells them apart.
     at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
+    at_ends : numbers of its owner that may be given at both ends, with the term that holds their relative difference.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
     remembers : it adds states to the solution, which a batch then carries for all of its members.
 
@@ -139,6 +140,7 @@ class Effect:
     always: ClassVar[bool] = False
     at_rest: ClassVar[bool] = False
     cuts: ClassVar[tuple[float, ...]] = ()
+    at_ends: ClassVar[Mapping[str, str]] = {}
     needs: ClassVar[str | None] = None
     rewires: ClassVar[bool] = False
     remembers: ClassVar[bool] = False

@@ -173,20 +173,28 @@ class ExternalPressure(Effect):
 
 class Taper(Effect):
     name = "taper"
-    equation = "R0(x) = R0 (1 + s (x/L - 1/2)), h constant"
+    equation = "R0(x) = R0 (1 + s (x/L - 1/2)), and so h and E, each linear with its own s"
     owner = "segment"
     places = ("segment",)
-    terms = {"taper": Quantity("1", "taper s, R0(x) = R0 (1 + s (x/L - 1/2))", -1.5, 1.5, tunable=False)}
-    neutral = {"taper": 0.0}
+    terms = {
+        key: Quantity("1", f"taper s of {of}, {of}(x) = {of} (1 + s (x/L - 1/2))", -1.5, 1.5, tunable=False)
+        for key, of in (("taper", "R0"), ("taper_h", "h"), ("taper_E", "E"))
+    }
+    neutral = {"taper": 0.0, "taper_h": 0.0, "taper_E": 0.0}
+    at_ends = {"R0": "taper", "h": "taper_h", "E": "taper_E"}
     at_rest = True
     typical = {"taper": 0.2}
     signature = "amplification toward the periphery"
     confusable = ("wall_stiffness",)
     separator = "several sites"
 
+    def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
+        """That of the radius: records do not tell the three apart."""
+        return super().coordinates(network, place, bench)[:1]
+
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
-        f = 1.0 + values["taper"] * (x - 0.5)
-        return replace(wall, A0=wall.A0 * f * f, K=wall.K / f, K_h=wall.K_h / f)
+        f, h, E = (1.0 + values[key] * (x - 0.5) for key in self.terms)
+        return replace(wall, A0=wall.A0 * f * f, K=wall.K * (h * E) / f, K_h=wall.K_h * h / f, e=wall.e / E)
 
 
 # --- the fluid ----------------------------------------------------------------------------------------------------

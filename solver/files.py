@@ -7,28 +7,33 @@ rational factor of the unit, rounded once, so "4 cm" is 0.04 and a written netwo
 
 from __future__ import annotations
 
-import difflib
-import json
-import math
 import os
-import re
-import tokenize
 import tomllib
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import MISSING, fields
-from fractions import Fraction
-from functools import cache
 from pathlib import Path
 from typing import Any
 
+from . import spellings, tables
 from .catalogue import quantities_of, terms_of, value_of
-from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
+from .curve import Curve
+from .network import CAUSALITY, Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import OUTLETS, Outlet, Pressure
 from .quantity import Quantity, quantities
+from .text import (
+    check_keys,
+    did_you_mean,
+    example,
+    parse_quantity,
+    pint_spelling,
+    quoted,
+    read_text,
+    write_whole,
+)
 
 _NETWORKS = Path(__file__).parent / "networks"
-_TEXTS = ("name", "reference", "elastic_law", "viscous_law")
+_TEXTS = ("name", "species", "reference", "elastic_law", "viscous_law")
+_ETA = next(f.default for f in fields(Network) if f.name == "eta")
 _SECTIONS = ("network", "fluid", "inlet", "segments", "junctions", "outlets", "sites", "channels")
 
 
@@ -37,13 +42,16 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
     Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
     """
-    return loads(read_text(path), str(path))
+    return loads(read_text(path), str(path), Path(path).parent)
 
 
-def loads(text: str, name: str) -> Network:
-    """The network in TOML text. Raises ValueError as :func:`read_network`; ``name`` starts the sentence."""
+def loads(text: str, name: str, folder: Path | None = None) -> Network:
+    """The network in TOML text. Raises ValueError as :func:`read_network`; ``name`` starts the sentence.
+
+    folder : that of the files which the text names; text without one names none.
+    """
     try:
-        return _network(tomllib.loads(text))
+        return from_sections(tomllib.loads(text), folder)
     except tomllib.TOMLDecodeError as error:
         if text.lstrip("\ufeff").startswith("time"):
             raise ValueError(
@@ -64,52 +72,30 @@ def write_network(network: Network, path: str | os.PathLike[str]) -> None:
     write_whole(path, dumps(network))
 
 
-def read_text(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8. Raises ValueError if it is none or cannot be read."""
-    try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
-
-
-def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
-    """Write a file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
-    path = Path(path)
-    if path.exists() and not path.is_file():  # a rename would replace a device or fail on a directory
-        raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
-    target = path.resolve()  # a link stays a link
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        aside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        os.replace(aside, target)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.") from None
-    finally:
-        with suppress(OSError):
-            aside.unlink()
-
-
 def dumps(network: Network) -> str:
     """The network as TOML text in SI with units; :func:`loads` gives an equal network, bit for bit."""
     blocks = [_texts_out(network, *_TEXTS)]
     blocks += [["[network]", *_numbers_out(network)], ["[fluid]", *_numbers_out(network.fluid)]]
-    blocks += [["[inlet]", *_texts_out(network.inlet, "segment", "causality"), *_numbers_out(network.inlet)]]
+    blocks += [["[inlet]", *_texts_out(network.inlet, "segment", "causality"), *_inlet_out(network.inlet)]]
     blocks += [[f"[segments.{s.name}]", *_numbers_out(s)] for s in network.segments]
     for junction in network.junctions:
-        ends = [f"in = {_quoted(junction.inflow)}", f"out = {_quoted(junction.outflow)}"]
+        ends = [f"in = {quoted(junction.inflow)}", f"out = {quoted(junction.outflow)}"]
         blocks.append(["[[junctions]]", *ends, *_numbers_out(junction)])
     blocks += [[f"[outlets.{o.segment}]", *_numbers_out(o)] for o in network.outlets]
     blocks += [["[sites]"]]  # also when there are none: without the section there would be one per segment
-    blocks += [[f"[sites.{s.name}]", f"segment = {_quoted(s.segment)}", *_numbers_out(s)] for s in network.sites]
-    blocks += [[f"[channels.{_quoted(c.name)}]", *_lines(c.terms, c.quantities())] for c in network.channels]
+    blocks += [[f"[sites.{s.name}]", f"segment = {quoted(s.segment)}", *_numbers_out(s)] for s in network.sites]
+    blocks += [[f"[channels.{quoted(c.name)}]", *_lines(c.terms, c.quantities())] for c in network.channels]
     return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
+
+
+def bundled_names() -> list[str]:
+    """The names of the networks that come with the package."""
+    return sorted(path.stem for path in _NETWORKS.glob("*.toml"))
 
 
 def bundled(name: str) -> Path:
     """The file of a network that comes with the package ("sheep"). Raises ValueError that lists them."""
-    names = sorted(path.stem for path in _NETWORKS.glob("*.toml"))
+    names = bundled_names()
     if name not in names:
         raise ValueError(
             f"{name}: neither a file nor a bundled network; "
@@ -123,96 +109,22 @@ def find_network(name_or_path: str | os.PathLike[str]) -> Path:
     return Path(name_or_path) if Path(name_or_path).is_file() else bundled(os.fspath(name_or_path))
 
 
-# --- numbers and units --------------------------------------------------------------------------------------------
-
-_NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?(?:nan|inf)\b)\s*(.*)")
-
-
-def parse_quantity(value: str | float, unit: str, name: str) -> float:
-    """The value in ``unit`` of a number in that unit or of text with its own unit: ("4 cm", "m", "AA.L") -> 0.04.
-
-    value : a number, or text with a number and optionally a unit as pint spells it ("1 mmHg*s/mL").
-    unit : as in :class:`solver.network.Quantity` ("Pa.s", "1"). name : what the number is, for the error.
-    Raises ValueError, one sentence, if it is not a finite number or the unit is unknown or of another kind.
-    """
-    shown = f"{name} = {json.dumps(value, ensure_ascii=False, default=str)}"
-    wanted = "a number without unit" if unit == "1" else f"a number in {_pint_spelling(unit)}"
-    numeric = isinstance(value, str | float | int) and not isinstance(value, bool)
-    match = _NUMBER.fullmatch(str(value).strip()) if numeric else None
-    if match is None:
-        raise ValueError(
-            f'{shown}: must be {wanted}; write it bare or with a unit in quotes, such as "{_example(unit)}".'
-        )
-    magnitude = float(match[1])
-    if magnitude == 0.0:
-        _factor(match[2], unit, shown)
-        return magnitude  # keeps the sign of -0.0
-    try:
-        result = float(Fraction(match[1]) * _factor(match[2], unit, shown)) if math.isfinite(magnitude) else magnitude
-    except OverflowError:
-        result = math.inf
-    if not math.isfinite(result):
-        raise ValueError(f"{shown}: must be {wanted} that is finite; check the value.")
-    return result
-
-
-# a number of three digits, a power of a power, or an exponent that is not a number of two digits at most: 9**9**9**9
-# would keep exact arithmetic busy for ever
-_ENDLESS = re.compile(
-    r"\d{3}|(\*\*|\^)[^*^/]*\d\s*\)*\s*(\*\*|\^)|(\*\*|\^)(?!\s*[+-]?\d{1,2}(?![\d.])|\s*\(\s*[+-]?\d{1,2}\s*\))"
-)
-
-
-def _factor(text: str, unit: str, shown: str) -> Fraction:
-    """The exact factor from the unit in ``text`` to ``unit``; no text means that unit itself."""
-    wanted, registry = _pint_spelling(unit), _registry()
-    try:
-        if _ENDLESS.search(text):
-            raise ValueError
-        given = registry.parse_units(_pint_spelling(text)) if text else registry.parse_units(wanted)
-    # the parser of pint lets all of these through for text that is not a unit
-    except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
-        raise ValueError(
-            f'{shown}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{_example(unit)}".'
-        ) from None
-    target = registry.parse_units(wanted)
-    if given.dimensionality != target.dimensionality:
-        raise ValueError(
-            f"{shown}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
-            f'correct the unit or the key, such as "{_example(unit)}".'
-        )
-    return registry.convert(Fraction(1), given, target)
-
-
-@cache
-def _registry() -> Any:
-    """pint's units with exact rational factors, made at the first use: it takes half a second."""
-    import pint
-
-    return pint.UnitRegistry(non_int_type=Fraction)
-
-
-def _pint_spelling(unit: str) -> str:
-    """ "Pa.s" and "Pa·s", as FMI and people write them, in pint's spelling "Pa*s"; "1" as ""."""
-    return "" if unit == "1" else re.sub(r"(?<=\w)\s*[.·⋅]\s*(?=[^\W\d])", "*", unit)
-
-
-def _example(unit: str) -> str:
-    return f"1 {_pint_spelling(unit)}".strip()
-
-
 # --- reading the sections -----------------------------------------------------------------------------------------
 
 
-def _network(data: Mapping[str, Any]) -> Network:
+def from_sections(data: Mapping[str, Any], folder: Path | None = None) -> Network:
+    """The network of a file's sections, as TOML has them. Raises ValueError as :func:`loads`, without the file."""
     check_keys("top level", data, (*_TEXTS, *_SECTIONS))
     texts: dict[str, Any] = {key: _text(data, key, "top level") for key in _TEXTS if key in data or key == "name"}
-    segments = tuple(Segment(name, **_numbers(Segment, name, t)) for name, t in _tables(data, "segments"))
+    whole = _numbers(Network, "network", _table(data, "network"))
+    fluid = _fluid(_table(data, "fluid"))
+    eta = whole.get("eta", _ETA)
+    segments = tuple(_segment(name, table, eta, fluid.rho) for name, table in _tables(data, "segments"))
     return Network(
         **texts,
-        **_numbers(Network, "network", _table(data, "network")),
-        fluid=Fluid(**_numbers(Fluid, "fluid", _table(data, "fluid"))),
-        inlet=_inlet(_table(data, "inlet")),
+        **whole,
+        fluid=fluid,
+        inlet=_inlet(_table(data, "inlet"), folder),
         segments=segments,
         junctions=tuple(map(_junction, _list(data, "junctions"))),
         outlets=tuple(_outlet(name, table) for name, table in _tables(data, "outlets")),
@@ -221,10 +133,49 @@ def _network(data: Mapping[str, Any]) -> Network:
     )
 
 
-def _inlet(table: Mapping[str, Any]) -> Inlet:
-    causality = _text({"causality": "flow", **table}, "causality", "inlet")
-    numbers = _numbers(Inlet, "inlet", table, ("segment", "causality"))
-    return Inlet(_text(table, "segment", "inlet"), **numbers, causality=causality)
+def _fluid(table: Mapping[str, Any]) -> Fluid:
+    check_keys("fluid", table, (*quantities(Fluid), *terms_of("fluid"), *spellings.FLUID))
+    own = {key: value for key, value in table.items() if key not in spellings.FLUID}
+    rho = _numbers(Fluid, "fluid", own).get("rho", Fluid().rho)
+    return Fluid(**_numbers(Fluid, "fluid", spellings.fluid(table, rho, parse_quantity)))
+
+
+def _segment(name: str, table: Mapping[str, Any], eta: float, rho: float) -> Segment:
+    known = quantities(Segment)
+    check_keys(name, table, (*known, *terms_of("segment"), *spellings.SEGMENT))
+    return Segment(name, **_numbers(Segment, name, spellings.segment(name, table, known, eta, rho, parse_quantity)))
+
+
+_INLET_TEXTS = ("segment", "causality", "interpolation")
+
+
+def _inlet(table: Mapping[str, Any], folder: Path | None) -> Inlet:
+    """The inlet, with a curve where Q or P is a table: the name of a file, or a list beside one of times t."""
+    check_keys("inlet", table, (*_INLET_TEXTS, *quantities(Inlet), "t", *CAUSALITY))
+    numbers = _numbers(Inlet, "inlet", {key: table[key] for key in quantities(Inlet) if key in table})
+    segment, given = _text(table, "segment", "inlet"), [signal for signal in CAUSALITY if signal in table]
+    if not given:
+        for key in ("t", "interpolation"):
+            if key in table:
+                raise ValueError(f"inlet.{key}: it belongs to a table; give Q or P too.")
+        causality = _text({"causality": "flow", **table}, "causality", "inlet")
+        return Inlet(segment, **numbers, causality=causality)
+    signal = given[0]
+    for other in (*given[1:], *(["Q_max"] if "Q_max" in table else [])):
+        raise ValueError(f"inlet: {signal} and {other} each say what is given there; keep one of them.")
+    t, values = tables.signal(signal, table, folder)
+    interpolation = _text({"interpolation": "cubic", **table}, "interpolation", "inlet")
+    curve = Curve.through(signal, t, values, interpolation, numbers.get("T"))
+    causality = _text({"causality": CAUSALITY[signal], **table}, "causality", "inlet")
+    return Inlet(segment, causality=causality, curve=curve)
+
+
+def _inlet_out(inlet: Inlet) -> list[str]:
+    if inlet.curve is None:
+        return _numbers_out(inlet)
+    signal = inlet.curve.signal
+    table = [f"t = {list(inlet.curve.t)!r}", f"{signal} = {list(inlet.curve.values)!r}"]
+    return [*table, *_texts_out(inlet.curve, "interpolation"), f'T = "{inlet.T!r} s"']
 
 
 def _sites(data: Mapping[str, Any]) -> tuple[Site, ...]:
@@ -249,6 +200,7 @@ def _junction(entry: Any) -> Junction:
 def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     """The outlet whose own keys are in the table: R_t, or R1 C R2, or R, or none but P_venous."""
     where = f"{segment}.outlet"
+    table = spellings.outlet(table)
     own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in OUTLETS}
     check_keys(where, table, [*dict.fromkeys(key for kind in OUTLETS for key in quantities(kind)), *terms_of("outlet")])
     found = [kind for kind in OUTLETS if any(key in table for key in own[kind])]
@@ -286,7 +238,7 @@ def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[s
             wanted = own[f.name]
             raise ValueError(
                 f"{where}: the key {f.name} ({wanted.description}) is missing; "
-                f'add it, such as {f.name} = "{_example(wanted.display or wanted.unit)}".'
+                f'add it, such as {f.name} = "{example(wanted.display or wanted.unit)}".'
             )
 
     def read(known: Mapping[str, Quantity]) -> dict[str, Any]:
@@ -296,7 +248,7 @@ def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[s
 
 
 def _texts_out(owner: Any, *keys: str) -> list[str]:
-    return [f"{key} = {_quoted(getattr(owner, key))}" for key in keys]
+    return [f"{key} = {quoted(getattr(owner, key))}" for key in keys]
 
 
 def _numbers_out(owner: Any) -> list[str]:
@@ -308,7 +260,7 @@ def _lines(values: Mapping[str, float], known: Mapping[str, Quantity]) -> list[s
     """One line per number; repr is the shortest text that reads back to the same float."""
     shown = {key: (repr(float(value)), known[key].unit) for key, value in values.items()}
     return [
-        f"{key} = {number}" if unit == "1" else f'{key} = "{number} {_pint_spelling(unit)}"'
+        f"{key} = {number}" if unit == "1" else f'{key} = "{number} {pint_spelling(unit)}"'
         for key, (number, unit) in shown.items()
     ]
 
@@ -341,23 +293,3 @@ def _list(data: Mapping[str, Any], key: str) -> list[Any]:
     if not isinstance(entries, list):
         raise ValueError(f"{key}: must be a list of sections; write [[{key}]] with double brackets.")
     return entries
-
-
-def check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
-    """Raise ValueError that names the first key of ``table`` that is not among the known ones."""
-    known = list(known)
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}.")
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """ " (did you mean E?)" for the known name nearest to ``name``; nothing if none is near."""
-    folded = {each.lower(): each for each in known}
-    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
-    return f" (did you mean {folded[close[0]]}?)" if close else ""
-
-
-def _quoted(text: str | Iterable[str]) -> str:
-    """A TOML string, or array of them: as JSON writes it, and DEL, which TOML wants escaped too."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

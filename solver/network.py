@@ -9,7 +9,7 @@ fields, which every network has, segments, fluid and channels hold *terms* by ke
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -17,12 +17,14 @@ import numpy as np
 
 from . import effects
 from .catalogue import quantities_of, terms_of, value_of
+from .curve import Curve
 from .effect import Effect
 from .outlets import OUTLETS, Outlet
 from .quantity import Quantity, quantities, quantity
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms
 
+CAUSALITY = {"Q": "flow", "P": "pressure"}  # of an inlet, by the signal that is given there
 _BOTH = ("network", "wall")
 
 
@@ -141,17 +143,24 @@ class Inlet:
     """Where blood enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine.
 
     causality : what is given there, the flow or the pressure; the other one is an output.
+    curve : what is given there in place of the half-sine; Q_max and T are then those of the curve.
     """
 
     segment: str
     Q_max: float = quantity(55e-6, "m^3/s", "peak inflow Q_max", 0.0, 1.0, nominal=1e-4, display="mL/s")
     T: float = quantity(0.5, "s", "period T", 1e-3, 100.0)
     causality: str = "flow"
+    curve: Curve | None = None
 
-    @staticmethod
-    def pulse(segment: str, Q_mean: float, T: float) -> Inlet:
-        """The inlet whose inflow has a mean Q_mean [m³/s]."""
-        return Inlet(segment, np.pi * Q_mean, T)
+    def __post_init__(self) -> None:
+        if self.curve is not None:
+            object.__setattr__(self, "T", self.curve.period)
+        if self._flow is not None:
+            object.__setattr__(self, "Q_max", max(0.0, self._flow.largest))
+
+    @property
+    def _flow(self) -> Curve | None:
+        return self.curve if self.curve is not None and self.curve.signal == "Q" else None
 
     @property
     def drive(self) -> str:
@@ -164,14 +173,41 @@ class Inlet:
         return {"flow": "inlet.P", "pressure": "inlet.Q"}[self.causality]
 
     @property
+    def shape(self) -> str:
+        """The default inflow in words."""
+        return "a half-sine" if self._flow is None else "the inflow of the network"
+
+    @property
     def Q_mean(self) -> float:
         """The mean of the inflow [m³/s]."""
-        return self.Q_max / np.pi
+        return self.Q_max / np.pi if self._flow is None else self._flow.mean
+
+    @property
+    def P_mean(self) -> float | None:
+        """The mean of the pressure [Pa], where there is a curve of it."""
+        return self.curve.mean if self.curve is not None and self.curve.signal == "P" else None
+
+    def with_mean(self, Q_mean: float, T: float) -> Inlet:
+        """The same inlet with an inflow scaled to a mean [m³/s] and a period [s]; a half-sine where its mean is 0."""
+        if self._flow is None or self.Q_mean == 0.0:
+            return replace(self, Q_max=np.pi * Q_mean, T=T, curve=None)
+        return replace(self, curve=self._flow.scaled(Q_mean / self.Q_mean, T / self.T))
 
     def Q(self, t: np.ndarray | float) -> np.ndarray:
         """Inflow Q(t) [m³/s] at times t [s], any shape."""
         # the phase is reduced first: sin(2π t/T) after many beats loses digits
-        return self.Q_max * np.maximum(0.0, np.sin(2 * np.pi * np.mod(np.asarray(t, float) / self.T, 1.0)))
+        phase = np.mod(np.asarray(t, float) / self.T, 1.0)
+        if self._flow is not None:
+            return self._flow.at(phase)
+        return self.Q_max * np.maximum(0.0, np.sin(2 * np.pi * phase))
+
+    @property
+    def given(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """What drives the inlet by default, Q(t) [m³/s] or P(t) [Pa]; None for a pressure inlet without a curve."""
+        if self.causality == "flow":
+            return self.Q
+        curve = self.curve
+        return None if curve is None or curve.signal == "Q" else lambda t: curve.at(np.asarray(t, float) / self.T)
 
 
 @dataclass(frozen=True)
@@ -201,6 +237,7 @@ class Network:
     elastic_law: str = "beta"
     viscous_law: str = "quadratic"
     reference: str = ""
+    species: str = ""
 
     OWNER: ClassVar[str] = "network"
 
@@ -315,7 +352,7 @@ def from_dict(data: Mapping[str, Any]) -> Network:
     outlets = [(conditions[o["condition"]], {k: v for k, v in o.items() if k != "condition"}) for o in data["outlets"]]
     parts: dict[str, Any] = {
         "fluid": Fluid(**data["fluid"]),
-        "inlet": Inlet(**data["inlet"]),
+        "inlet": _inlet(data["inlet"]),
         "segments": tuple(Segment(**s) for s in data["segments"]),
         "junctions": tuple(Junction(**j) for j in junctions),
         "outlets": tuple(kind(**own) for kind, own in outlets),
@@ -323,3 +360,9 @@ def from_dict(data: Mapping[str, Any]) -> Network:
         "channels": tuple(Channel(**c) for c in data["channels"]),
     }
     return Network(**{**data, **parts})
+
+
+def _inlet(data: Mapping[str, Any]) -> Inlet:
+    c = data["curve"]
+    curve = Curve(c["signal"], tuple(c["t"]), tuple(c["values"]), c["interpolation"]) if c else None
+    return Inlet(**{**data, "curve": curve})

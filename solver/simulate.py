@@ -258,9 +258,10 @@ def _check_network(network: Any) -> None:
 
 def _run(network: Network, inflow: Inflow | None, parameters: Parameters | None, settings: Settings, dt: float) -> _Run:
     model = build(network, parameters, settings)
-    if inflow is None and network.inlet.causality != "flow":
+    drive = inflow or network.inlet.given
+    if drive is None:
         raise ValueError(f"network {network.name}: its inlet is driven by a pressure; give it as inflow, P(t) in Pa.")
-    return _Run(model, reporter(model), inflow or network.inlet.Q, dt)
+    return _Run(model, reporter(model), drive, dt)
 
 
 @dataclass(frozen=True)

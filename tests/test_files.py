@@ -194,7 +194,7 @@ def test_find_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.toml").write_text(FORK)
     assert find_network("mine.toml") == Path("mine.toml")
     with pytest.raises(
-        ValueError, match="shep: neither a file nor .* one of human, sheep, sheep_nonlinear .did you mean sheep"
+        ValueError, match="shep: neither a file nor .* one of adan56, .*sheep, sheep_nonlinear, .* .did you mean sheep"
     ):
         find_network("shep")
     with pytest.raises(

@@ -12,7 +12,7 @@ from test_layout import imports as imports_of
 
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in PRODUCT}
 MAY_IMPORT = {
-    "solver": {"solver", "numpy", "scipy", "pint", "typer", "rich"},
+    "solver": {"solver", "numpy", "scipy", "pint", "typer", "rich", "yaml"},
     "fmu_src": {"fmu_src", "solver", "numpy", "typer", "rich", "pythonfmu", "fmpy", "matplotlib"},
     "fitting": {"fitting", "solver", "numpy", "scipy", "polars", "threadpoolctl", "fmpy", "typer", "rich", "matplotlib",
                 "jinja2"},

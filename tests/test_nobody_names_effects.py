@@ -23,7 +23,8 @@ KEYS = {key for effect in ALL for key in effect.terms}
 # is fitted and its numbers are shown; and what the law calls its own numbers
 FIELDS = {key for effect in ALL if effect.always for key in effect.terms}
 PHYSICS = (
-    *("solver/network.py", "solver/validation.py", "solver/branching.py", "solver/wall.py"),
+    *("solver/network.py", "solver/validation.py", "solver/branching.py", "solver/wall.py", "solver/spellings.py"),
+    *("solver/importers/openbf.py",),
     *("fitting/wall.py", "fitting/wall_fit.py", "fitting/wall_model.py", "fitting/doubts.py"),
     *("fitting/inference/errors_in_variables.py", "fitting/indices.py", "fitting/records/virtual.py"),
     *("fitting/cohort/", "fitting/pages/"),
@@ -32,6 +33,7 @@ OWN = {
     "solver/wall.py": {f.name for f in fields(Wall)},
     "solver/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
     "solver/units.py": {"k"},  # kilo
+    "solver/importers/openbf.py": {"P_ext"},  # its reference pressures, where vessels differ
     "fmu_src/state.py": {"C"},  # the order of an array's numbers
     "fmu_src/system.py": {"C", "R2"},  # of the outlets of one network, made for one heart
 }

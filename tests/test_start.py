@@ -49,7 +49,7 @@ def loop() -> Network:
     joined = (Junction(("A",), ("B", "C")), Junction(("B", "C"), ("D",)))
     ends = (Windkessel("D", 3e7, 5e-9, 2e8),)
     sites = tuple(Site(name, name) for name in parts)
-    return Network("loop", segments, Inlet.pulse("A", 4e-5, 0.8), joined, ends, sites, P_ref=10e3, P_0=10e3)
+    return Network("loop", segments, Inlet("A").with_mean(4e-5, 0.8), joined, ends, sites, P_ref=10e3, P_0=10e3)
 
 
 def elastic() -> Network:
@@ -193,7 +193,7 @@ def test_component() -> None:
     the outputs after a beat of straight lines between the inflows of 2.5 ms those at its beginning to 6e-4 of a pulse.
     """
     settings, beat, t0 = Settings(dt=2.5e-3, element_length=0.1), 0.75, 0.2
-    human, pulse = load("human"), Inlet.pulse("AsA", 4e-3 / 60.0, beat)
+    human, pulse = load("human"), Inlet("AsA").with_mean(4e-3 / 60.0, beat)
     values = {v.name: v.start for v in variable_table(human, settings)}
     values |= {"inlet.Q_mean": pulse.Q_mean, "inlet.T": beat, "inlet.Q": float(pulse.Q(t0))}
     values |= {"network.start": "periodic", "inlet.interpolation": "linear"}

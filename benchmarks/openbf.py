@@ -1,0 +1,210 @@
+"""The published networks against openBF's own waveforms, and what explains the difference, one option at a time.
+
+    python benchmarks/openbf.py [--data DIR] [--figure FILE] [--dt "2 ms"]
+
+Without DIR the middles of the vessels of cca and ibif are compared, which come along in tests/data/openbf; DIR holds
+openBF's results in its own form, <network>/<vessel>_P.csv and _Q.csv with five places along each vessel.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import csv
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from solver import Settings, Site, Waveforms, load, simulate, simulate_periodic
+from solver.console import right, show
+from solver.files import parse_quantity
+from solver.network import Network
+
+DIGEST = Path(__file__).resolve().parents[1] / "tests" / "data" / "openbf"
+PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+Array = np.ndarray
+Reference = Mapping[str, tuple[Array, Array]]  # times and values by output, such as d1_50.P
+
+
+def _rows(path: Path) -> Array:
+    with path.open(encoding="utf-8") as file:
+        lines = [line for line in file if not line.startswith("#")]
+    return np.array([[float(x) for x in row] for row in list(csv.reader(lines))[1:]])
+
+
+def reference(network: Network, data: Path | None) -> dict[str, tuple[Array, Array]]:
+    """openBF's last beat by output: time [s] and values in SI."""
+    found = {}
+    if data is None:
+        with (DIGEST / f"{network.name}.csv").open(encoding="utf-8") as file:
+            names = [name.partition(" ")[0] for name in file.readlines()[1].split(",")]
+        table = _rows(DIGEST / f"{network.name}.csv")
+        for i, name in enumerate(names[1:], 1):
+            vessel, _, signal = name.rpartition(".")
+            found[f"{vessel}_50.{signal}"] = (table[:, 0], table[:, i])
+        return found
+    for segment in network.segments:
+        for signal in "PQ":
+            for path in (data / network.name).glob(f"*{segment.name}_{signal}.csv"):
+                table = _rows(path)
+                for x, column in zip(PLACES, table[:, 1:].T, strict=True):
+                    found[f"{segment.name}_{round(100 * x)}.{signal}"] = (table[:, 0], column)
+    return found
+
+
+def with_sites(network: Network) -> Network:
+    """The network with the five places of openBF as sites."""
+    sites = [Site(f"{s.name}_{round(100 * x)}", s.name, x) for s in network.segments for x in PLACES]
+    return replace(network, sites=tuple(sites))
+
+
+def compared(result: Waveforms, found: Reference, later: float = 0.0) -> dict[str, tuple[float, float, float]]:
+    """By output, in parts of openBF's pulse: rms of the difference about its mean; its mean; other pulse.
+
+    later [s] : by which openBF's times are taken to be late.
+    """
+    errors, T = {}, result.time[-1]
+    for name, (t, wanted) in found.items():
+        own = np.interp((np.mod(t, T) if result.time[0] == 0.0 else t) - later, result.time, result[name])
+        difference, pulse = own - wanted, np.ptp(wanted)
+        errors[name] = (np.std(difference) / pulse, np.mean(difference) / pulse, np.ptp(own) / pulse - 1.0)
+    return errors
+
+
+def changed(network: Network, key: str, number: float) -> Network:
+    return network.with_parameters({f"fluid.{key}": number})
+
+
+def by_profile(network: Network) -> Network:
+    """α of the velocity profile whose friction the network has: (γ + 2)/(γ + 1)."""
+    exponent = network.fluid.friction / 2.0 - 2.0
+    return changed(network, "alpha", (exponent + 2.0) / (exponent + 1.0))
+
+
+def spline(network: Network) -> Network:
+    assert network.inlet.curve is not None
+    return replace(network, inlet=replace(network.inlet, curve=replace(network.inlet.curve, interpolation="cubic")))
+
+
+def total_pressure(network: Network) -> Network:
+    return replace(network, junctions=tuple(replace(j, k=1.0) for j in network.junctions))
+
+
+def matched(network: Network) -> Network:
+    """R1 is the impedance ρ c0/A0 of the outlet, the sum of the resistances kept."""
+    ends = []
+    for outlet in network.outlets:
+        s = network.segment(outlet.segment)
+        c0 = np.sqrt(s.E * s.h / (1.0 - network.eta**2) / s.R0 / 2.0 / network.fluid.rho)
+        Z = network.fluid.rho * c0 / (np.pi * s.R0**2)
+        ends.append(replace(outlet, R1=Z, R2=outlet.R1 + outlet.R2 - Z))  # type: ignore[call-arg, attr-defined]
+    return replace(network, outlets=tuple(ends))
+
+
+SWITCHES: dict[str, Callable[[Network], Network]] = {
+    "as it comes": lambda n: n,
+    "elastic law: regression": lambda n: replace(n, elastic_law="regression"),
+    "profile: alpha of its exponent": by_profile,
+    "friction: none": lambda n: changed(n, "friction", 0.0),
+    "friction: of the other exponent": lambda n: changed(n, "friction", 30.0 - n.fluid.friction),
+    "outlet: R1 matched": matched,
+    "inflow: cubic": spline,
+    "junction: total pressure": total_pressure,
+}
+
+
+def main(
+    data: Annotated[Path | None, typer.Option(help="openBF's results, a directory per network.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Draw the waveforms here.")] = None,
+    dt: Annotated[str, typer.Option(help="Time step.")] = "2 ms",
+    element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
+    switch_all: Annotated[bool, typer.Option("--switch/--no-switch", help="Switch options one at a time.")] = True,
+    networks: Annotated[str, typer.Option(help="Names, with commas.")] = "cca,ibif",
+) -> None:
+    """Compare the published networks with openBF's results."""
+    settings = Settings(
+        dt=parse_quantity(dt, "s", "--dt"), element_length=parse_quantity(element_length, "m", "--element-length")
+    )
+    drawn: list[tuple[str, Waveforms, Reference, Waveforms]] = []
+    for name in networks.split(","):
+        network = load(name)
+        found = reference(network, data)
+        table = Table(
+            "switched", "signal", *map(right, ("shape", "worst", "mean", "pulse", "worst")), title=f"{name}, % of pulse"
+        )
+        rows: dict[str, dict[str, tuple[float, float, float]]] = {}
+        for label, switch in SWITCHES.items():
+            other = switch(with_sites(network))
+            if label != "as it comes" and other == with_sites(network):
+                continue
+            result = simulate_periodic(other, settings=settings, tolerance=1e-4, start="periodic")
+            rows[label] = compared(result, found)
+            if label == "as it comes":
+                same = _as_many(other, settings, found)
+                drawn.append((name, result, found, same))
+                rows["beats: as many as openBF, from rest"] = compared(same, found)
+                rows["the same, time: 0.6 ms later"] = compared(same, found, later=6e-4)
+            if not switch_all:
+                break
+        for label, errors in rows.items():
+            for signal in "PQ":
+                each = 100.0 * np.array([e for key, e in errors.items() if key.endswith(signal)])
+                middle = np.median(np.abs(each), axis=0)
+                numbers = (middle[0], each[:, 0].max(), middle[1], middle[2], np.abs(each[:, 2]).max())
+                table.add_row(label if signal == "P" else "", signal, *(f"{x:.2f}" for x in numbers))
+        show(table)
+    if figure is not None:
+        _draw(drawn, figure)
+
+
+def _as_many(network: Network, settings: Settings, found: Reference) -> Waveforms:
+    """The beat that openBF's is, from rest."""
+    T = network.inlet.T
+    last = max(t[-1] for t, _ in found.values())
+    result = simulate(network, duration=last, settings=settings)
+    kept = result.time >= last - 1.01 * T
+    columns = {name: values[kept] for name, values in result.items()}
+    return replace(result, time=result.time[kept], columns=columns)
+
+
+def _draw(drawn: list[tuple[str, Waveforms, Reference, Waveforms]], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    panels = [
+        (name, r, f, s, key) for name, r, f, s in drawn for key in f if "_50." in key and not key.startswith("d2")
+    ]
+    figure, axes = plt.subplots(2, len(panels) // 2, figsize=(3.4 * len(panels) / 2, 5.0), squeeze=False, sharex="col")
+    for i, (name, result, found, same, key) in enumerate(panels):
+        axis = axes[i % 2][i // 2]
+        factor, unit = {"P": (1e-3, "kPa"), "Q": (1e6, "mL/s")}[key[-1]]
+        t, wanted = found[key]
+        at = np.mod(t, result.time[-1])
+        order = np.argsort(at)
+        axis.plot(result.time, factor * result[key], color="C0", label="here")
+        beat = np.mod(same.time, result.time[-1])
+        turn = np.argsort(beat)
+        axis.plot(beat[turn], factor * same[key][turn], "--", color="C1", label="here, as many beats")
+        axis.plot(at[order], factor * wanted[order], "k.", markersize=3, label="openBF")
+        axis.set_ylabel(f"{key[-1]} [{unit}]")
+        if i % 2 == 0:
+            axis.set_title(f"{name}, {key[:-5]}".replace("_", " "), fontsize=9)
+        else:
+            axis.set_xlabel("t [s]")
+    axes[0][0].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,102 @@
+"""Sections of a network file: named, joined and written as TOML, with the inflow in a table beside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..text import quoted, write_whole
+
+Sections = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A vessel between two nodes; ``where`` : how errors call it."""
+
+    name: str
+    start: str
+    end: str
+    where: str
+
+
+def names(labels: Sequence[str]) -> list[str]:
+    """Names that a network may hold, of labels: "1-Ascending aorta" is Ascending_aorta, or v1_… where that is taken."""
+    plain = [re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_") for label in labels]
+    short = [re.sub(r"^[\d_]+", "", name) for name in plain]
+    return [
+        s if s and short.count(s) == 1 else (p if p[:1].isalpha() else f"v{p}")
+        for s, p in zip(short, plain, strict=True)
+    ]
+
+
+def joined(edges: Iterable[Edge]) -> tuple[str, list[dict[str, Any]], list[str]]:
+    """The name of the first vessel, the sections of the junctions, and the names of the vessels that end freely.
+
+    Raises ValueError where not exactly one vessel begins at a node that no other ends at.
+    """
+    edges = list(edges)
+    starts, ends = [{getattr(e, side) for e in edges} for side in ("start", "end")]
+    roots = [e for e in edges if e.start not in ends]
+    if len(roots) != 1:
+        who = ", ".join(e.where for e in roots[:5]) or "none"
+        raise ValueError(f"{len(roots)} vessels begin where no other ends ({who}); there must be one, the inlet.")
+    junctions = []
+    for node in dict.fromkeys(e.end for e in edges):
+        if node in starts:
+            inflow, outflow = ([e.name for e in edges if getattr(e, side) == node] for side in ("end", "start"))
+            junctions.append({"in": inflow, "out": outflow})
+    free = [e for e in edges if e.end not in starts]
+    for e in free:
+        if sum(other.end == e.end for other in free) > 1:
+            raise ValueError(f"{e.where}: others end at its node {e.end} too, and none begins there; part their ends.")
+    return roots[0].name, junctions, [e.name for e in free]
+
+
+def write(sections: Sections, path: Path, comment: str = "") -> list[Path]:
+    """Write a network file, and the table of its inlet beside it; returns what was written. Raises ValueError."""
+    inlet, written = dict(sections["inlet"]), []
+    if isinstance(inlet.get("t"), list):
+        times = inlet.pop("t")
+        signal = next(key for key, value in inlet.items() if isinstance(value, list))
+        unit = {"Q": "m^3/s", "P": "Pa"}[signal]
+        table = path.with_name(f"{path.stem}_inlet.csv")
+        rows = [f"{t!r},{value!r}" for t, value in zip(times, inlet[signal], strict=True)]
+        write_whole(table, "\n".join([f"time [s],{signal} [{unit}]", *rows]) + "\n")
+        written.append(table)
+        inlet[signal] = table.name
+    write_whole(path, comment + text({**sections, "inlet": inlet}))
+    return [path, *written]
+
+
+def text(sections: Sections) -> str:
+    """The sections as TOML."""
+    blocks = [[f"{key} = {value(v)}" for key, v in sections.items() if not isinstance(v, dict | list)]]
+    for key, section in sections.items():
+        if isinstance(section, list):
+            blocks += [[f"[[{key}]]", *_lines(entry)] for entry in section]
+        elif isinstance(section, dict) and any(isinstance(v, dict) for v in section.values()):
+            blocks += [[f"[{key}.{_key(name)}]", *_lines(entry)] for name, entry in section.items()]
+        elif isinstance(section, dict):
+            blocks.append([f"[{key}]", *_lines(section)])
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
+
+
+def value(v: Any) -> str:
+    """A value as TOML on one line."""
+    if isinstance(v, Mapping):
+        return f"{{ {', '.join(f'{_key(key)} = {value(each)}' for key, each in v.items())} }}"
+    if isinstance(v, list):
+        return f"[{', '.join(map(value, v))}]"
+    return quoted(v) if isinstance(v, str) else repr(v)
+
+
+def _lines(section: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {value(v)}" for key, v in section.items()]
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"\w+", name, flags=re.ASCII) else quoted(name)

@@ -1,0 +1,118 @@
+"""Tables in text files (CSV): a row of names, the units in brackets behind them or in a row of their own, rows."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .text import check_keys, did_you_mean, parse_quantity, read_text
+from .units import SIGNAL_UNITS
+
+Array = np.ndarray
+
+_HEADING = re.compile(r"(.*?)\s*\[(.*)\]")
+_TIMES = ("t", "time")
+_NO_UNIT = ("", "-", "–", "1")
+
+
+@dataclass(frozen=True)
+class Table:
+    """names and units of the columns; rows of texts with their line in the file; ``comments``: lines after a #."""
+
+    path: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: tuple[tuple[int, tuple[str, ...]], ...]
+    comments: tuple[str, ...]
+
+
+def read(path: str | os.PathLike[str]) -> Table:
+    """The table in a file. Raises ValueError, one sentence that starts with the file and names the line."""
+    lines = read_text(path).splitlines()
+    comments = tuple(line.lstrip()[1:].strip() for line in lines if line.lstrip().startswith("#"))
+    kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    rows = [(n, tuple(cell.strip() for cell in next(csv.reader([line])))) for n, line in kept]
+    if len(rows) < 2:
+        raise ValueError(f"{path}: a table of {len(rows)} rows; it must have a row of names and rows of numbers.")
+    headings, rows = rows[0][1], rows[1:]
+    for n, cells in rows:
+        if len(cells) != len(headings):
+            raise ValueError(f"{path}, line {n}: {len(cells)} cells under {len(headings)} names; correct that line.")
+    split = [_HEADING.fullmatch(heading) for heading in headings]
+    names = tuple(found[1] if found else text for found, text in zip(split, headings, strict=True))
+    units = tuple(found[2] if found else "" for found in split)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{path}: the column {name!r} occurs {names.count(name)} times; keep one.")
+    if not any(units) and all(cell in _NO_UNIT or not _is_number(cell) for cell in rows[0][1]):
+        units, rows = tuple(cell.strip("[]") for cell in rows[0][1]), rows[1:]
+    return Table(str(path), names, tuple("" if u in _NO_UNIT else u for u in units), tuple(rows), comments)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def signal(name: str, table: Mapping[str, Any], folder: Path | None) -> tuple[Array, Array]:
+    """Times [s] and values in SI of a signal, Q or P, of the section [inlet]: a list beside one of times, or a file.
+
+    folder : that of the network file. Raises ValueError, one sentence.
+    """
+    given, unit = table[name], SIGNAL_UNITS[name]
+    if isinstance(given, list):
+        times = table.get("t")
+        if not isinstance(times, list) or len(times) != len(given):
+            raise ValueError(f"inlet.{name}: a list of {len(given)} values needs a list t of as many times; add t.")
+        return _numbers(times, "s", "inlet.t"), _numbers(given, unit, f"inlet.{name}")
+    if not isinstance(given, str):
+        raise ValueError(f'inlet.{name} = {given!r}: must be the name of a table in quotes, such as "inflow.csv".')
+    if "t" in table:
+        raise ValueError("inlet.t: the times are in the table; leave t out.")
+    if folder is None and not Path(given).is_absolute():
+        raise ValueError(f"inlet.{name} = {given!r}: text has no folder to look in; read the network from its file.")
+    return read_signal(name, (folder or Path()) / given)
+
+
+def _numbers(values: list[Any], unit: str, name: str) -> Array:
+    return np.array([parse_quantity(value, unit, name) for value in values])
+
+
+def read_signal(name: str, path: str | os.PathLike[str]) -> tuple[Array, Array]:
+    """Times [s] and values in SI of a table with a column t or time and one named after the signal.
+
+    ``name``: Q, or P; the column may be inlet.Q too. Raises ValueError as :func:`read`.
+    """
+    table = read(path)
+    found = []
+    for wanted, unit in ((_TIMES, "s"), ((name, f"inlet.{name}"), SIGNAL_UNITS[name])):
+        columns = [i for i, column in enumerate(table.names) if column in wanted]
+        if len(columns) != 1:
+            near = did_you_mean(wanted[-1], table.names)
+            have = ", ".join(table.names)
+            raise ValueError(f"{path}: it needs one column {' or '.join(wanted)} and has {have}{near}; rename one.")
+        i = columns[0]
+        texts = [(f"{path}, line {n}", cells[i]) for n, cells in table.rows]
+        found.append(np.array([number(cell, table.units[i], unit, where, wanted[0]) for where, cell in texts]))
+    return found[0], found[1]
+
+
+def number(cell: str, given: str, unit: str, where: str, name: str) -> float:
+    """A cell in SI; ``given`` : the unit of its column, where the cell has none. Raises ValueError."""
+    text = f"{cell} {given}" if given and _is_number(cell) else cell
+    return parse_quantity(text, unit, f"{where}: {name}")
+
+
+def check_columns(table: Table, known: Mapping[str, Any] | tuple[str, ...]) -> None:
+    """Raise ValueError for the first column that is not known."""
+    check_keys(table.path, table.names, known)

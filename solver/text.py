@@ -1,0 +1,148 @@
+"""Text of files: read and written whole, numbers with units, keys and the sentences about them.
+
+Units are read by pint here, once. Reading is exact: the magnitude times the exact rational factor of the unit, rounded
+once, so "4 cm" is 0.04.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import os
+import re
+import tokenize
+from collections.abc import Iterable
+from contextlib import suppress
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text of a file in UTF-8. Raises ValueError if it is none or cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+
+
+def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
+    path = Path(path)
+    if path.exists() and not path.is_file():  # a rename would replace a device or fail on a directory
+        raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
+    target = path.resolve()  # a link stays a link
+    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        aside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        os.replace(aside, target)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.") from None
+    finally:
+        with suppress(OSError):
+            aside.unlink()
+
+
+# --- numbers and units --------------------------------------------------------------------------------------------
+
+_NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?(?:nan|inf)\b)\s*(.*)")
+
+
+def parse_quantity(value: str | float, unit: str, name: str) -> float:
+    """The value in ``unit`` of a number in that unit or of text with its own unit: ("4 cm", "m", "AA.L") -> 0.04.
+
+    value : a number, or text with a number and optionally a unit as pint spells it ("1 mmHg*s/mL").
+    unit : as in :class:`solver.network.Quantity` ("Pa.s", "1"). name : what the number is, for the error.
+    Raises ValueError, one sentence, if it is not a finite number or the unit is unknown or of another kind.
+    """
+    shown = f"{name} = {json.dumps(value, ensure_ascii=False, default=str)}"
+    wanted = "a number without unit" if unit == "1" else f"a number in {pint_spelling(unit)}"
+    numeric = isinstance(value, str | float | int) and not isinstance(value, bool)
+    match = _NUMBER.fullmatch(str(value).strip()) if numeric else None
+    if match is None:
+        raise ValueError(
+            f'{shown}: must be {wanted}; write it bare or with a unit in quotes, such as "{example(unit)}".'
+        )
+    magnitude = float(match[1])
+    if magnitude == 0.0:
+        _factor(match[2], unit, shown)
+        return magnitude  # keeps the sign of -0.0
+    try:
+        result = float(Fraction(match[1]) * _factor(match[2], unit, shown)) if math.isfinite(magnitude) else magnitude
+    except OverflowError:
+        result = math.inf
+    if not math.isfinite(result):
+        raise ValueError(f"{shown}: must be {wanted} that is finite; check the value.")
+    return result
+
+
+# a number of three digits, a power of a power, or an exponent that is not a number of two digits at most: 9**9**9**9
+# would keep exact arithmetic busy for ever
+_ENDLESS = re.compile(
+    r"\d{3}|(\*\*|\^)[^*^/]*\d\s*\)*\s*(\*\*|\^)|(\*\*|\^)(?!\s*[+-]?\d{1,2}(?![\d.])|\s*\(\s*[+-]?\d{1,2}\s*\))"
+)
+
+
+def _factor(text: str, unit: str, shown: str) -> Fraction:
+    """The exact factor from the unit in ``text`` to ``unit``; no text means that unit itself."""
+    wanted, registry = pint_spelling(unit), _registry()
+    try:
+        if _ENDLESS.search(text):
+            raise ValueError
+        given = registry.parse_units(pint_spelling(text)) if text else registry.parse_units(wanted)
+    # the parser of pint lets all of these through for text that is not a unit
+    except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
+        raise ValueError(
+            f'{shown}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{example(unit)}".'
+        ) from None
+    target = registry.parse_units(wanted)
+    if given.dimensionality != target.dimensionality:
+        raise ValueError(
+            f"{shown}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
+            f'correct the unit or the key, such as "{example(unit)}".'
+        )
+    return registry.convert(Fraction(1), given, target)
+
+
+@cache
+def _registry() -> Any:
+    """pint's units with exact rational factors, made at the first use: it takes half a second."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+def pint_spelling(unit: str) -> str:
+    """ "Pa.s" and "Pa·s", as FMI and people write them, in pint's spelling "Pa*s"; "1" as ""."""
+    return "" if unit == "1" else re.sub(r"(?<=\w)\s*[.·⋅]\s*(?=[^\W\d])", "*", unit)
+
+
+def example(unit: str) -> str:
+    return f"1 {pint_spelling(unit)}".strip()
+
+
+# --- keys ---------------------------------------------------------------------------------------------------------
+
+
+def check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
+    """Raise ValueError that names the first key of ``table`` that is not among the known ones."""
+    known = list(known)
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}.")
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """ " (did you mean E?)" for the known name nearest to ``name``; nothing if none is near."""
+    folded = {each.lower(): each for each in known}
+    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    return f" (did you mean {folded[close[0]]}?)" if close else ""
+
+
+def quoted(text: str | Iterable[str]) -> str:
+    """A TOML string, or array of them: as JSON writes it, and DEL, which TOML wants escaped too."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
