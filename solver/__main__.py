@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from . import commands
-from .console import bar, right, say_written, sentences, show
+from .console import bar, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .muscl.settings import MusclSettings
 from .network import Network
@@ -33,7 +33,9 @@ def main(
     duration: Annotated[
         str | None, typer.Option(help='Run this long, e.g. "2 s"; default: beats until they repeat.')
     ] = None,
-    start: Annotated[str, typer.Option(help="rest, or periodic: near the beats that repeat.")] = "rest",
+    start: Annotated[
+        str | None, typer.Option(help="rest, or periodic: near the beats that repeat. Default: what is sooner done.")
+    ] = None,
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
     element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
     scheme: Annotated[str, typer.Option(help="staggered, or muscl: the paper's finite volumes.")] = "staggered",
@@ -60,6 +62,7 @@ def main(
             result.to_csv(out)
     if not quiet:
         _show(model, result)
+        say_notes(result.notes)
         say_written(out)
 
 
@@ -81,7 +84,7 @@ def _run(
     scheme: str,
     settings: AnySettings,
     duration: str | None,
-    start: str,
+    start: str | None,
     tolerance: float,
     max_beats: int,
     quiet: bool,
@@ -89,7 +92,14 @@ def _run(
     with bar(quiet, network.name) as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
-            return simulate(network, duration=seconds, settings=settings, scheme=scheme, start=start, progress=progress)
+            return simulate(
+                network,
+                duration=seconds,
+                settings=settings,
+                scheme=scheme,
+                start=start or "rest",
+                progress=progress,
+            )
         return simulate_periodic(
             network,
             settings=settings,

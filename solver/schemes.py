@@ -24,11 +24,12 @@ class Scheme(NamedTuple):
     periodic_state: Callable[..., Any]
     adopt: Callable[..., Any]
     step: Callable[..., Any]
+    accelerates: bool = False  # whether its beats are extrapolated
 
 
 SCHEMES = {
     "staggered": Scheme(
-        Settings, model.build, outputs.reporter, step.initial_state, start.periodic_state, step.adopt, step.step
+        Settings, model.build, outputs.reporter, step.initial_state, start.periodic_state, step.adopt, step.step, True
     ),
     "muscl": Scheme(
         MusclSettings, muscl.build, muscl.reporter, muscl.initial_state, muscl.periodic_state, muscl.adopt, muscl.step

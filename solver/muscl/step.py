@@ -40,7 +40,7 @@ class State:
     """Everything a step needs.
 
     A [m²], solved.Q [m³/s] : (B, n_cells). P_C : (B, n_outlets) [Pa]. before : the time before the last step, of
-    length dt [s]; None at the start.
+    length dt [s]; None at the start. halved : steps are never cut into halves.
     """
 
     t: float
@@ -49,11 +49,17 @@ class State:
     P_C: Array
     before: Level | None = None
     dt: float = 0.0
+    halved: int = 0
 
     @property
     def y(self) -> Array:
         """One row for each member of the batch."""
         return self.A
+
+    @property
+    def H(self) -> Array:
+        """(B, n_nodes) [Pa]."""
+        return self.solved.H
 
     @property
     def Q(self) -> Array:
