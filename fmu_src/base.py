@@ -146,6 +146,8 @@ class ComponentSlave(SavingSlave):
             self.component.step(current_time, step_size, inputs)
             self._show()
             self.changed = {}
+            if self.component.remark:
+                self.log(f"{self.instance_name}: {self.component.remark}", Fmi2Status.warning)
             return True
         except BaseException as error:
             self.component.__dict__ = before

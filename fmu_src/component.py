@@ -32,6 +32,7 @@ class Component(ABC):
     """
 
     remade: ClassVar[frozenset[str]] = frozenset()  # attributes that the constructor or ``resumed`` makes
+    remark: str = ""  # what is to be known of the last step, a sentence for the log
 
     @abstractmethod
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:

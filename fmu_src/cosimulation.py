@@ -122,8 +122,14 @@ class CoSimulation(Component):
         self._check_time(t, h)
         values = self._received(values)
         stretch = self._stretch(h, values)
+        halved = self.shown.state.halved
         known, shown, slope = self._driven(stretch, values[self.drive])
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
+        self.remark = ""
+        if shown.state.halved > halved:
+            self.remark = (
+                f"the step from t = {t:g} s did not converge and was cut into halves; a smaller dt avoids that."
+            )
         self.V = self._volume()
         V_venous = self.V_0 + shown.V_in - self.V
         self.V_venous, self.Q_venous = V_venous, (V_venous - self.V_venous) / h

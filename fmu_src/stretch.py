@@ -10,7 +10,7 @@ import numpy as np
 from solver.outputs import volume_entered, volume_weights
 from solver.scheme.model import Model
 from solver.scheme.sdirk import INFLOW_TIMES
-from solver.scheme.step import State, adopt, step
+from solver.scheme.step import State, adopt, parts
 
 Array = np.ndarray
 Number = Any  # one, or (n,)
@@ -69,9 +69,10 @@ class Stretch:
         by_flow = self.model.network.inlet.causality == "flow"
         entered = 0.5 * self.steps * self.dt * (start + end) if by_flow else 0.0
         for i in range(self.steps):
-            before, drive = state, start + np.multiply.outer(i + INFLOW_TIMES, rise)
-            state = step(self.model, state, self.dt, drive, self.P_venous)
-            if not by_flow:
-                V = volume_entered(self.model, before, state)
-                entered = entered + (V if len(V) > 1 else float(V[0]))
+            drive = start + np.multiply.outer(i + INFLOW_TIMES, rise)
+            for after in parts(self.model, state, self.dt, drive, self.P_venous):
+                if not by_flow:
+                    V = volume_entered(self.model, state, after)
+                    entered = entered + (V if len(V) > 1 else float(V[0]))
+                state = after
         return Position(self.model, state, end, at.V_in + entered)

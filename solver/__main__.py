@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from . import commands
-from .console import bar, right, say_written, sentences, show
+from .console import bar, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .network import Network
 from .scheme.failure import NonPhysicalState
@@ -31,7 +31,9 @@ def main(
     duration: Annotated[
         str | None, typer.Option(help='Run this long, e.g. "2 s"; default: beats until they repeat.')
     ] = None,
-    start: Annotated[str, typer.Option(help="rest, or periodic: near the beats that repeat.")] = "rest",
+    start: Annotated[
+        str | None, typer.Option(help="rest, or periodic: near the beats that repeat. Default: what is sooner done.")
+    ] = None,
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
     element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
@@ -53,6 +55,7 @@ def main(
             result.to_csv(out)
     if not quiet:
         _show(model, result)
+        say_notes(result.notes)
         say_written(out)
 
 
@@ -73,7 +76,7 @@ def _run(
     network: Network,
     settings: Settings,
     duration: str | None,
-    start: str,
+    start: str | None,
     tolerance: float,
     max_beats: int,
     quiet: bool,
@@ -81,7 +84,7 @@ def _run(
     with bar(quiet, network.name) as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
-            return simulate(network, duration=seconds, settings=settings, start=start, progress=progress)
+            return simulate(network, duration=seconds, settings=settings, start=start or "rest", progress=progress)
         return simulate_periodic(
             network, settings=settings, tolerance=tolerance, max_beats=max_beats, start=start, progress=progress
         )

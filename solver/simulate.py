@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Parameters
+from .mixing import Beats, fills_slowly
 from .network import Network
 from .outputs import Reporter, reporter
+from .scheme.failure import NonPhysicalState
 from .scheme.mesh import Mesh
 from .scheme.model import Model, Settings, build
 from .scheme.sdirk import INFLOW_TIMES
@@ -55,7 +57,8 @@ class Waveforms(Mapping[str, Array]):
     """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
 
     units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
-    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from.
+    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from. halved : how
+    many times a step of the run did not converge and was cut into halves.
     """
 
     time: Array
@@ -64,6 +67,14 @@ class Waveforms(Mapping[str, Array]):
     beats: float
     change: float = math.nan
     end: End | None = field(default=None, compare=False, repr=False)
+    halved: int = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be known of the run, in sentences; none as a rule."""
+        if not self.halved:
+            return ()
+        return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -80,7 +91,7 @@ class Waveforms(Mapping[str, Array]):
         end = self.end
         if end is not None and len(end.state.y) > 1:
             end = replace(end, state=end.state.members(slice(i, i + 1 or None)))
-        return Waveforms(self.time, values, self.units, self.beats, self.change, end)
+        return replace(self, columns=values, end=end)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write ``time [s]`` and one column ``name [unit]`` per variable, in SI, whole or not at all.
@@ -141,7 +152,7 @@ def simulate(
     run = _run(network, inflow, parameters, settings, settings.dt)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
     table, state = run.table(run.begin(start, network.inlet.T), n, progress, "simulating")
-    return run.waveforms(table, duration / network.inlet.T, math.nan, run.end(state))
+    return run.waveforms(table, duration / network.inlet.T, math.nan, state)
 
 
 def simulate_periodic(
@@ -154,28 +165,43 @@ def simulate_periodic(
     tolerance: float = 1e-5,
     max_beats: int = 100,
     start: Waveforms | str | None = None,
+    accelerate: bool = True,
     progress: Progress | None = None,
 ) -> Waveforms:
     """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
 
     Pressures and radii are compared relative to their mean-removed norm, flows to their norm. The result is the last
     beat, both ends included, with time from 0. The step is the period over a whole number, at most settings.dt.
-    start : "rest" (default); "periodic", near the answer (:mod:`~solver.start`); or an earlier result, with other
-    parameters perhaps, whose last state takes the place of rest: it saves beats where little has changed; that of one
-    parameter set serves a batch.
+    start : "rest"; "periodic", near the answer (:mod:`~solver.start`); or an earlier result, with other parameters
+    perhaps, whose last state takes the place of rest: it saves beats where little has changed; that of one parameter
+    set serves a batch. Default: rest; periodic where there is such a state and the arteries would take beats to fill.
+    accelerate : whether slow pressures are extrapolated from beat to beat (:mod:`~solver.mixing`), and the default
+    start may be the periodic one. The result is a beat that repeats the one before in either case.
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
     ``start`` has another mesh, step or batch.
     """
     run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats)
-    state, before, change = run.begin(start, n * run.dt), None, math.inf
+    state, resort = run.begin_beats(start, n * run.dt, accelerate)
+    before, change, beats = None, math.inf, Beats(run.model.mesh.topology.outlets)
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
-        table, state = run.table(state, n, progress, label)
+        begun = state
+        try:
+            table, state = run.table(begun, n, progress, label)
+        except NonPhysicalState:
+            if resort is None:
+                raise
+            state, resort, beats = resort, None, Beats(beats.outlets)
+            continue
         if before is not None:
             change = change_of(table, before, run.report.names)
             if change <= tolerance:
-                return run.waveforms(table, beat, change, run.end(state))
-        before = table
+                return run.waveforms(table, beat, change, state)
+        before, resort, gap = table, None, gap_of(table, run.report.names)
+        beats = beats.followed(begun, state, gap)
+        mixed = beats.mixed() if accelerate and gap > tolerance else None
+        if mixed is not None:
+            state, before, resort = mixed, None, state
     raise NotPeriodic(max_beats, change, tolerance)
 
 
@@ -192,19 +218,16 @@ def repeating_beat(
     Arguments, result and errors as there; ``change`` is that difference.
     """
     run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats)
-    try:
-        state = run.begin("periodic", n * run.dt)
-    except ValueError:  # no steady state under the mean inflow
-        state = run.begin("rest", n * run.dt)
+    state = run.near(n * run.dt)
     table, gap, done = run.report(state)[None], math.inf, 0
     for quarter in range(1, 4 * max_beats + 1):
         more, state = run.table(state, quarter * n // 4 - done, progress, f"beat {1 + (quarter - 1) // 4}")
         table, done = np.concatenate([table, more[1:]])[-n - 1 :], quarter * n // 4
         if quarter > 4:
-            gap = math.sqrt(n) * _largest(np.abs(table[-1] - table[0]), table, run.report.names)
+            gap = gap_of(table, run.report.names)
             if gap <= tolerance:
                 beat = np.roll(table[1:], done, axis=0)  # the last period's end is its start
-                return run.waveforms(np.concatenate([beat[-1:], beat]), done / n, gap)
+                return run.waveforms(np.concatenate([beat[-1:], beat]), done / n, gap, state, resumable=False)
     raise NotPeriodic(max_beats, gap, tolerance)
 
 
@@ -265,7 +288,23 @@ class _Run:
                 f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "
                 "keep period, settings, lengths and stenoses, or start from rest."
             )
-        return replace(adopt(self.model, start.end.state), t=0.0)
+        return replace(adopt(self.model, start.end.state), t=0.0, halved=0)
+
+    def begin_beats(self, start: Waveforms | str | None, period: float, near: bool) -> tuple[State, State | None]:
+        """The state to start beats from, and another one in case that it breaks down.
+
+        Where nothing is said it is near the periodic one if the arteries fill slowly.
+        """
+        if start is None and near and fills_slowly(self.model, period):
+            return self.near(period), self.begin("rest", period)
+        return self.begin(start, period), None
+
+    def near(self, period: float) -> State:
+        """A state near the periodic one, or rest."""
+        try:
+            return self.begin("periodic", period)
+        except ValueError:  # no steady state under the mean inflow
+            return self.begin("rest", period)
 
     def table(self, state: State, n: int, progress: Progress | None, label: str) -> tuple[Array, State]:
         """The outputs of n steps from a state, (n + 1, B, n_outputs), and the last state."""
@@ -301,12 +340,9 @@ class _Run:
             raise ValueError(f"inflow: Q = {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
         return Q.reshape(t.shape + Q.shape[1:])
 
-    def end(self, state: State) -> End:
-        """Where this run ended."""
-        return End(state, self.model.mesh, self.dt)
-
-    def waveforms(self, table: Array, beats: float, change: float, end: End | None = None) -> Waveforms:
-        """The result of a table (n + 1, B, n_outputs) that ends in ``end``."""
+    def waveforms(self, table: Array, beats: float, change: float, state: State, resumable: bool = True) -> Waveforms:
+        """The result of a table (n + 1, B, n_outputs) of the run until ``state``, in which it ends if ``resumable``."""
+        end = End(state, self.model.mesh, self.dt) if resumable else None
         time = np.arange(len(table)) * self.dt
         drive = self.model.network.inlet.drive
         since = 0.0 if end is None else (round(end.state.t / self.dt) - len(table) + 1) * self.dt
@@ -314,7 +350,7 @@ class _Run:
         for i, name in enumerate(self.report.names):
             values[name] = table[:, :, i].T.copy() if self.model.coefficients.batched else table[:, 0, i].copy()
         units = {drive: SIGNAL_UNITS[drive[-1]], **dict(zip(self.report.names, self.report.units, strict=True))}
-        return Waveforms(time, values, units, beats, change, end)
+        return Waveforms(time, values, units, beats, change, end, state.halved)
 
 
 def change_of(table: Array, before: Array, names: Sequence[str]) -> float:
@@ -323,6 +359,11 @@ def change_of(table: Array, before: Array, names: Sequence[str]) -> float:
     Pressures and radii relative to their mean-removed norm, flows to their norm.
     """
     return _largest(np.linalg.norm(table - before, axis=0), table, names)
+
+
+def gap_of(table: Array, names: Sequence[str]) -> float:
+    """Largest difference between the end and the beginning of an output, relative to its root mean square as above."""
+    return math.sqrt(len(table) - 1) * _largest(np.abs(table[-1] - table[0]), table, names)
 
 
 def _largest(difference: Array, table: Array, names: Sequence[str]) -> float:

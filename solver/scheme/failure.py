@@ -1,4 +1,4 @@
-"""The error of a solution that is not physical."""
+"""The errors of a solution that is not physical, or not found."""
 
 from __future__ import annotations
 
@@ -9,3 +9,7 @@ class NonPhysicalState(ArithmeticError):
     def __init__(self, reason: str, segment: str, x: float, t: float, remedy: str) -> None:
         self.reason, self.segment, self.x, self.t = reason, segment, x, t
         super().__init__(f"segment {segment} at x = {100 * x:.3g} cm, t = {t:.6g} s: {reason}; {remedy}.")
+
+
+class NotConverged(NonPhysicalState):
+    """The iterations of a step found no solution: a shorter one may have one."""

@@ -7,7 +7,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from .failure import NonPhysicalState
+from .failure import NonPhysicalState, NotConverged
 from .model import Model
 
 Array = np.ndarray
@@ -17,13 +17,13 @@ def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
     """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
     for margin, reason, remedy in _margins(model, A, A_t, Q):
         if not margin.min() > 0.0:
-            _fail(model, margin, t, reason(), remedy)
+            _fail(NonPhysicalState, model, margin, t, reason(), remedy)
 
 
 def refuse(
     model: Model, A: Array, A_t: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float
 ) -> NoReturn:
-    """Raise NonPhysicalState for a stage that did not converge: by outlets, then by :func:`check`, else as such.
+    """Raise NotConverged for a stage that did not converge: by outlets, then by :func:`check`, else as such.
 
     A, A_t, Q, H : the last finite iterate. changes : (B, n_e) of Q in it. ``done`` members are not to blame.
     """
@@ -35,7 +35,7 @@ def refuse(
         for b, o in np.argwhere(~done[:, None] & lost):
             s = nodes.outlet_segment[ends.index[o]]
             name = model.network.segments[s].name
-            raise NonPhysicalState(
+            raise NotConverged(
                 "the wall at the outlet cannot carry the pressure P - P_venous" + _member(model, int(b)),
                 name,
                 _length(model, int(b), s),
@@ -45,9 +45,10 @@ def refuse(
     innocent = np.where(done, np.inf, 0.0)[:, None, None]
     for margin, reason, remedy in _margins(model, A, A_t, Q):
         if not np.min(margin + innocent) > 0.0:
-            _fail(model, margin + innocent, t, reason(), remedy)
+            _fail(NotConverged, model, margin + innocent, t, reason(), remedy)
     margin = innocent - changes[..., None] / model.wall.A0
-    _fail(model, margin, t, "the step did not converge", "use a smaller dt or check the parameters there")
+    remedy = "use a smaller dt or check the parameters there"
+    _fail(NotConverged, model, margin, t, "the step did not converge", remedy)
 
 
 def _margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
@@ -79,9 +80,9 @@ def _length(model: Model, b: int, s: int) -> float:
     return float(model.coefficients.L[b if model.coefficients.batched else 0, s])
 
 
-def _fail(model: Model, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
-    """Raise NonPhysicalState at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
+def _fail(error: type[NonPhysicalState], model: Model, margin: Array, t: float, reason: str, remedy: str) -> NoReturn:
+    """Raise the error at the point (b, e, g) where ``margin`` : (B, n_e, N) is smallest."""
     b, e, g = map(int, np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape))
     s = int(model.mesh.segment[e])
     x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g]) * _length(model, b, s)
-    raise NonPhysicalState(reason + _member(model, b), model.network.segments[s].name, x, t, remedy)
+    raise error(reason + _member(model, b), model.network.segments[s].name, x, t, remedy)

@@ -16,7 +16,7 @@ from .elimination import Elimination, Sums, eliminate
 
 Array = np.ndarray
 
-_LARGEST_MESH = 1_000_000  # elements: more are a mistake in a length
+_LARGEST_MESH = 200_000  # elements: more are a mistake in a length
 
 
 @dataclass(frozen=True)

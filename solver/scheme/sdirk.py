@@ -30,3 +30,6 @@ _CUBIC = np.linalg.inv(INFLOW_TIMES[:, None] ** _POWERS)
 INFLOW_AT_STAGES = _STAGE_POWERS @ _CUBIC
 # A pressure is a force, whose values at the stages are what the method wants.
 VALUES_AT_STAGES = SDIRK3.sum(axis=1)[:, None] ** _POWERS @ _CUBIC
+
+# The same cubic at these parts of the first and of the second half of a step, (2, 4, 4).
+HALVES = np.stack([(0.5 * (half + INFLOW_TIMES))[:, None] ** _POWERS @ _CUBIC for half in (0, 1)])

@@ -161,7 +161,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     by_left, by_right = K_left[..., mesh.element.both_ends], K_right[..., mesh.element.both_ends]
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
-    less = np.zeros_like(loads.scale)
+    less = np.zeros((len(K), mesh.n_nodes), loads.scale.dtype)  # several states may have one parameter set
     less[:, 0] += model.inlet.slope
     for nodes, outlets, load in loads.kinds:
         less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])

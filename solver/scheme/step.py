@@ -20,15 +20,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .failure import NonPhysicalState, NotConverged
 from .guards import check
 from .mesh import Layout
 from .model import Model
-from .sdirk import SDIRK3, STAGES
+from .sdirk import HALVES, SDIRK3, STAGES
 from .stage import Stage, operators
 
 Array = np.ndarray
 
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
+_HALVINGS = 4  # a step that does not converge is cut into halves, quarters, … this often before it is given up
 _PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
 
 
@@ -38,7 +40,8 @@ class State:
 
     y : (B, n) the state vector, its parts in ``layout``. A_t : (B, n_e, N) ∂A/∂t [m²/s]; H : (B, n_nodes) [Pa].
     unknowns, unknowns_before : (STAGES, B, m), ∂Q/∂t and H at the stages of the last step and of the one before, both
-    of length dt [s], which start the next iterations; their parts in ``guess``.
+    of length dt [s], which start the next iterations; their parts in ``guess``. halved : how many times, until now, a
+    step that did not converge was cut into halves.
     """
 
     t: float
@@ -50,6 +53,7 @@ class State:
     layout: Layout
     guess: Layout
     dt: float = 0.0
+    halved: int = 0
 
     @property
     def A(self) -> Array:
@@ -115,15 +119,35 @@ def adopt(model: Model, state: State) -> State:
 
 
 def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
-    """Advance by dt [s].
+    """Advance by dt [s]; where that does not converge, by shorter steps: ``halved`` of the state counts how often.
 
     drive : (4,) or (4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa] of an inlet that
     is driven by it. P_venous : (n_outlets,) or (B, n_outlets) [Pa] during the step, default the parameters'. A model
-    of one parameter set steps B states as well.
+    of one parameter set steps B states as well; all of them are halved where one is.
     Raises NonPhysicalState if the result is not physical.
     """
+    return parts(model, state, dt, drive, P_venous)[-1]
+
+
+def parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> list[State]:
+    """As :func:`step`: the states at the ends of the parts into which the step was cut, as a rule the one."""
     with np.errstate(all="ignore"):
-        return _advance(model, state, dt, drive, P_venous)
+        return _parts(model, state, dt, drive, P_venous, _HALVINGS)
+
+
+def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None, halvings: int) -> list[State]:
+    try:
+        return [_advance(model, state, dt, drive, P_venous)]
+    except NotConverged as error:
+        if halvings == 0:
+            raise
+        end, found = state.t + dt, [replace(state, halved=state.halved + 1)]
+        try:
+            for half in HALVES:
+                found += _parts(model, found[-1], 0.5 * dt, half @ drive, P_venous, halvings - 1)
+        except NonPhysicalState:
+            raise error from None
+    return [*found[1:-1], replace(found[-1], t=end)]
 
 
 def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None) -> State:
@@ -152,7 +176,7 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
         found[:, guess.places["rates"]], found[:, guess.places["heads"]] = k_i[:, layout.places["Q"]], H
         k.append(k_i)
     check(model, layout.part(end, "A"), A_t, Q, state.t + dt)
-    return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt)
+    return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt, state.halved)
 
 
 def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:

@@ -1,0 +1,89 @@
+"""Beats that repeat sooner: what fills slowly is extrapolated.
+
+A beat takes a state y to f(y), and the one that repeats has y = f(y). Pulses die out within a beat or two, but
+Windkessels fill as slowly as their time constants R2 C say. Anderson's extrapolation of the last beats,
+
+    y = Σ w_k f(y_k),     Σ w_k = 1,     so that |Σ w_k r_k| is least,
+
+with r_k what the pressures at the outlets change by in beat k, is exact for as many slow modes as there are beats less
+one; they are few, for all Windkessels share the pressure of the large arteries.
+
+D. G. Anderson, Iterative procedures for nonlinear integral equations, J. ACM 12 (1965) 547.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .scheme.model import Model
+from .scheme.step import State
+
+Array = np.ndarray
+
+_LONG = 1e6  # s, a stage so long that an outlet is its resistance
+_KEPT = 4  # beats that are mixed
+_SLOW = 0.25  # of the gap of the beat before: where less is left, beats repeat soon enough by themselves
+_SOON = 0.1  # of a gap that may be left after a beat where rest is as good a start as any
+_SAME = 1e-3  # changes of r that are no more than this part of the largest tell nothing
+_FURTHEST = 100.0  # Σ |w|
+
+
+@dataclass(frozen=True)
+class Beats:
+    """The last beats: their ends f(y), the changes r : (B, n_outlets) [Pa], and the gaps, how far they are from closed.
+
+    outlets : the nodes of the outlets.
+    """
+
+    outlets: slice
+    ends: tuple[State, ...] = ()
+    changes: tuple[Array, ...] = ()
+    gaps: tuple[float, ...] = ()
+
+    def followed(self, start: State, end: State, gap: float) -> Beats:
+        """These and one more; that alone where it is further from closed than the one before."""
+        kept = Beats(self.outlets) if self.gaps and not gap <= self.gaps[-1] else self
+        change = end.H[:, self.outlets] - start.H[:, self.outlets]
+        more = Beats(self.outlets, (*kept.ends, end), (*kept.changes, change), (*kept.gaps, gap))
+        return replace(more, ends=more.ends[-_KEPT:], changes=more.changes[-_KEPT:], gaps=more.gaps[-_KEPT:])
+
+    def mixed(self) -> State | None:
+        """Where the next beat should start; None: where the last one ended."""
+        if len(self.gaps) < 2 or self.gaps[-1] < _SLOW * self.gaps[-2]:
+            return None
+        last, w = self.ends[-1], self.weights()
+        if not np.abs(w).sum(axis=0).max() <= _FURTHEST:
+            return None
+        return replace(
+            last,
+            y=np.einsum("kb,kbn->bn", w, [end.y for end in self.ends]),
+            A_t=np.einsum("kb,kb...->b...", w, [end.A_t for end in self.ends]),
+            H=np.einsum("kb,kbn->bn", w, [end.H for end in self.ends]),
+            unknowns=np.einsum("kb,ksbm->sbm", w, [end.unknowns for end in self.ends]),
+            unknowns_before=np.einsum("kb,ksbm->sbm", w, [end.unknowns_before for end in self.ends]),
+        )
+
+    def weights(self) -> Array:
+        """w : (beats, B)."""
+        r = np.stack(self.changes, axis=-1)  # (B, n_outlets, beats)
+        share = np.linalg.pinv(r[..., -1:] - r[..., :-1], rcond=_SAME) @ r[..., -1:]
+        return np.concatenate([share[..., 0], 1.0 - share.sum(axis=1)], axis=1).T
+
+
+def fills_slowly(model: Model, T: float) -> bool:
+    """Whether beats of length T [s] take more than a few to fill the arteries and Windkessels of any member.
+
+    Their time constant is C/Σ(1/R) at rest: e^{-T/τ} of a gap is left after a beat.
+    """
+    c, stiffness = model.coefficients, model.wall.stiffness(model.A_rest)
+    capacity = (-model.mesh.element.w_gauss / model.minus_J_inverse / stiffness).sum(axis=(1, 2))
+    conductance = np.zeros(c.B)
+    with np.errstate(all="ignore"):
+        for ends in c.outlets:
+            load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), _LONG)
+            slope = load.slope(c.P_0 - c.P_venous[:, ends.index]) / load.scale
+            conductance = conductance + np.nan_to_num(slope, nan=np.inf).sum(axis=1)
+            capacity = capacity + ends.kind.capacity(ends.numbers).sum(axis=1)
+        return bool(np.any(np.exp(-T * conductance / capacity) > _SOON))
