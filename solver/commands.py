@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -27,9 +28,15 @@ def list_networks() -> None:
     table = Table("name", right("segments"), right("outlets"), "species", "source")
     for name in bundled_names():
         network = read_network(find_network(name))
-        source = " ".join(network.reference.split())
-        table.add_row(name, str(len(network.segments)), str(len(network.outlets)), network.species, source)
+        counts = (str(len(network.segments)), str(len(network.outlets)))
+        table.add_row(name, *counts, network.species, _short(network.reference))
     show(table)
+
+
+def _short(reference: str) -> str:
+    """The first author, the year and the DOI of a reference; all of it where it has none."""
+    found = re.search(r"(\w+)(,.*?)?:.*?\((\d{4})\), (doi:\S+\w)", " ".join(reference.split()))
+    return f"{found[1]}{' et al.' if found[2] else ''} ({found[3]}), {found[4]}" if found else reference
 
 
 @importers.command("openbf")

@@ -251,6 +251,10 @@ def test_commands(tmp_path: Path) -> None:
     assert run(app, ["import", "csv", str(table), "--out", str(again)]).exit_code == 0
     assert in_order(read_network(again)) == in_order(network)
     shown = run(app, ["list"]).output
-    assert all(name in shown for name in ("adan56", "77", "wang55"))
-    bad = run(app, ["import", "openbf", str(table)])
-    assert bad.exit_code == 2
+    assert all(name in shown for name in ("adan56", "77", "wang55", "Boileau et al. (2015)", "Ghigo et al. (2017)"))
+    for bad in ("openbf", "csv"):
+        done = run(app, ["import", bad, "nowhere"])
+        assert (done.exit_code, done.output) == (
+            2,
+            "Error: nowhere: cannot be read (No such file or directory); check the path.\n",
+        )

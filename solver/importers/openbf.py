@@ -42,14 +42,14 @@ def read_openbf(path: str | Path, *, as_run: bool = False) -> Sections:
     Raises ValueError, one sentence with the file and the line, the vessel or the key.
     """
     path = Path(path)
+    text = read_text(path)
     try:
-        return _sections(_parsed(path), path, as_run)
+        return _sections(_parsed(text), path, as_run)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _parsed(path: Path) -> Mapping[str, Any]:
-    text = read_text(path)
+def _parsed(text: str) -> Mapping[str, Any]:
     try:
         import yaml
     except ImportError:
