@@ -19,6 +19,7 @@ from ..records.noise import NEIGHBOURS, response
 
 Array = np.ndarray
 
+_BEATS = 30  # without repeating, after which a hypothesis has broken down
 _SHORTER = 2  # times that the step is halved where the model as given breaks down
 
 
@@ -95,7 +96,7 @@ class Simulator:
             return inflow(t + self.start)
 
         beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
-                              tolerance=self.tolerance, progress=lambda *_: runs.check())  # fmt: skip
+                              tolerance=self.tolerance, max_beats=_BEATS, progress=lambda *_: runs.check())  # fmt: skip
         runs.meter.add(next((np.size(value) for value in parameters.values()), 1))
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
         turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
