@@ -21,7 +21,7 @@ TIME_LIMIT = 300.0  # s
 @dataclass(frozen=True)
 class Asked:
     """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
-    probable. prior : a calibration's file. time_limit : of naming [s]."""
+    probable. prior : a calibration's file. time_limit : of naming and of every refit after it [s]."""
 
     period: float | None = None
     walls: str | None = None
