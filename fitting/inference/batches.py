@@ -40,7 +40,9 @@ def kind_of(terms: Sequence[Term]) -> str:
 
 
 def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-    network = rewired(simulator.network, {t.label: t for member in members for t in member.terms}.values())
+    # a term that may lie anywhere along its segment has the label of that in its usual place, and more unknowns
+    terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
+    network = rewired(simulator.network, terms.values())
     nominal = network.parameters()
     moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
     names = dict.fromkeys(name for each in moved for name in each)
