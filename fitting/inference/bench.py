@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,9 +26,9 @@ from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .loop import Linear, Loop, NoFit, linearise, mean_loop
+from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
-from .observation import chain, mean_wander
+from .observation import chain, mean_wander, of_fewer
 from .search import bounded_step
 from .simulator import Runs
 from .terms import Term, nuisances
@@ -50,7 +50,8 @@ _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part o
 class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
-    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means.
+    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means. error : (N//2 + 1,) [Pa] standard
+    deviation of errors of the wall law that the noise allows for, and that more beats do not lower.
     """
 
     kind = "bench"
@@ -62,6 +63,7 @@ class Bench(Forward):
     loop: Loop
     K: int
     n_beats: int
+    error: Array = field(default_factory=lambda: np.zeros(1))
 
     @cached_property
     def artery(self) -> Network:
@@ -123,9 +125,9 @@ class Bench(Forward):
 
     def widened(self, parts: Array) -> Bench:
         noise = self.loop.noise.copy()
-        noise[0, 0, 0] += (parts[0] * self._law_error[0]) ** 2
-        noise[1:, 0, 0] += (parts[1] * self._law_error[1 : len(noise)]) ** 2
-        return replace(self, loop=replace(self.loop, noise=noise))
+        error = self._law_error[: len(noise)] * np.append(parts[0], np.full(len(noise) - 1, parts[1]))
+        noise[:, 0, 0] += error**2
+        return replace(self, loop=replace(self.loop, noise=noise), error=np.hypot(self.error, error))
 
     def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
         states = [_settled(self, f.member) for f in fits]
@@ -135,12 +137,13 @@ class Bench(Forward):
         ]
 
     @property
-    def weights(self) -> Array:
-        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise."""
-        return self.loop.noise
+    def weights(self) -> tuple[Array, Array]:
+        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise, and errors in it."""
+        return self.loop.noise, self.error
 
-    def restored(self, weights: Array) -> Bench:
-        return replace(self, loop=replace(self.loop, noise=weights))
+    def restored(self, weights: tuple[Array, Array]) -> Bench:
+        noise, error = weights
+        return replace(self, loop=replace(self.loop, noise=noise), error=error)
 
     @property
     def _law_error(self) -> Array:
@@ -149,7 +152,7 @@ class Bench(Forward):
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)
-        noise = self.loop.noise * (self.n_beats / beats.n_beats)
+        noise = of_fewer(self.loop.noise, np.stack([self.error, 0.0 * self.error], 1), self.n_beats / beats.n_beats)
         wander = mean_wander(beats, fitted, self.signals)
         noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
         return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
@@ -328,7 +331,7 @@ def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
         columns = (G[1:] - G[0]).T / steps
         try:
             # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
-            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, _fourier(len(r)))
+            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
         except NoFit:
             return None
     n = 2 * problem.K + 1
@@ -385,16 +388,3 @@ class _Seen:
 def _filtered(h: Array, x: Array) -> Array:
     """Harmonics of x : (…, N) times h : (B, N//2 + 1)."""
     return x if np.all(h == 1.0) else np.fft.irfft(np.fft.rfft(x) * h, x.shape[-1])
-
-
-@lru_cache(maxsize=4)
-def _fourier(N: int) -> Array:
-    """(N, N) orthonormal real Fourier basis by rows: mean, cos 1, sin 1, cos 2 …"""
-    rows = [np.full(N, N**-0.5)]
-    phase = 2.0 * np.pi * np.arange(N) / N
-    for k in range(1, N // 2 + 1):
-        if 2 * k == N:
-            rows.append(np.cos(k * phase) * N**-0.5)
-        else:
-            rows += [np.cos(k * phase) * (2.0 / N) ** 0.5, np.sin(k * phase) * (2.0 / N) ** 0.5]
-    return np.array(rows)

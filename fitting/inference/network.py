@@ -59,7 +59,8 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of th
 class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
-    error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
+    error : (K+1, m) standard deviation of errors that more beats do not lower: of the solver, and of the model as far
+    as the covariance allows for them. response : (K+1, m) of the channels to the inflow.
     felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
     have it in common. possible : what it may have.
     """
@@ -290,7 +291,8 @@ class NetworkProblem(Forward):
         return channel_errors.blocks(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        return replace(self, target=channel_errors.widened(self.target, parts))
+        error = np.hypot(self.error, channel_errors.of_parts(self.target, parts))
+        return replace(self, target=channel_errors.widened(self.target, parts), error=error)
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
