@@ -5,23 +5,27 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import refused_in_one_sentence
+from forked import NETWORK
 from typer.testing import CliRunner
 
 from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
+from discrepancy.isolability import isolability
 from discrepancy.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from discrepancy.source import build_fmu
 from fitting.bench import on_bench
 from fitting.estimate import Estimate
+from fitting.inference.fit import Fit
+from fitting.inference.terms import Term
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from solver import load, read_network
@@ -260,6 +264,23 @@ def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
         "cannot_be_told_from": ["channel_lag"],
     }
     assert data["invisible"] == ["side_branch"]
+
+
+def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan for one pressure of the fork: its faults and those of inlet.Q are candidates, of no sensor that is not
+    there. All of the inflow's show in that pressure."""
+    judged: list[dict[str, float]] = []
+
+    def kept(base: Fit, columns: Mapping[str, np.ndarray], seen: Sequence[Term]) -> Isolability:
+        sensors = [t.label for t in seen if t.is_sensor]
+        judged.append({label: float(np.linalg.norm(columns[label])) for label in sensors})
+        return isolability(base, columns, seen)
+
+    monkeypatch.setattr("discrepancy.sensor_plan.isolability", kept)
+    plan_sensors(NETWORK, ("B.P",), beats=8)
+    own = min(judged, key=len)  # without a further sensor
+    assert {label.rpartition(" at ")[2] for label in own} == {"B.P", "inlet.Q"} and len(own) == 8
+    assert min(own.values()) > 1.0
 
 
 @pytest.mark.slow

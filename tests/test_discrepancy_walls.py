@@ -24,7 +24,9 @@ from discrepancy.name import name
 from discrepancy.outcome import Outcome
 from discrepancy.verdict import Naming
 from fitting.calibrate import calibrate
+from fitting.inference.asked import parse_unknowns
 from fitting.inference.network import network_problem
+from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.unknown import quantile
 from fitting.parameter_set import write_set
@@ -59,6 +61,20 @@ def test_a_stiff_wall_is_this_animal(stiff: Naming) -> None:
     assert [n for n, own in walls.arteries.items() if own.beyond] == ["B.E"]
     (said,) = odd_ones(walls, NETWORK)
     assert said.startswith("B.E: the Young's modulus E is 4") and "above the file's" in said
+
+
+def test_the_calibrations_number_is_not_called_the_files() -> None:
+    """E of B was calibrated to ± 2 % and is 45 % off, that of C was not: the sentence of B names the calibration."""
+    known = along(parse_unknowns(("B.E",), NETWORK), np.array([[0.02**2]]), NETWORK)
+    problem = network_problem(record(clean()), NETWORK, prior=known).individual()
+    fit = at(problem, [0.0] * len(problem.hypothesis(())))
+    own = {"calibration scale 1 of its own": np.log(1.45) / 0.02, "C.E of its own": 4.0}
+    x = np.array([own.get(u.name, 0.0) for u in fit.unknowns])
+    walls = walls_of(NETWORK, replace(fit, x=x, z=np.zeros(len(x)), J=np.eye(len(x))), 2.0)
+    assert (walls.arteries["B.E"].source, walls.arteries["C.E"].source) == ("calibration", "file")
+    B, C = odd_ones(walls, NETWORK)
+    assert B.startswith("B.E: ") and "45 % above the calibration's" in B
+    assert C.startswith("C.E: ") and "above the file's" in C
 
 
 def test_deviations_are_counted_beside_what_is_common() -> None:
