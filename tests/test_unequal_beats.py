@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from pulses import record
@@ -95,6 +97,22 @@ def test_a_stretch_with_a_steady_rate_is_chosen() -> None:
     beats = align(record(time, P=arterial(begin, np.ones(len(begin)), time) + 40.0 * rng.standard_normal(len(time))))
     assert beats.T == pytest.approx(0.8, rel=0.02) and 20 <= beats.n_beats <= 25
     assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
+
+
+def test_times_are_those_of_the_record() -> None:
+    """A record whose times begin at 50 s: fast beats, steady ones from 10 s, a weak and early one 10 beats later, and
+    an artefact on the third after it. All times count from the first sample, to 0.1 s: the end of diastole."""
+    begin = np.concatenate([0.55 * np.arange(-6, 19), 10.0 + 0.8 * np.arange(0, 40)])
+    size = np.ones(len(begin))
+    begin[35], size[35] = begin[35] - 0.28, 0.5
+    time = np.arange(0.0, 36.0, DT)
+    P = arterial(begin, size, time) + 40.0 * np.random.default_rng(1).standard_normal(len(time))
+    P[(time > begin[38] + 0.3) & (time < begin[38] + 0.6)] += 5.0 * MMHG
+    said = align(record(50.0 + time, P=P)).warnings
+    odd, stretch, *unlike = ([float(x) for x in re.findall(r"\d+\.\d+", text)] for text in said)
+    assert odd[:2] == pytest.approx([begin[34], begin[35]], abs=0.1) and stretch[0] == pytest.approx(10.0, abs=0.1)
+    assert min(abs(at[0] - begin[38]) for at in unlike) < 0.1
+    assert all("after the record's start" in text for text in said)
 
 
 # --- a wall under pulses that differ ---------------------------------------------------------------------------------
