@@ -68,7 +68,7 @@ def prepare(
             problem = bench(fitted, network, bench_site(record, network))
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
         terms = candidates(network, sensors, problem.site)
-        return Study(network, fitted, kept, problem, terms, warnings)
+        return Study(network, fitted, kept, problem, terms, (*warnings, *problem.doubts))
     except Unusable:
         raise
     except (ValueError, ArithmeticError) as error:

@@ -108,6 +108,11 @@ class Forward(Protocol):
         """The same with deviations of every artery and outlet; itself where there is but one."""
         return self
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What to know of the record in this model, in sentences."""
+        return ()
+
     # --- errors of the model --------------------------------------------------------------------------------------
 
     @property

@@ -27,6 +27,7 @@ from ..records.noise import (
     harmonics_above_noise,
     inflow_noise,
     pulses,
+    seam_said,
     solver_error,
     target,
 )
@@ -83,6 +84,10 @@ class NetworkProblem(Forward):
     @property
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.beats.n_beats)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        return seam_said(self.beats, self.signals, self.felt)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         finer = about_common if self.deviations else refined
