@@ -28,8 +28,8 @@ class Naming:
     verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
     effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
     confidence : probability that the verdict is right: the best name (effect and place), or that nothing of the
-    catalogue acts; of unknown, that what comes nearest does not act, which is small where it acts but leaves most of the
-    gap. reason : for unknown; of partial, what remains. complete : whether the search came to its end.
+    catalogue acts; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
+    reason : for unknown; of partial, what remains. complete : whether the search came to its end.
     """
 
     verdict: str

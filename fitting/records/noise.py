@@ -154,8 +154,8 @@ def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
         return ()
     part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
     return (
-        f"the beats differ, and the mean beat of {names[i]} is known to {part:.2g} of its pulse only, {times:.2g} times "
-        f"its noise: a smaller effect does not show; a stretch with a steadier heart shows more.",
+        f"the beats differ, and the mean beat of {names[i]} is known to {part:.2g} of its pulse only, {times:.2g} "
+        f"times its noise: a smaller effect does not show; a stretch with a steadier heart shows more.",
     )
 
 
