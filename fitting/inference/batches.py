@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,9 @@ from .unknown import parameter_values
 Array = np.ndarray
 
 _LARGEST = 64  # members at once
+_FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
+
+Asked = tuple[Simulator, list[Member], float | None]  # a batch, and until when [s] of time.monotonic
 
 
 def simulated(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
@@ -24,13 +28,33 @@ def simulated(simulator: Simulator, members: Sequence[Member], runs: Runs) -> li
     groups: dict[str, list[int]] = {}
     for i, member in enumerate(members):
         groups.setdefault(kind_of(member.terms), []).append(i)
-    X: list[Array | None] = [None] * len(members)
-    for there in groups.values():
-        for at in range(0, len(there), _LARGEST):
-            part = there[at : at + _LARGEST]
-            for i, result in zip(part, _batch(simulator, [members[i] for i in part], runs), strict=True):
-                X[i] = result
-    return X
+    parts = [part for there in groups.values() for part in _cut(there, runs.workers.jobs)]
+    until = None if runs.deadline is None else time.monotonic() + runs.deadline - runs.clock()
+    asked: list[Asked] = [(simulator, [members[i] for i in part], until) for part in parts]
+
+    def counted(found: tuple[list[Array | None], int]) -> list[Array | None]:
+        runs.meter.add(found[1])
+        return found[0]
+
+    found = runs.workers.share(asked, _elsewhere, counted, lambda batch: _batch(simulator, batch[1], runs))
+    X = {i: x for part, own in zip(parts, found, strict=True) for i, x in zip(part, own, strict=True)}
+    return [X[i] for i in range(len(members))]
+
+
+def _cut(there: list[int], jobs: int) -> list[list[int]]:
+    """Batches of one kind: the largest, or of even sizes where several processes share them."""
+    if jobs == 1:
+        return [there[at : at + _LARGEST] for at in range(0, len(there), _LARGEST)]
+    each = -(-len(there) // (jobs * _LARGEST))
+    parts = max(1, min(jobs * each, len(there) // _FEWEST))
+    return [there[len(there) * i // parts : len(there) * (i + 1) // parts] for i in range(parts)]
+
+
+def _elsewhere(asked: Asked) -> tuple[list[Array | None], int]:
+    """A batch in another process, and what it simulated."""
+    simulator, members, until = asked
+    runs = Runs(deadline=until)
+    return _batch(simulator, members, runs), runs.meter.simulations
 
 
 def kind_of(terms: Sequence[Term]) -> str:

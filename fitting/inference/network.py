@@ -198,29 +198,33 @@ class NetworkProblem(Forward):
         return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
-        plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
-        for term in plain:
-            groups.setdefault(kind_of((*at.terms, term)), []).append(term)
-        found: dict[str, Array] = {}
-        for group in groups.values():
-            members = [at.member]
-            for term in group:
-                for i in range(len(term.unknowns)):
-                    x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
-                    members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
-                members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
-            X = self.observe(members, runs)
-            if X[0] is None:
+        for term in terms:
+            if not term.rewires:
+                groups.setdefault(kind_of((*at.terms, term)), []).append(term)
+        asked = [self._moved(at, group) for group in groups.values()]
+        X, found = self.observe([member for members in asked for member in members], runs), dict[str, Array]()
+        for group, members in zip(groups.values(), asked, strict=True):
+            (here, *moved), X = X[: len(members)], X[len(members) :]
+            if here is None:
                 continue
-            z0, position = self.residual(X[0]), 1
+            z0 = self.residual(here)
             for term in group:
-                mine = X[position : position + len(term.unknowns)]
-                position += len(term.unknowns)
+                mine, moved = moved[: len(term.unknowns)], moved[len(term.unknowns) :]
                 if all(x is not None for x in mine):
                     found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
         return found
+
+    def _moved(self, at: Fit, group: Sequence[Term]) -> list[Member]:
+        """A fit, and one step away from it along every unknown of terms of one kind."""
+        members = [at.member]
+        for term in group:
+            for i in range(len(term.unknowns)):
+                x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
+                members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
+        if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
+            members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
+        return members
 
     # --- search -------------------------------------------------------------------------------------------------------
 
