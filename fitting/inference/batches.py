@@ -20,25 +20,29 @@ Array = np.ndarray
 _LARGEST = 64  # members at once
 _FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
 
-Asked = tuple[Simulator, list[Member], float | None]  # a batch, and until when [s] of time.monotonic
+Batch = tuple[Simulator, list[Member], float]  # and until when it may run, [s] of time.monotonic
 
 
-def simulated(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-    """X : (K+1, m) of the outputs, without what their sensors make of them; None where the simulation broke down."""
-    groups: dict[str, list[int]] = {}
-    for i, member in enumerate(members):
-        groups.setdefault(kind_of(member.terms), []).append(i)
-    parts = [part for there in groups.values() for part in _cut(there, runs.workers.jobs)]
-    until = None if runs.deadline is None else time.monotonic() + runs.deadline - runs.clock()
-    asked: list[Asked] = [(simulator, [members[i] for i in part], until) for part in parts]
+def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
+    """X : (K+1, m) of the outputs, without what their sensors make of them, of every member of some sets.
+
+    None where the simulation broke down.
+    """
+    groups: dict[tuple[int, str], list[int]] = {}
+    for s, (_, members) in enumerate(sets):
+        for i, member in enumerate(members):
+            groups.setdefault((s, kind_of(member.terms)), []).append(i)
+    parts = [(s, part) for (s, _), there in groups.items() for part in _cut(there, runs.workers.jobs)]
+    until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock of all processes
+    batches: list[Batch] = [(sets[s][0], [sets[s][1][i] for i in part], until) for s, part in parts]
 
     def counted(found: tuple[list[Array | None], int]) -> list[Array | None]:
         runs.meter.add(found[1])
         return found[0]
 
-    found = runs.workers.share(asked, _elsewhere, counted, lambda batch: _batch(simulator, batch[1], runs))
-    X = {i: x for part, own in zip(parts, found, strict=True) for i, x in zip(part, own, strict=True)}
-    return [X[i] for i in range(len(members))]
+    found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:2], runs))
+    X = {(s, i): x for (s, part), own in zip(parts, found, strict=True) for i, x in zip(part, own, strict=True)}
+    return [[X[s, i] for i in range(len(members))] for s, (_, members) in enumerate(sets)]
 
 
 def _cut(there: list[int], jobs: int) -> list[list[int]]:
@@ -50,9 +54,9 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
     return [there[len(there) * i // parts : len(there) * (i + 1) // parts] for i in range(parts)]
 
 
-def _elsewhere(asked: Asked) -> tuple[list[Array | None], int]:
+def _elsewhere(batch: Batch) -> tuple[list[Array | None], int]:
     """A batch in another process, and what it simulated."""
-    simulator, members, until = asked
+    simulator, members, until = batch
     runs = Runs(deadline=until)
     return _batch(simulator, members, runs), runs.meter.simulations
 

@@ -51,6 +51,11 @@ class Runs:
     clock: Callable[[], float] = time.monotonic
     workers: Workers = field(default_factory=lambda: Workers(1))
 
+    @property
+    def left(self) -> float:
+        """The time [s] until the deadline."""
+        return np.inf if self.deadline is None else self.deadline - self.clock()
+
     def check(self) -> None:
         """Raise OutOfTime after the deadline."""
         if self.deadline is not None and self.clock() > self.deadline:
