@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -26,7 +26,8 @@ from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .loop import Linear, Loop, NoFit, linearise, mean_loop
+from .jackknife import Rest, without_groups
+from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
 from .observation import chain, mean_wander
 from .search import bounded_step
@@ -82,20 +83,28 @@ class Bench(Forward):
         """The most probable unknowns of every hypothesis; ``start`` : of another one."""
         found = []
         for terms in hypotheses:
-            if runs is not None:
-                runs.check()
+            (runs or Runs()).check()
             found.append(self._fitted(terms, start))
         return found
 
     def _fitted(self, terms: tuple[Term, ...], start: Fit | None) -> Fit | None:
         """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
         for begin in (start, None):
-            try:
-                found = fit(self, terms, begin)
-            except NoFit:
-                continue
-            return found if allowed(self.network, found) else None
+            with suppress(NoFit):
+                return self._allowed(fit(self, terms, begin))
         return None
+
+    def _allowed(self, found: Fit) -> Fit | None:
+        return found if allowed(self.network, found) else None
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        found: list[Fit | None] = []
+        for f in fits:
+            (runs or Runs()).check()
+            found.append(None)
+            with suppress(NoFit, np.linalg.LinAlgError):
+                found[-1] = self._allowed(_searched(self, f.member))
+        return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         found = {}
@@ -105,6 +114,10 @@ class Bench(Forward):
             if state is not None:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        state = _settled(self, fit.member)
+        return [] if state is None else without_groups(fit, fit.order, state.linear.L[: len(fit.z), : len(fit.z)])
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -328,7 +341,7 @@ def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
         columns = (G[1:] - G[0]).T / steps
         try:
             # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
-            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, _fourier(len(r)))
+            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
         except NoFit:
             return None
     n = 2 * problem.K + 1
@@ -385,16 +398,3 @@ class _Seen:
 def _filtered(h: Array, x: Array) -> Array:
     """Harmonics of x : (…, N) times h : (B, N//2 + 1)."""
     return x if np.all(h == 1.0) else np.fft.irfft(np.fft.rfft(x) * h, x.shape[-1])
-
-
-@lru_cache(maxsize=4)
-def _fourier(N: int) -> Array:
-    """(N, N) orthonormal real Fourier basis by rows: mean, cos 1, sin 1, cos 2 …"""
-    rows = [np.full(N, N**-0.5)]
-    phase = 2.0 * np.pi * np.arange(N) / N
-    for k in range(1, N // 2 + 1):
-        if 2 * k == N:
-            rows.append(np.cos(k * phase) * N**-0.5)
-        else:
-            rows += [np.cos(k * phase) * (2.0 / N) ** 0.5, np.sin(k * phase) * (2.0 / N) ** 0.5]
-    return np.array(rows)
