@@ -65,7 +65,8 @@ class _End:
     """The search for one end by the root of the rise, which is linear in x_i if C is quadratic.
 
     i : the unknown. limit : of its range. x : where it is held next. inside : x_i and root of the rise of the farthest
-    try that rises less than q²; outside : of the nearest that rises more, ∞ where it cannot be simulated.
+    try that rises less than q², and before : of the one before; outside : of the nearest that rises more, ∞ where it
+    cannot be simulated.
     """
 
     fit: Fit
@@ -73,6 +74,7 @@ class _End:
     limit: float
     q: float
     x: float
+    before: tuple[float, float] = (0.0, 0.0)
     inside: tuple[float, float] = (0.0, 0.0)
     outside: tuple[float, float] | None = None
     done: bool = False
@@ -85,11 +87,10 @@ class _End:
     @property
     def end(self) -> float:
         """Where the rise is q², as far as it is known."""
-        (x, g), centre = self.inside, float(self.fit.x[self.i])
+        x, g = self.inside
         if self.outside is not None and math.isfinite(self.outside[1]):
             return x + (self.outside[0] - x) * (self.q - g) / (self.outside[1] - g)
-        close = self.outside is None and g * g > (1.0 - _CLOSE) * self.q**2
-        return self._within(centre + (x - centre) * self.q / g) if close else x
+        return self._farther() if self.outside is None and g * g > (1.0 - _CLOSE) * self.q**2 else x
 
     def held(self) -> Fit:
         """The fit with the unknown held at x, the others where the refits so far point to."""
@@ -112,7 +113,7 @@ class _End:
         if refit is not None:
             self.refits.append(refit)
         if g < self.q:
-            self.inside = (self.x, g)
+            self.before, self.inside = self.inside, (self.x, g)
         else:
             self.outside = (self.x, g)
         at_limit = g < self.q and self.x == self.limit
@@ -120,12 +121,19 @@ class _End:
         self.x = self._next()
 
     def _next(self) -> float:
-        (x, g), centre = self.inside, float(self.fit.x[self.i])
+        x, g = self.inside
         if self.outside is None:
-            return self._within(centre + (x - centre) * min(self.q / max(g, 1e-9), _FARTHER))
+            return self._farther()
         part = (self.q - g) / (self.outside[1] - g) if math.isfinite(self.outside[1]) else 0.5
         return x + (self.outside[0] - x) * min(max(part, _MARGIN), 1.0 - _MARGIN)
 
-    def _within(self, x: float) -> float:
-        down = self.limit < float(self.fit.x[self.i])
-        return max(x, self.limit) if down else min(x, self.limit)
+    def _farther(self) -> float:
+        """Along the line through the last two tries, in the range."""
+        (x0, g0), (x, g), most = (
+            self.before,
+            self.inside,
+            (_FARTHER - 1.0) * (self.inside[0] - float(self.fit.x[self.i])),
+        )
+        step = (x - x0) * (self.q - g) / (g - g0) if g > g0 else most
+        x += step if abs(step) < abs(most) else most
+        return max(x, self.limit) if most < 0.0 else min(x, self.limit)
