@@ -29,6 +29,7 @@ from fitting.provenance import software
 from fitting.records.record import Record, read_record
 from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
+from fitting.workers import Workers
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
@@ -64,6 +65,7 @@ def discover(
     walls: str | None = None,
     prior: str | os.PathLike[str] | None = None,
     time_limit: float = TIME_LIMIT,
+    jobs: int = 1,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
@@ -72,13 +74,15 @@ def discover(
     record : a CSV file. model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
     found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
     ``python -m fitting calibrate``, whose values and covariance stand for the network file's and its spreads.
-    time_limit : of naming [s], after which the best answer so far is given. progress : told the fraction done and the
-    stage. An interrupted study goes on where it was.
+    time_limit : of naming [s], after which the best answer so far is given. jobs : processes that simulate, this one
+    among them; the others import this package and nothing of the calling script, which needs no
+    ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
+    it was.
     Raises ValueError for a model or a prior that cannot be used and for a folder that cannot be written. A record that
     cannot be used is a verdict.
     """
     started, folder = time.perf_counter(), Path(out)
-    asked = Asked(period, walls, prior, time_limit)
+    asked = Asked(period, walls, prior, time_limit, jobs)
     asked.check()
     network = read_model(model)
     measured = _read(record)
@@ -197,9 +201,10 @@ class _Work:
             part = max(1.0 - 0.5 ** (simulations / 300.0), min((monotonic() - begun) / limit, 1.0))
             self.progress(0.2 + 0.5 * part, f"naming, {simulations} simulations, {last}")
 
-        runs = Runs(Meter(told), begun + limit, monotonic)
         try:
-            return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
+            with Workers(self.asked.jobs) as workers:
+                runs = Runs(Meter(told), begun + limit, monotonic, workers)
+                return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
         except OutOfTime:
             raise Unusable(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "

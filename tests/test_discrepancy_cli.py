@@ -24,6 +24,7 @@ from fitting.bench import on_bench
 from fitting.estimate import Estimate
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.workers import cores
 from solver import load, read_network
 from solver.effects import ALL
 from solver.files import write_network
@@ -145,14 +146,14 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
 
 
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Walls, prior and time limit, which has a unit; five minutes by default."""
+    """Walls, prior, processes and time limit, which has a unit; five minutes and all cores by default."""
     given: list[dict[str, Any]] = []
     monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
     prior = tmp_path / "prior.json"
-    assert run(*STUDY, "--walls", "individual", "--prior", prior, "--time-limit", "2 min").exit_code == 0
-    assert (given[0]["walls"], given[0]["prior"], given[0]["time_limit"]) == ("individual", prior, 120.0)
-    assert run(*STUDY).exit_code == 0
-    assert (given[1]["walls"], given[1]["prior"], given[1]["time_limit"]) == (None, None, 300.0)
+    options = ("--walls", "individual", "--prior", prior, "--time-limit", "2 min", "--jobs", 3)
+    assert run(*STUDY, *options).exit_code == run(*STUDY).exit_code == 0
+    found = [[each[key] for key in ("walls", "prior", "time_limit", "jobs")] for each in given]
+    assert found == [["individual", prior, 120.0, 3], [None, None, 300.0, cores()]]
 
 
 def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
@@ -196,6 +197,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
             ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "-1 s"),
             "time limit -1 s: must be above",
         ),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--jobs", "0"), "jobs 0: must be a whole number"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"), "must be common or individual"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"), "no.json: neither a file"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"), "a .json or an .ssv file"),
