@@ -26,6 +26,7 @@ from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
+from .jackknife import Rest, without_groups
 from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
 from .observation import chain, mean_wander, of_fewer
@@ -50,8 +51,7 @@ _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part o
 class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
-    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means. error : (N//2 + 1,) [Pa] standard
-    deviation of errors of the wall law that the noise allows for, and that more beats do not lower.
+    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means. error : (N//2 + 1,) [Pa] of the law.
     """
 
     kind = "bench"
@@ -84,20 +84,28 @@ class Bench(Forward):
         """The most probable unknowns of every hypothesis; ``start`` : of another one."""
         found = []
         for terms in hypotheses:
-            if runs is not None:
-                runs.check()
+            (runs or Runs()).check()
             found.append(self._fitted(terms, start))
         return found
 
     def _fitted(self, terms: tuple[Term, ...], start: Fit | None) -> Fit | None:
         """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
         for begin in (start, None):
-            try:
-                found = fit(self, terms, begin)
-            except NoFit:
-                continue
-            return found if allowed(self.network, found) else None
+            with suppress(NoFit):
+                return self._allowed(fit(self, terms, begin))
         return None
+
+    def _allowed(self, found: Fit) -> Fit | None:
+        return found if allowed(self.network, found) else None
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        found: list[Fit | None] = []
+        for f in fits:
+            (runs or Runs()).check()
+            found.append(None)
+            with suppress(NoFit, np.linalg.LinAlgError):
+                found[-1] = self._allowed(_searched(self, f.member))
+        return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         found = {}
@@ -107,6 +115,10 @@ class Bench(Forward):
             if state is not None:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        state = _settled(self, fit.member)
+        return [] if state is None else without_groups(fit, fit.order, state.linear.L[: len(fit.z), : len(fit.z)])
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -125,8 +137,7 @@ class Bench(Forward):
 
     def widened(self, parts: Array) -> Bench:
         noise = self.loop.noise.copy()
-        error = self._law_error[: len(noise)] * np.append(parts[0], np.full(len(noise) - 1, parts[1]))
-        noise[:, 0, 0] += error**2
+        noise[:, 0, 0] += (error := self._law_error[: len(noise)] * parts[np.minimum(np.arange(len(noise)), 1)]) ** 2
         return replace(self, loop=replace(self.loop, noise=noise), error=np.hypot(self.error, error))
 
     def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
@@ -142,8 +153,7 @@ class Bench(Forward):
         return self.loop.noise, self.error
 
     def restored(self, weights: tuple[Array, Array]) -> Bench:
-        noise, error = weights
-        return replace(self, loop=replace(self.loop, noise=noise), error=error)
+        return replace(self, loop=replace(self.loop, noise=weights[0]), error=weights[1])
 
     @property
     def _law_error(self) -> Array:

@@ -27,7 +27,6 @@ from ..records.noise import (
     harmonics_above_noise,
     inflow_noise,
     pulses,
-    seam_said,
     solver_error,
     target,
 )
@@ -36,12 +35,13 @@ from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
+from .jackknife import Rest
 from .misfit import Block
 from .observation import meter, of_other_beats, sense
 from .prior import Calibrated, of_animal, possible
-from .search import Search, bounded_step, search
+from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, started, varying
-from .subset import leave_one_site_out
+from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
@@ -85,10 +85,6 @@ class NetworkProblem(Forward):
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.beats.n_beats)
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        return seam_said(self.beats, self.signals, self.felt)
-
     def refined(self, fit: Fit, term: Term) -> Term | None:
         finer = about_common if self.deviations else refined
         return finer(self.network, term, sizes_of(fit, term))
@@ -106,6 +102,9 @@ class NetworkProblem(Forward):
         X = self.observe([f.member for f in fits])
         z = [None if x is None else self.residual(x) for x in X]
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        return without_each_site(self.target, fit)
 
     def left_out(self, fit: Fit) -> dict[str, float]:
         return leave_one_site_out(self.target, fit)
@@ -265,6 +264,9 @@ class NetworkProblem(Forward):
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member) for f in fits], runs or Runs())
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        return [self._fit(s) for s in relax(self, fits, runs or Runs())]
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
