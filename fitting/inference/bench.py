@@ -51,7 +51,7 @@ _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part o
 class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
-    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means. error : (N//2 + 1,) [Pa] of the law.
+    loop : the mean beats; K : harmonics above the noise; n_beats : behind them. error : (N//2 + 1,) [Pa] of the law.
     """
 
     kind = "bench"
