@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -118,6 +118,11 @@ def beforehand(width: float) -> float:
     if width == 0.0:
         return -2.0 * math.log(COMMON)
     return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
+
+
+def with_widths(fit: Fit) -> Fit:
+    """A fit whose covariance goes by the most probable widths of its groups."""
+    return replace(fit, widths=Linear.of(fit).inferred().of)
 
 
 def score(fit: Fit) -> float:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .fit import Member
+from .fit import Fit, Member
 from .simulator import Runs
 from .unknown import bounds, penalty, precision, precisions
 
@@ -38,10 +38,10 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array,
     """The step (p,) with normal s = -gradient, where those that would leave their range stop at its end.
 
     One that was held stays held, which costs a few per cent of the gain of scipy.optimize.lsq_linear at worst, and a
-    hundredth of its time.
+    hundredth of its time. One that may have one value only does not move.
     """
-    free, step = np.ones(len(x), bool), np.zeros(len(x))
-    for _ in range(len(x)):
+    free, step = low < high, np.zeros(len(x))
+    for _ in range(int(free.sum())):
         held = normal[np.ix_(free, ~free)] @ step[~free]
         step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=rcond)[0]
         outside = free & ((x + step < low) | (x + step > high))
@@ -143,6 +143,17 @@ def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: flo
         X = problem.observe([s.trial() for s in active], runs)
         for s, x in zip(active, X, strict=True):
             s.answer(None if x is None else problem.residual(x))
+
+
+def relax(problem: Searched, fits: Sequence[Fit], runs: Runs) -> list[Search]:
+    """Searches from where fits are, with the derivatives that they have."""
+    searches = [Search(f.member) for f in fits]
+    for s, f, X in zip(searches, fits, problem.observe([f.member for f in fits], runs), strict=True):
+        s.J, s.failed = f.J, X is None
+        if X is not None:
+            s.settle(problem.residual(X))
+    search(problem, searches, runs)
+    return searches
 
 
 def _derive(problem: Searched, searches: Sequence[Search], runs: Runs) -> None:

@@ -16,6 +16,7 @@ from ..records.beats import Beats
 from ..records.felt import Felt, felt
 from ..records.inflow import Inflow
 from ..records.noise import NEIGHBOURS, response
+from ..workers import Workers
 
 Array = np.ndarray
 
@@ -41,7 +42,7 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Runs:
-    """How simulations are run together: counted, and until when.
+    """How simulations are run together: counted, until when, and by which processes.
 
     deadline : of ``clock`` [s]; no batch runs beyond it. None: no limit.
     """
@@ -49,6 +50,12 @@ class Runs:
     meter: Meter = field(default_factory=Meter)
     deadline: float | None = None
     clock: Callable[[], float] = time.monotonic
+    workers: Workers = field(default_factory=lambda: Workers(1))
+
+    @property
+    def left(self) -> float:
+        """The time [s] until the deadline."""
+        return np.inf if self.deadline is None else self.deadline - self.clock()
 
     def check(self) -> None:
         """Raise OutOfTime after the deadline."""
