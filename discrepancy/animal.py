@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fitting.inference.evidence import with_widths
+from fitting.inference.evidence import Linear, with_widths
 from fitting.inference.fit import Fit
 from fitting.inference.prior import calibrated
 from fitting.inference.terms import rewired
@@ -52,8 +52,9 @@ def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, floa
     Of a calibration, in units of its own uncertainty.
     """
     quantities = {name.rpartition(".")[2]: q for name, q in known.items()}
-    sizes = {group: quantities[group].individual if group in quantities else 1.0 for group in fit.widths}
-    return {group: (size, fit.widths[group] * size) for group, size in sizes.items()}
+    found = Linear.of(fit).inferred().of
+    sizes = {group: quantities[group].individual if group in quantities else 1.0 for group in found}
+    return {group: (size, found[group] * size) for group, size in sizes.items()}
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:

@@ -100,6 +100,18 @@ class Linear:
             best = value
         return Widths(found, self.at(found) + sum(map(beforehand, found.values())))
 
+    def spreads(self) -> dict[str, float]:
+        """Of every group the root of the mean square of its width, over all that it may be, the others as inferred."""
+        found, widths = self.inferred().of, np.array(WIDTHS)
+        odds = np.array([beforehand(w) for w in WIDTHS])
+        odds[1:] += 2.0 * math.log(np.exp(-0.5 * odds[1:]).sum() / (1.0 - COMMON))
+        spread = {}
+        for group in found:
+            score = odds + np.array([self.at({**found, group: w}) for w in WIDTHS])
+            p = np.exp(-0.5 * (score - score.min()))
+            spread[group] = math.sqrt(float(p @ widths**2 / p.sum()))
+        return spread
+
 
 def _held(z: Array, J: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
     """(p,) which unknowns stand at an end of their range that the data would have them leave."""
@@ -121,8 +133,8 @@ def beforehand(width: float) -> float:
 
 
 def with_widths(fit: Fit) -> Fit:
-    """A fit whose covariance goes by the most probable widths of its groups."""
-    return replace(fit, widths=Linear.of(fit).inferred().of)
+    """A fit whose covariance goes by the widths of its groups, averaged as the record tells; it is linear in w²."""
+    return replace(fit, widths=Linear.of(fit).spreads())
 
 
 def score(fit: Fit) -> float:
