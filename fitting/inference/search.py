@@ -19,7 +19,8 @@ Array = np.ndarray
 
 _LARGEST = 2.0  # of a step in x
 _ROUNDS = 14  # simulations of a hypothesis at most
-_FRESH = (4, 8)  # of them before which derivatives are simulated anew: the updated ones are too far off by then
+_FRESH = {4: False, 8: True}  # of them before which derivatives are simulated anew: all, or but for those of
+# what every artery has of its own, which are many and hardly change
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
@@ -138,7 +139,7 @@ def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: flo
         if not active:
             break
         if turn in _FRESH:
-            _derive(problem, active, runs)
+            _derive(problem, active, runs, everything=_FRESH[turn])
             active = [s for s in active if s.proposes()]
         X = problem.observe([s.trial() for s in active], runs)
         for s, x in zip(active, X, strict=True):
@@ -156,12 +157,15 @@ def relax(problem: Searched, fits: Sequence[Fit], runs: Runs) -> list[Search]:
     return searches
 
 
-def _derive(problem: Searched, searches: Sequence[Search], runs: Runs) -> None:
+def _derive(problem: Searched, searches: Sequence[Search], runs: Runs, everything: bool = False) -> None:
     """Residuals and Jacobians of searches, simulated where they are.
 
-    Columns of what every artery has of its own hardly change, and are many: once simulated, they are kept up to date.
+    everything : else columns of what every artery has of its own, once simulated, are kept up to date.
     """
-    by = [np.array([i for i, u in enumerate(s.unknowns) if s.J is None or not u.group], int) for s in searches]
+    by = [
+        np.array([i for i, u in enumerate(s.unknowns) if everything or s.J is None or not u.group], int)
+        for s in searches
+    ]
     for s, i, found in zip(searches, by, problem.derivatives([s.member() for s in searches], runs, by), strict=True):
         if found is None:
             s.failed = True
