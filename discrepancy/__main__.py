@@ -61,6 +61,9 @@ def discover_command(
         Path | None, typer.Option(help="Result of `python -m fitting calibrate`: values, and how uncertain they are.")
     ] = None,
     time_limit: Annotated[str, typer.Option(help="Of naming; then the best answer so far is given.")] = "5 min",
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Find, name and add what a model lacks. The word `discover` may be left out.
@@ -68,6 +71,8 @@ def discover_command(
     Exit code 0 with a verdict, 3 if the record is unusable, 2 if something given is wrong, 130 if interrupted: the same
     command goes on where it was.
     """
+    from fitting.workers import cores
+
     from .workflow import discover  # takes a second
 
     kept = "finished stages are kept, the one under way begins anew; run again to go on."
@@ -76,8 +81,9 @@ def discover_command(
         limit = parse_quantity(time_limit, "s", "--time-limit")
         progress(0.0, "reading")
         outcome = discover(
-            record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit, progress=progress
-        )
+            record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit,
+            jobs=cores() if jobs is None else jobs, progress=progress,
+        )  # fmt: skip
     if not quiet:
         _show(outcome)
         say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))

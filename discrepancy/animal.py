@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fitting.inference.evidence import Linear
+from fitting.inference.evidence import Linear, with_widths
 from fitting.inference.fit import Fit
+from fitting.inference.prior import calibrated
 from fitting.inference.terms import rewired
 from fitting.inference.unknown import interval
 from solver.network import Network
@@ -26,13 +27,15 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     own = np.array([bool(u.group) and u not in named for u in fit.unknowns], bool)
     if not own.any():
         return Walls()
+    fit = with_widths(fit)
     whole = rewired(network, fit.terms)
     file, nominal, known = network.parameters(), whole.parameters(), whole.parameter_quantities()
-    arteries = {}
+    arteries, told = {}, calibrated(fit.unknowns)
     for name in _deviating(fit, nominal, known):
         now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
         moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
-        arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual))
+        source = "calibration" if name in told else "file"
+        arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual), source)
     return Walls("individual", _spread(fit, known), arteries)
 
 
@@ -48,8 +51,8 @@ def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, floa
 
     Of a calibration, in units of its own uncertainty.
     """
-    found = Linear.of(fit).inferred().of
     quantities = {name.rpartition(".")[2]: q for name, q in known.items()}
+    found = Linear.of(fit).inferred().of
     sizes = {group: quantities[group].individual if group in quantities else 1.0 for group in found}
     return {group: (size, found[group] * size) for group, size in sizes.items()}
 
@@ -62,8 +65,9 @@ def odd_ones(walls: Walls, network: Network) -> list[str]:
             more = own.now.value - own.file
             scaled = known[name].low >= 0.0 and own.file > 0.0
             by = f"{100.0 * abs(more) / own.file:.0f} %" if scaled else f"{abs(more):.2g}"
+            side = "above" if more > 0.0 else "below"
             said.append(
-                f"{name}: the {known[name].description} is {by} {'above' if more > 0.0 else 'below'} the file's, "
+                f"{name}: the {known[name].description} is {by} {side} the {own.source}'s, "
                 f"{abs(own.deviation):.1f} stated spreads from what all have in common: this animal's own, not counted "
                 f"as an effect."
             )

@@ -21,12 +21,14 @@ TIME_LIMIT = 300.0  # s
 @dataclass(frozen=True)
 class Asked:
     """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
-    probable. prior : a calibration's file. time_limit : of naming [s]."""
+    probable. prior : a calibration's file. time_limit : of naming and of every refit after it [s]. jobs : processes
+    that simulate."""
 
     period: float | None = None
     walls: str | None = None
     prior: str | os.PathLike[str] | None = None
     time_limit: float = TIME_LIMIT
+    jobs: int = 1
 
     def check(self) -> None:
         """Raise ValueError, one sentence, for what cannot be asked."""
@@ -34,6 +36,8 @@ class Asked:
             raise ValueError(f"walls {self.walls!r}: must be {COMMON} or {INDIVIDUAL}; or leave it out.")
         if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
             raise ValueError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
+        if not (isinstance(self.jobs, int) and self.jobs >= 1):
+            raise ValueError(f"jobs {self.jobs!r}: must be a whole number of processes, at least 1.")
         if self.prior is not None and self.walls == COMMON:
             raise ValueError(
                 f"{os.fspath(self.prior)}: a calibration says how far each artery may differ, which walls {COMMON} "
@@ -59,6 +63,9 @@ class Asked:
 
     @property
     def key(self) -> list[Any]:
-        """What of it a study's answer depends on, plain; the calibration by its content."""
+        """What of it a study's answer depends on, plain; the calibration by its content.
+
+        Not on how many processes simulate: to what the solver resolves, their answer is the same.
+        """
         told = None if self.prior is None else Path(self.prior).read_text(encoding="utf-8")
         return [self.period, self.walls, told, self.time_limit]

@@ -135,7 +135,8 @@ def rewirings(found: Compared) -> list[tuple[Term, ...]]:
 
 def along(found: Compared, runs: Runs) -> list[Fit]:
     """The best effects of a part of a segment, wherever along it they may lie: of the best alone if it explains all."""
-    local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and n.fit.cost < at.ALONG_COST * found.best.fit.cost]
+    best = found.best.fit
+    local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and _within(at.ALONG_COST, n.fit, best)]
     fits = []
     for fit in local[:1] if found.best.explains else local[: at.ALONG]:
         term = found.problem.placed(fit, fit.terms[0])
@@ -164,10 +165,15 @@ def _firsts(found: Compared, tried: set[tuple[str, ...]], branches: int) -> list
     """The best hypotheses that have room for another effect, one of each effect."""
     chosen: dict[str, Fit] = {}
     for n in found.ranked:
-        near, room = n.fit.cost < at.BRANCH_COST * found.ranked[0].fit.cost, len(n.fit.terms) < at.MOST_EFFECTS
+        near, room = _within(at.BRANCH_COST, n.fit, found.ranked[0].fit), len(n.fit.terms) < at.MOST_EFFECTS
         if near and room and _labels(n.fit) not in tried and len(chosen) < branches:
             chosen.setdefault(n.fit.terms[-1].effect, n.fit)
     return list(chosen.values())
+
+
+def _within(factor: float, fit: Fit, best: Fit) -> bool:
+    """Whether a cost is within a multiple of the best one's; ln det C, which has no zero, counts from the best's."""
+    return fit.cost - best.log_volume < factor * (best.cost - best.log_volume)
 
 
 def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:

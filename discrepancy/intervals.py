@@ -3,63 +3,83 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from fitting.estimate import Estimate
 from fitting.inference.added import estimates
+from fitting.inference.evidence import with_widths
+from fitting.inference.fit import Fit
 from fitting.inference.jackknife import jackknife
+from fitting.inference.profile import reaches
 from fitting.inference.selection import conditioned
+from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 from fitting.inference.unknown import quantile
 from solver.network import Network
 
+from .outcome import ADDED
 from .verdict import Naming
 from .weigh import Named, found_from
 
 _FEWEST = 3  # sites
+_MOST = 4  # numbers of an effect whose intervals are profiled
 _SMALL = 1e-3  # a weight below which a hypothesis does not count
 
 
+def profiled(naming: Naming, runs: Runs) -> Naming:
+    """With the reach of the intervals of effects of two numbers and more, by profile likelihood; of those of very many,
+    and where time runs out, it stays that of the covariance."""
+    best = naming.best.fit
+    chosen = [u for t in best.terms if 1 < len(t.unknowns) <= _MOST for u in t.unknowns]
+    if naming.verdict not in ADDED or not chosen:
+        return naming
+    try:
+        return replace(
+            naming, reaches=reaches(naming.problem, best, chosen, quantile(naming.problem.dof_of_noise), runs)
+        )
+    except OutOfTime:
+        return naming
+
+
 def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
-    """Values and 95 % intervals of a term of a hypothesis.
+    """Values and 95 % intervals of a term of a hypothesis, with the spread of walls that the record tells.
 
     Averaged over walls that have all in common and walls that differ, where the record does not tell; and given that
     the effect was found, which near the limit of detection says that it is smaller than it looks.
     """
-    half = quantile(naming.problem.dof_of_noise)
-    found = estimates(network, named.fit, term, half)
+    half, fit = quantile(naming.problem.dof_of_noise), with_widths(named.fit)
+    found = estimates(network, fit, term, half, naming.reaches if named.key == naming.best.key else None)
     if naming.verdict == "partial":
-        wider = _wider(naming, named, term)
+        wider = _wider(naming, fit, term)
         return {key: _scaled(e, wider) for key, e in found.items()}
     same = [n for n in naming.ranked if n.key[0] == named.key[0] and n.key != named.key]
     for other in same[:1]:
         weight = 1.0 / (1.0 + math.exp(min(0.5 * (other.score - named.score), 700.0)))
         if weight > _SMALL:
             (twin,) = (t for t in other.fit.terms if t.label == term.label)
-            told = estimates(network, other.fit, twin, half)
+            told = estimates(network, with_widths(other.fit), twin, half)
             found = {key: _averaged(e, told[key], weight, half) if key in told else e for key, e in found.items()}
-    sizes = [i for i, u in enumerate(named.fit.unknowns) if u in term.unknowns and u.of_size]
+    sizes = [i for i, u in enumerate(fit.unknowns) if u in term.unknowns and u.of_size]
     if len(sizes) != 1 or len(term.unknowns) != 1:
         return found
-    x, sd = float(named.fit.x[sizes[0]]), math.sqrt(float(named.fit.covariance[sizes[0], sizes[0]]))
+    x, sd = float(fit.x[sizes[0]]), math.sqrt(float(fit.covariance[sizes[0], sizes[0]]))
     limit = found_from(naming.terms, term)
     return {key: conditioned(e, x > 0.0, abs(x) / sd, limit, half) for key, e in found.items()}
 
 
-def _wider(naming: Naming, named: Named, term: Term) -> float:
+def _wider(naming: Naming, fit: Fit, term: Term) -> float:
     """By how much an interval beside an error of the model is wider than its covariance says.
 
     As the estimate moves when one site, or on a bench one harmonic, is left out.
     """
-    fit = named.fit
-    sites = [name.rpartition(".")[0] for name in naming.problem.signals]
-    group = fit.order if naming.problem.site else np.array([sites.index(sites[s]) for s in fit.signal])
-    if len(np.unique(group)) < _FEWEST:
+    parts = naming.problem.without_each(fit)
+    if len(parts) < _FEWEST:
         return 1.0
     mine = [i for i, u in enumerate(fit.unknowns) if u in term.unknowns]
     sd = np.sqrt(np.diag(fit.covariance))[mine]
-    return float(max(1.0, *(jackknife(fit, group)[mine] / sd)))
+    return float(max(1.0, *(jackknife(fit, parts)[mine] / sd)))
 
 
 def _scaled(told: Estimate, factor: float) -> Estimate:

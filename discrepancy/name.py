@@ -21,6 +21,7 @@ from fitting.inference.terms import Term
 
 from . import thresholds as at
 from .compare import Compared, further, rewirings
+from .intervals import profiled
 from .verdict import Naming, decided
 from .walls import with_own_walls
 from .weigh import scores, shortlist
@@ -35,7 +36,8 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     is the best so far, and not complete.
     Raises ArithmeticError if the model as given cannot be simulated with this record.
     """
-    stages, found, complete = _stages(problem, tuple(terms), runs or Runs(), walls), None, True
+    runs = runs or Runs()
+    stages, found, complete = _stages(problem, tuple(terms), runs, walls), None, True
     try:
         while (later := next(stages, None)) is not None:
             found = later
@@ -44,7 +46,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
         if found is None:
             raise
     assert found is not None
-    return decided(found, terms, complete)
+    return profiled(decided(found, terms, complete), runs)
 
 
 def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | None) -> Iterator[Compared]:

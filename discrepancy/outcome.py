@@ -93,12 +93,14 @@ class Absorbed:
 class OwnNumber:
     """A number of one artery or outlet: the file's, this animal's, and how far it is from what all have in common.
 
-    file : [SI]. deviation : in the spreads that the quantity states between arteries of one animal.
+    file : [SI]. deviation : in the spreads that the quantity states between arteries of one animal. source : whose the
+    first number is, "file" or "calibration", which stands for the file.
     """
 
     file: float
     now: Estimate
     deviation: float
+    source: str = "file"
 
     @property
     def beyond(self) -> bool:
@@ -239,7 +241,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
     def walls(w: Walls) -> dict[str, Any]:
         spread = {key: {"stated": stated, "found": found} for key, (stated, found) in w.spread.items()}
         arteries = {
-            name: {"file": n.file, **n.now.plain, "deviation": n.deviation, "beyond": n.beyond}
+            name: {"file": n.file, "source": n.source, **n.now.plain, "deviation": n.deviation, "beyond": n.beyond}
             for name, n in w.arteries.items()
         }
         return {"kind": w.kind, "spread": spread, "arteries": arteries}

@@ -72,7 +72,7 @@ def plan_sensors(
     _check(network, channels, known, dB, beats)
     progress(0.0, "simulating the network")
     problem = network_problem(_virtual(network, known, dB, beats), network, known)
-    terms = candidates(network, known)
+    terms = candidates(network, (*known, INFLOW))
     (base,) = problem.refit([()])
     if base is None:
         raise ArithmeticError(f"network {network.name}: it cannot be simulated; check it with python -m solver.")
@@ -144,10 +144,10 @@ def _virtual(network: Network, names: Sequence[str], dB: float, n_beats: int) ->
 def _table(
     problem: NetworkProblem, base: Fit, columns: Mapping[str, Array], terms: Sequence[Term], chosen: Sequence[str]
 ) -> Isolability:
-    """Isolability by some of the problem's channels."""
+    """Isolability by some of the problem's channels, and by the inflow, whose meter may err as theirs."""
     keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
     part = Subset(problem.target, keep)
-    seen = [t for t in terms if not t.is_sensor or t.place in chosen]
+    seen = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
     return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)
 

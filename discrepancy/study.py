@@ -15,6 +15,7 @@ from fitting.inference.prior import Calibrated
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats, align
+from fitting.records.noise import seam_said
 from fitting.records.record import Record
 from solver.network import Network
 from solver.units import INFLOW
@@ -63,7 +64,9 @@ def prepare(
     try:
         fitted, kept, warnings = parts(align(record, period))
         if INFLOW in record.channels:
-            problem: Forward = network_problem(fitted, network, channels(record, network), runs, prior)
+            whole = network_problem(fitted, network, channels(record, network), runs, prior)
+            problem: Forward = whole
+            warnings += seam_said(fitted, whole.signals, whole.felt)
         else:
             problem = bench(fitted, network, bench_site(record, network))
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
@@ -135,9 +138,11 @@ def check_scatter(beats: Beats) -> None:
             )
 
 
-def judge(record: Record, network: Network, period: float | None = None) -> tuple[Study, Naming]:
+def judge(
+    record: Record, network: Network, period: float | None = None, runs: Runs | None = None
+) -> tuple[Study, Naming]:
     """Find and name, without FMU or files: what the bank of hidden effects calls. Raises Unusable."""
-    runs = Runs()
+    runs = runs or Runs()
     study = prepare(record, network, period, runs)
     return study, name(study.problem, study.terms, runs)
 

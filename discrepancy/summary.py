@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
+from fitting.inference.evidence import with_widths
 from fitting.inference.fit import Fit
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
@@ -232,7 +233,7 @@ def _channel(study: Study, channel: str, before: Run, after: Run | None) -> Chan
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
     """What all arteries have in common: x times its step, as logarithm of a scale or as a shift."""
     own = {u.name for term in fit.terms for u in term.unknowns}
-    sd = np.sqrt(np.diag(fit.covariance))
+    sd = np.sqrt(np.diag(with_widths(fit).covariance))
     return tuple(
         Absorbed(f"ln {u.name}" if u.kind == "scale" else u.name, float(x) * u.size, float(s) * u.size, u.size, u.unit)
         for u, x, s in zip(fit.unknowns, fit.x, sd, strict=True)

@@ -221,13 +221,14 @@ def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
 
 
 def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Every number of every artery and outlet: the file's and this animal's."""
+    """Every number of every artery and outlet: the file's, or a calibration's, and this animal's."""
     arteries = outcome.walls.arteries if outcome.walls else {}
     known = outcome.network_before.parameter_quantities() if outcome.network_before else {}
     rows = []
     for name, own in arteries.items():
         value, interval = _estimate_text(own.now, known.get(name))
         file = _estimate_text(Estimate(own.file, own.now.unit, (own.file, own.file)), known.get(name))[0]
+        file += " (calibration)" if own.source == "calibration" else ""
         deviation = f"{own.deviation:+.1f}".replace("-", "−")
         texts = {"name": name, "file": file, "value": value, "interval": interval, "deviation": deviation}
         rows.append({**texts, "beyond": own.beyond})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
 from fitting.inference.terms import Term
+from fitting.inference.unknown import Reach
 
 from . import thresholds as at
 from .compare import Compared
@@ -28,7 +29,9 @@ class Naming:
     verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
     effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
     confidence : probability that the verdict is right: the best name (effect and place), or that nothing of the
-    catalogue acts. reason : for unknown; of partial, what remains. complete : whether the search came to its end.
+    catalogue acts; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
+    reason : for unknown; of partial, what remains. complete : whether the search came to its end.
+    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`).
     """
 
     verdict: str
@@ -41,6 +44,7 @@ class Naming:
     confidence: float
     reason: str | None = None
     complete: bool = True
+    reaches: Mapping[str, Reach] = field(default_factory=dict)
 
     @property
     def best(self) -> Named:

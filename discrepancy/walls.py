@@ -66,8 +66,9 @@ def with_own_walls(
         found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
         if found.best.fit.terms and not found.none.explains:  # walls may have stuck where an effect freed them
-            again = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
-            yield (found := found.joined_by(again))
+            stuck = [n.fit.terms for n in found.ranked if not n.fit.converged]
+            again = found.problem.refit([(), *stuck[: at.STUCK]], found.best.fit, runs)
+            yield (found := found.joined_by([f for f in again if f is not None]))
     if rewiring := rewirings(found):
         near = _seen(found.problem, at.CLOSER[-1])
         (base,) = near.restated([found.none.fit], found.problem)

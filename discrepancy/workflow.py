@@ -29,6 +29,7 @@ from fitting.provenance import software
 from fitting.records.record import Record, read_record
 from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
+from fitting.workers import Workers
 from solver import NonPhysicalState, Settings
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
@@ -64,6 +65,7 @@ def discover(
     walls: str | None = None,
     prior: str | os.PathLike[str] | None = None,
     time_limit: float = TIME_LIMIT,
+    jobs: int = 1,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
@@ -72,13 +74,16 @@ def discover(
     record : a CSV file. model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
     found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
     ``python -m fitting calibrate``, whose values and covariance stand for the network file's and its spreads.
-    time_limit : of naming [s], after which the best answer so far is given. progress : told the fraction done and the
-    stage. An interrupted study goes on where it was.
+    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
+    to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
+    among them; the others import this package and nothing of the calling script, which needs no
+    ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
+    it was.
     Raises ValueError for a model or a prior that cannot be used and for a folder that cannot be written. A record that
     cannot be used is a verdict.
     """
     started, folder = time.perf_counter(), Path(out)
-    asked = Asked(period, walls, prior, time_limit)
+    asked = Asked(period, walls, prior, time_limit, jobs)
     asked.check()
     network = read_model(model)
     measured = _read(record)
@@ -197,9 +202,11 @@ class _Work:
             part = max(1.0 - 0.5 ** (simulations / 300.0), min((monotonic() - begun) / limit, 1.0))
             self.progress(0.2 + 0.5 * part, f"naming, {simulations} simulations, {last}")
 
-        runs = Runs(Meter(told), begun + limit, monotonic)
+        self.deadline = begun + limit
         try:
-            return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
+            with Workers(self.asked.jobs) as workers:
+                runs = Runs(Meter(told), self.deadline, monotonic, workers)
+                return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
         except OutOfTime:
             raise Unusable(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
@@ -253,7 +260,10 @@ class _Work:
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds)
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
-        """One round per effect; what the first of several leaves is that of the best hypothesis with it alone."""
+        """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
+
+        That is refitted in what is left of the time limit, and else not told.
+        """
         best = naming.best
         first, *second = (
             NamedEffect(
@@ -267,8 +277,10 @@ class _Work:
         )
         if not second:
             return (Round(first, before.gap.total, after.gap.total),)
-        (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit)
-        middle = None
+        alone = middle = None
+        with suppress(OutOfTime):
+            runs = Runs(deadline=self.deadline, clock=monotonic)
+            (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit, runs)
         if alone is not None:
             fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
             middle = self._free(fmu, "middle", alone, wave, {}, study).gap.total

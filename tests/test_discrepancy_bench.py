@@ -14,7 +14,7 @@ from truth.records import Case, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
 
-from discrepancy.study import judge
+from discrepancy.study import judge, prepare
 from discrepancy.verdict import Naming
 from fitting.inference.added import estimates
 from fitting.inference.bench import Bench, fit
@@ -54,6 +54,19 @@ def noise_free(case: Case, nuisance: Nuisance, dB: float = 80.0) -> tuple[Bench,
 def term_of(problem: Bench, effect: Effect) -> Term:
     found = candidates(problem.network, problem.signals, SITE)
     return next(t for t in found if (t.effect, t.place) == (effect.name, effect.where[0]))
+
+
+def test_errors_of_the_law_stay_with_fewer_beats() -> None:
+    """Five beats of fifteen have 3 times the variance of noise; an error of the law adds what it adds to fifteen."""
+    made = make(Case("bench", SITE, 40.0), 5)
+    study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
+    plain = study.problem
+    wide = plain.restored(plain.widened(np.array([0.01, 0.03])).weights)
+    assert isinstance(plain, Bench) and isinstance(wide, Bench)
+    added = (wide.loop.noise - plain.loop.noise)[1:]
+    few, other = (p.held_out(study.held_out, study.fitted).loop.noise[1:] for p in (plain, wide))
+    assert study.fitted.n_beats >= 2 * study.held_out.n_beats
+    np.testing.assert_allclose(other - few, added, atol=1e-12 * np.abs(added).max())
 
 
 # --- the residual ----------------------------------------------------------------------------------------------------

@@ -5,25 +5,30 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import refused_in_one_sentence
+from forked import NETWORK
 from typer.testing import CliRunner
 
 from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
+from discrepancy.isolability import isolability
 from discrepancy.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
 from discrepancy.source import build_fmu
 from fitting.bench import on_bench
 from fitting.estimate import Estimate
+from fitting.inference.fit import Fit
+from fitting.inference.terms import Term
 from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, measured, pressure_at, solve_radius, table_wall
+from fitting.workers import cores
 from solver import load, read_network
 from solver.effects import ALL
 from solver.files import write_network
@@ -145,14 +150,14 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
 
 
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Walls, prior and time limit, which has a unit; five minutes by default."""
+    """Walls, prior, processes and time limit, which has a unit; five minutes and all cores by default."""
     given: list[dict[str, Any]] = []
     monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
     prior = tmp_path / "prior.json"
-    assert run(*STUDY, "--walls", "individual", "--prior", prior, "--time-limit", "2 min").exit_code == 0
-    assert (given[0]["walls"], given[0]["prior"], given[0]["time_limit"]) == ("individual", prior, 120.0)
-    assert run(*STUDY).exit_code == 0
-    assert (given[1]["walls"], given[1]["prior"], given[1]["time_limit"]) == (None, None, 300.0)
+    options = ("--walls", "individual", "--prior", prior, "--time-limit", "2 min", "--jobs", 3)
+    assert run(*STUDY, *options).exit_code == run(*STUDY).exit_code == 0
+    found = [[each[key] for key in ("walls", "prior", "time_limit", "jobs")] for each in given]
+    assert found == [["individual", prior, 120.0, 3], [None, None, 300.0, cores()]]
 
 
 def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
@@ -196,6 +201,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
             ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "-1 s"),
             "time limit -1 s: must be above",
         ),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--jobs", "0"), "jobs 0: must be a whole number"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"), "must be common or individual"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"), "no.json: neither a file"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"), "a .json or an .ssv file"),
@@ -260,6 +266,23 @@ def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
         "cannot_be_told_from": ["channel_lag"],
     }
     assert data["invisible"] == ["side_branch"]
+
+
+def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan for one pressure of the fork: its faults and those of inlet.Q are candidates, of no sensor that is not
+    there. All of the inflow's show in that pressure."""
+    judged: list[dict[str, float]] = []
+
+    def kept(base: Fit, columns: Mapping[str, np.ndarray], seen: Sequence[Term]) -> Isolability:
+        sensors = [t.label for t in seen if t.is_sensor]
+        judged.append({label: float(np.linalg.norm(columns[label])) for label in sensors})
+        return isolability(base, columns, seen)
+
+    monkeypatch.setattr("discrepancy.sensor_plan.isolability", kept)
+    plan_sensors(NETWORK, ("B.P",), beats=8)
+    own = min(judged, key=len)  # without a further sensor
+    assert {label.rpartition(" at ")[2] for label in own} == {"B.P", "inlet.Q"} and len(own) == 8
+    assert min(own.values()) > 1.0
 
 
 @pytest.mark.slow

@@ -331,6 +331,17 @@ def test_held_out_beats_are_weighted_by_their_number(healthy: NetworkProblem) ->
     assert other.target.X[0, 0] == pytest.approx(kept.mean(healthy.signals[0]).mean())
 
 
+def test_errors_of_the_model_stay_with_fewer_beats(healthy: NetworkProblem) -> None:
+    """Five beats of fifteen have 3 times the variance of noise; errors of the model add what they add to fifteen, and
+    are remembered with the weights. Where they were scaled with the noise, it was 3 times that."""
+    kept = beats(noise=0.02).select(range(5))
+    wide = healthy.widened(np.linspace(0.01, 0.05, len(healthy.parts)))
+    wide = healthy.restored(wide.weights)
+    added = (wide.target.covariance - healthy.target.covariance)[1:]
+    plain, other = (p.held_out(kept, healthy.beats).target.covariance[1:] for p in (healthy, wide))
+    np.testing.assert_allclose(other - plain, added, atol=1e-12 * np.abs(added).max())
+
+
 def test_extended_is_what_was_fitted(stiff: Naming) -> None:
     """The extended network simulated by itself gives the residual of the fit: |Δz| <= 0.05."""
     problem = stiff.problem

@@ -107,7 +107,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
     z[30, 0] = np.nan
     effects = {"several": (CA, OUTLET)}.get(verdict, (CA,) if added else ())
     own = {"CA.E": OwnNumber(9e5, Estimate(1.2e6, "Pa", (1.1e6, 1.3e6)), 3.1)}
-    own |= {"FA.outlet.R_t": OwnNumber(0.5, Estimate(0.48, "1", (0.45, 0.51)), -0.7)}
+    own |= {"FA.outlet.R_t": OwnNumber(0.5, Estimate(0.48, "1", (0.45, 0.51)), -0.7, "calibration")}
     walls = Walls("individual", {"E": (0.08, 0.06)}, own) if verdict == "partial" else Walls()
     smallest = {
         "wall_viscosity at CA": Estimate(2.1e3, "Pa.s", (2.1e3, 2.1e3)),
@@ -223,6 +223,7 @@ SAID = {
         "−0.7",
         "E 0.06 (stated 0.08)",
         "33 % above the file's",
+        "(calibration)",
         "again with more time",
         "individual",
     ),  # fmt: skip

@@ -24,7 +24,9 @@ from discrepancy.name import name
 from discrepancy.outcome import Outcome
 from discrepancy.verdict import Naming
 from fitting.calibrate import calibrate
+from fitting.inference.asked import parse_unknowns
 from fitting.inference.network import network_problem
+from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.unknown import quantile
 from fitting.parameter_set import write_set
@@ -59,6 +61,20 @@ def test_a_stiff_wall_is_this_animal(stiff: Naming) -> None:
     assert [n for n, own in walls.arteries.items() if own.beyond] == ["B.E"]
     (said,) = odd_ones(walls, NETWORK)
     assert said.startswith("B.E: the Young's modulus E is 4") and "above the file's" in said
+
+
+def test_the_calibrations_number_is_not_called_the_files() -> None:
+    """E of B was calibrated to ± 2 % and is 45 % off, that of C was not: the sentence of B names the calibration."""
+    known = along(parse_unknowns(("B.E",), NETWORK), np.array([[0.02**2]]), NETWORK)
+    problem = network_problem(record(clean()), NETWORK, prior=known).individual()
+    fit = at(problem, [0.0] * len(problem.hypothesis(())))
+    own = {"calibration scale 1 of its own": np.log(1.45) / 0.02, "C.E of its own": 4.0}
+    x = np.array([own.get(u.name, 0.0) for u in fit.unknowns])
+    walls = walls_of(NETWORK, replace(fit, x=x, z=np.zeros(len(x)), J=np.eye(len(x))), 2.0)
+    assert (walls.arteries["B.E"].source, walls.arteries["C.E"].source) == ("calibration", "file")
+    B, C = odd_ones(walls, NETWORK)
+    assert B.startswith("B.E: ") and "45 % above the calibration's" in B
+    assert C.startswith("C.E: ") and "above the file's" in C
 
 
 def test_deviations_are_counted_beside_what_is_common() -> None:
@@ -176,6 +192,31 @@ def test_no_time_at_all(network_record: Path, monkeypatch: pytest.MonkeyPatch) -
     outcome = discover(network_record / "record.csv", network_record / "fork.toml", network_record / "out")
     assert outcome.verdict == "unusable" and "allow more time" in (outcome.reason or "")
     assert (network_record / "out" / "report.html").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_process")
+def test_no_refit_after_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two effects of a bench, named at the last moment: what the first does alone is not refitted any more, nor told.
+    Both are added, and the gap is shown."""
+    hidden = (Effect("nonlinear_elasticity", (BENCH,), 3.0), Effect("catheter_resonance", (f"{BENCH}.P",), 1 / 15, 0.1))
+    made = make(Case("bench", BENCH, 40.0, hidden), 5)
+    write(made, tmp_path / "record.csv")
+    write_network(made.base, tmp_path / "base.toml")
+    now, real = [0.0], workflow.name
+
+    def late(*given: Any) -> Naming:
+        found = real(*given)
+        now[0] += 301.0
+        return found
+
+    monkeypatch.setattr(workflow, "monotonic", lambda: now[0])
+    monkeypatch.setattr(workflow, "name", late)
+    outcome = discover(tmp_path / "record.csv", tmp_path / "base.toml", tmp_path / "out")
+    assert (outcome.verdict, outcome.complete) == ("several", True)
+    assert outcome.rounds[0].after is None and outcome.rounds[1].after == outcome.gap_after
+    assert outcome.gap_after is not None and outcome.gap_after[0] < 1.0
+    assert (tmp_path / "out" / "report.html").is_file()
 
 
 # --- whole studies ----------------------------------------------------------------------------------------------------

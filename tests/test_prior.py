@@ -12,9 +12,10 @@ from forked import NETWORK, clean, record
 
 from discrepancy.asked import Asked
 from fitting.inference.asked import parse_unknowns
+from fitting.inference.fit import Member
 from fitting.inference.network import network_problem
 from fitting.inference.prior import Calibrated, along, possible
-from fitting.inference.terms import deviations
+from fitting.inference.terms import candidates, deviations
 from fitting.inference.unknown import values
 from fitting.parameter_set import ParameterSet, Value, unit_of, write_set
 from fitting.prior import read_prior
@@ -77,6 +78,23 @@ def test_what_was_calibrated_has_no_other_prior() -> None:
     common = {u.name for u in problem.individual().hypothesis(()) if not u.group}
     assert "all.E" in {u.name for u in problem.hypothesis(())} and "all.E" not in common
     assert {"all.phi0", "all.outlet.R_t"} <= common
+
+
+def test_of_an_outlet_that_is_replaced() -> None:
+    """R_t of B and C were calibrated together, and B gets a Windkessel: R_t of C keeps its variance, 0.004, nothing
+    moves R_t of B any more, and the network is simulated. Where directions went as a whole, that of C went, too."""
+    covariance = np.array([[0.04, 0.0, 0.0], [0.0, 0.0025, 0.001], [0.0, 0.001, 0.004]])
+    both = along(parse_unknowns(("all.E", "B.outlet.R_t", "C.outlet.R_t"), NETWORK), covariance, NETWORK)
+    problem = network_problem(record(clean()), NETWORK, prior=both).individual()
+    (windkessel,) = (t for t in candidates(NETWORK, ()) if t.rewires and t.place == "B")
+    unknowns = problem.hypothesis((windkessel,))
+    moves = [dict(u.moves).get("C.outlet.R_t", 0.0) for u in unknowns]
+    assert sum(step**2 for step in moves) == pytest.approx(0.004, rel=1e-12)
+    assert not {"B.outlet.R_t"} & {variable for u in unknowns for variable in u.variables}
+    assert "all.outlet.R_t" not in {u.name for u in unknowns}
+    x = np.array([0.5 if u.group else 0.0 for u in unknowns])
+    (X,) = problem.observe([Member((windkessel,), unknowns, x)])
+    assert X is not None and np.isfinite(X).all()
 
 
 def test_a_file_read_back(tmp_path: Path) -> None:

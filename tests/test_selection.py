@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from discrepancy.weigh import Named, found_from
 from fitting.estimate import Estimate
 from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
+from fitting.inference.jackknife import without_groups
 from fitting.inference.network import NetworkProblem, network_problem
 from fitting.inference.selection import conditioned, reach
 from fitting.inference.unknown import quantile
@@ -117,3 +119,45 @@ def test_an_interval_near_the_threshold_reaches_toward_none() -> None:
     plain = estimates(NETWORK, common.fit, stiff, quantile(found.problem.dof_of_noise))["B.E_scale"]
     (told,) = stated(NETWORK, found, common, stiff).values()
     assert told.ci95[0] < plain.ci95[0] and told.ci95[1] < plain.ci95[1]
+
+
+# --- without a site ---------------------------------------------------------------------------------------------------
+
+
+def test_a_site_is_left_out_with_all_that_it_says() -> None:
+    """JᵀJ and Jᵀz without a site are Σ_k Dᴴ C_k⁻¹ D over the channels that stay, with their covariance, to round-off;
+    rows of the whitened residual mix channels, and those called B's hold some of A's."""
+    problem, stiff = network_problem(record(clean(), 8, 0.01), NETWORK), term("wall_stiffness", "B")
+    rng, target = np.random.default_rng(2), problem.target
+    n, unknowns = len(target.names) * (2 * problem.K + 1), problem.hypothesis((stiff,))
+    white = rng.normal(size=(n, 1 + len(unknowns)))
+    D, none = target.unwhiten(white), np.zeros(n, int)
+    fit = Fit((stiff,), unknowns, np.zeros(len(unknowns)), white[:, 0], white[:, 1:], none, none)
+    found = problem.without_each(fit)
+    assert len(found) == 3
+    for site, (J, z) in zip("ABC", found, strict=True):
+        keep = [i for i, name in enumerate(target.names) if not name.startswith(site)]
+        normal = np.zeros((white.shape[1], white.shape[1]))
+        for k, (C, d) in enumerate(zip(target.covariance, D, strict=True)):
+            part = d[keep].conj().T @ np.linalg.solve(C[np.ix_(keep, keep)], d[keep])
+            normal += (1.0 if k == 0 else 2.0) * part.real
+        own = np.column_stack([z, J])
+        np.testing.assert_allclose(own.T @ own, normal, atol=1e-9 * np.abs(normal).max())
+        rows = np.tile([i in keep for i in range(len(target.names))], 2 * problem.K + 1)
+        mixed = white[rows].T @ white[rows]
+        assert site == "C" or np.abs(mixed - normal).max() > 1e-3 * np.abs(normal).max()
+    lag = replace(fit, terms=(stiff, term("channel_lag", "C.P")))
+    assert len(problem.without_each(lag)) == 2  # the others say nothing of a sensor of C
+
+
+def test_a_harmonic_is_left_out_with_all_that_it_says() -> None:
+    """Nine data in three groups, with a covariance that has all of them in common: as by their own covariance."""
+    rng = np.random.default_rng(6)
+    L, d = np.tril(rng.normal(size=(9, 9))) + 3.0 * np.eye(9), rng.normal(size=(9, 3))
+    C, group, none = L @ L.T, np.repeat([0, 1, 2], 3), np.zeros(9, int)
+    white = np.linalg.solve(L, d)
+    fit = Fit((), (), np.zeros(2), white[:, 0], white[:, 1:], none, none)
+    for g, (J, z) in enumerate(without_groups(fit, group, L)):
+        kept, own = group != g, np.column_stack([z, J])
+        expected = d[kept].T @ np.linalg.solve(C[np.ix_(kept, kept)], d[kept])
+        np.testing.assert_allclose(own.T @ own, expected, rtol=1e-9, atol=1e-12)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from pulses import record
 from scipy.signal import find_peaks, lfilter
 
 from fitting.inference.loop import mean_loop
-from fitting.records.beats import align
+from fitting.records.beats import Beats, align
+from fitting.records.felt import Felt
+from fitting.records.noise import seam_said
 from fitting.records.record import Record
 from fitting.records.rounding import converter_step, rounding
 from solver.units import MMHG
@@ -95,6 +99,39 @@ def test_a_stretch_with_a_steady_rate_is_chosen() -> None:
     beats = align(record(time, P=arterial(begin, np.ones(len(begin)), time) + 40.0 * rng.standard_normal(len(time))))
     assert beats.T == pytest.approx(0.8, rel=0.02) and 20 <= beats.n_beats <= 25
     assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
+
+
+def test_a_seam_beyond_the_noise_is_said() -> None:
+    """A seam of 2 % of the pulse, known to 30 %, beside a noise of the mean beat of 0.1 % of it: 6 times; of 0.2 %: no
+    sentence."""
+    phase = 2.0 * np.pi * np.arange(50) / 50.0
+    rng = np.random.default_rng(0)
+    P = 1e4 + 2e3 * np.sin(phase) + 2e3 * np.sqrt(0.5) * 1e-3 * 5.0 * rng.standard_normal((25, 50))
+    beats = Beats("made", "", 0.8, {"A.P": P}, np.zeros(25))
+    size = 2e3 * np.sqrt(0.5) * np.sqrt(2.0) * np.sin(2.0 * phase)
+    for part, said in ((0.02, True), (0.002, False)):
+        found = seam_said(beats, ("A.P",), Felt(np.zeros((1, 25, 50)), part * size[None], np.zeros((1, 50))))
+        assert bool(found) == said
+        if said:
+            share, times = (float(x) for x in re.findall(r"[\d.]+(?= of its pulse| times)", found[0]))
+            assert share == pytest.approx(0.006, rel=0.02) and times == pytest.approx(6.0, rel=0.15)
+    assert seam_said(beats, ("A.P",), None) == ()
+
+
+def test_times_are_those_of_the_record() -> None:
+    """A record whose times begin at 50 s: fast beats, steady ones from 10 s, a weak and early one 10 beats later, and
+    an artefact on the third after it. All times count from the first sample, to 0.1 s: the end of diastole."""
+    begin = np.concatenate([0.55 * np.arange(-6, 19), 10.0 + 0.8 * np.arange(0, 40)])
+    size = np.ones(len(begin))
+    begin[35], size[35] = begin[35] - 0.28, 0.5
+    time = np.arange(0.0, 36.0, DT)
+    P = arterial(begin, size, time) + 40.0 * np.random.default_rng(1).standard_normal(len(time))
+    P[(time > begin[38] + 0.3) & (time < begin[38] + 0.6)] += 5.0 * MMHG
+    said = align(record(50.0 + time, P=P)).warnings
+    odd, stretch, *unlike = ([float(x) for x in re.findall(r"\d+\.\d+", text)] for text in said)
+    assert odd[:2] == pytest.approx([begin[34], begin[35]], abs=0.1) and stretch[0] == pytest.approx(10.0, abs=0.1)
+    assert min(abs(at[0] - begin[38]) for at in unlike) < 0.1
+    assert all("after the record's start" in text for text in said)
 
 
 # --- a wall under pulses that differ ---------------------------------------------------------------------------------

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from solver.sensors import Sensor
 from ..estimate import Estimate
 from .fit import Fit
 from .terms import Term, effect_of, rewired
-from .unknown import Unknown, interval, parameter_values, values
+from .unknown import Reach, Unknown, bounds, interval, parameter_values, values
 
 Array = np.ndarray
 
@@ -45,7 +45,17 @@ def allowed(network: Network, fit: Fit) -> bool:
 
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect."""
-    x = np.array([fit.x[[u.name for u in fit.unknowns].index(u.name)] for u in term.unknowns])
+    return _as_terms(term, fit.x[_places(fit, term)])
+
+
+def _places(fit: Fit, term: Term) -> list[int]:
+    """Where a fit has the unknowns of a term."""
+    names = [u.name for u in fit.unknowns]
+    return [names.index(u.name) for u in term.unknowns]
+
+
+def _as_terms(term: Term, x: Array) -> dict[str, float]:
+    """The catalogue's parameters of a channel's effect at x : (q,)."""
     moved = values(term.unknowns, x, {})
     return _sensor(term).as_terms({name.rpartition(".")[2]: float(value) for name, value in moved.items()})
 
@@ -56,28 +66,38 @@ def _sensor(term: Term) -> Sensor:
     return effect
 
 
-def estimates(network: Network, fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
+def estimates(
+    network: Network, fit: Fit, term: Term, quantile: float, reaches: Mapping[str, Reach] | None = None
+) -> dict[str, Estimate]:
     """Values and 95 % intervals of a term's parameters: those of :func:`extended`, with what the nuisances add to them.
 
-    One that acts everywhere is reported once where it is the same everywhere: that of walls as the ratio to their
-    refitted moduli.
+    quantile : half an interval in standard deviations; reaches : how far those of some unknowns go down and up, by name
+    (:mod:`fitting.inference.profile`). One that acts everywhere is reported once where it is the same everywhere: that
+    of walls as the ratio to their refitted moduli.
     """
+    known = {u.name: (reaches or {}).get(u.name, (quantile, quantile)) for u in term.unknowns}
     if term.is_sensor:
-        return _of_sensor(fit, term, quantile)
+        return _of_sensor(fit, term, known)
     whole = rewired(network, fit.terms)
-    nominal, known = whole.parameters(), whole.parameter_quantities()
+    nominal, quantities = whole.parameters(), whole.parameter_quantities()
     found: dict[str, Estimate] = {}
     for unknown in term.unknowns:
         of = {
-            v: interval(fit.unknowns, v, nominal[v], known[v], fit.x, fit.covariance, quantile)
-            for v in unknown.variables
+            v: interval(fit.unknowns, v, nominal[v], quantities[v], fit.x, fit.covariance, _along(known, unknown, step))
+            for v, step in unknown.moves
         }
-        found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, quantile)
+        found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, known[unknown.name])
     return found
 
 
+def _along(known: Mapping[str, Reach], unknown: Unknown, step: float) -> Reach:
+    """How far the interval of a variable goes that an unknown moves by ``step``."""
+    below, above = known[unknown.name]
+    return (below, above) if step >= 0.0 else (above, below)
+
+
 def _everywhere(
-    network: Network, fit: Fit, unknown: Unknown, found: dict[str, Estimate], quantile: float
+    network: Network, fit: Fit, unknown: Unknown, found: dict[str, Estimate], reach: Reach
 ) -> dict[str, Estimate]:
     """One number where it is the same everywhere, else ``found``, one by one."""
     if unknown.ratio is None:
@@ -86,25 +106,35 @@ def _everywhere(
     now = extended(network, fit).parameters()
     ratios = [now[v] / now[f"{v.rpartition('.')[0]}.{unknown.ratio}"] for v in found]
     same = np.ptp(ratios) <= _SAME * np.abs(ratios).max()
-    return {unknown.name: _ratio(fit, unknown, quantile)} if same else found
+    return {unknown.name: _ratio(fit, unknown, reach)} if same else found
 
 
-def _of_sensor(fit: Fit, term: Term, quantile: float) -> dict[str, Estimate]:
-    """Those of a measurement chain, by the corners of the intervals of what was searched."""
-    names, sd, sensor = [u.name for u in fit.unknowns], np.sqrt(np.diag(fit.covariance)), _sensor(term)
-    at = [names.index(u.name) for u in term.unknowns]
-    keys = [u.name.rpartition(".")[2] for u in term.unknowns]
-    told = [u.estimate(float(fit.x[i]), float(sd[i]), quantile) for u, i in zip(term.unknowns, at, strict=True)]
-    units = {key: q.unit for key, q in sensor.terms.items()} | {k: e.unit for k, e in zip(keys, told, strict=True)}
-    value = sensor.as_terms(dict(zip(keys, (e.value for e in told), strict=True)))
-    corners = [sensor.as_terms(dict(zip(keys, ends, strict=True))) for ends in product(*(e.ci95 for e in told))]
-    return {
-        f"{term.place}.{key}": Estimate(x, units[key], (min(c[key] for c in corners), max(c[key] for c in corners)))
-        for key, x in value.items()
-    }
+def _of_sensor(fit: Fit, term: Term, reaches: Mapping[str, Reach]) -> dict[str, Estimate]:
+    """Those of a measurement chain: the least and the most of each over what the searched numbers may be together.
+
+    On the ellipsoid of their covariance C, linear in x, those of slope s lie at x ± C s/√(sᵀ C s).
+    """
+    at = _places(fit, term)
+    x, C, (low, high) = fit.x[at], fit.covariance[np.ix_(at, at)], bounds(term.unknowns)
+    sd, reach = np.sqrt(np.diag(C)), np.array([reaches[u.name] for u in term.unknowns])
+
+    def ends(along: Array) -> list[dict[str, float]]:
+        """At the two ends of a direction."""
+        steps = (np.where(d < 0.0, reach[:, 0], reach[:, 1]) * d for d in (-along, along))
+        return [_as_terms(term, np.clip(x + step, low, high)) for step in steps]
+
+    sides, found = [ends(side) for side in np.diag(sd)], {}
+    units = {k: q.unit for k, q in _sensor(term).terms.items()}
+    units |= {u.name.rpartition(".")[2]: u.unit for u in term.unknowns}
+    for key, value in _as_terms(term, x).items():
+        slope = np.array([b[key] - a[key] for a, b in sides]) / np.maximum(sd, 1e-300)
+        along = C @ slope / max(float(np.sqrt(slope @ C @ slope)), 1e-300)
+        of = (value, *(end[key] for end in ends(along)))
+        found[f"{term.place}.{key}"] = Estimate(value, units[key], (min(of), max(of)))
+    return found
 
 
-def _ratio(fit: Fit, unknown: Unknown, quantile: float) -> Estimate:
+def _ratio(fit: Fit, unknown: Unknown, reach: Reach) -> Estimate:
     """A ratio such as φ0/E to the modulus as it was refitted; its interval by the derivatives of all that move it."""
     names = [u.name for u in fit.unknowns]
     slope, i = np.zeros(len(names)), names.index(unknown.name)
@@ -119,5 +149,5 @@ def _ratio(fit: Fit, unknown: Unknown, quantile: float) -> Estimate:
     else:  # the modulus takes it along
         value = unknown.nominal + unknown.size * fit.x[i]
         slope[i] += unknown.size
-    half = quantile * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0)))
-    return Estimate(float(value), unknown.unit, (float(value) - half, float(value) + half))
+    below, above = (each * float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0))) for each in reach)
+    return Estimate(float(value), unknown.unit, (float(value) - below, float(value) + above))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,20 +18,47 @@ from .unknown import parameter_values
 Array = np.ndarray
 
 _LARGEST = 64  # members at once
+_FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
+
+Batch = tuple[Simulator, list[Member], float]  # and until when it may run, [s] of time.monotonic
 
 
-def simulated(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-    """X : (K+1, m) of the outputs, without what their sensors make of them; None where the simulation broke down."""
-    groups: dict[str, list[int]] = {}
-    for i, member in enumerate(members):
-        groups.setdefault(kind_of(member.terms), []).append(i)
-    X: list[Array | None] = [None] * len(members)
-    for there in groups.values():
-        for at in range(0, len(there), _LARGEST):
-            part = there[at : at + _LARGEST]
-            for i, result in zip(part, _batch(simulator, [members[i] for i in part], runs), strict=True):
-                X[i] = result
-    return X
+def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
+    """X : (K+1, m) of the outputs, without what their sensors make of them, of every member of some sets.
+
+    None where the simulation broke down.
+    """
+    groups: dict[tuple[int, str], list[int]] = {}
+    for s, (_, members) in enumerate(sets):
+        for i, member in enumerate(members):
+            groups.setdefault((s, kind_of(member.terms)), []).append(i)
+    parts = [(s, part) for (s, _), there in groups.items() for part in _cut(there, runs.workers.jobs)]
+    until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock of all processes
+    batches: list[Batch] = [(sets[s][0], [sets[s][1][i] for i in part], until) for s, part in parts]
+
+    def counted(found: tuple[list[Array | None], int]) -> list[Array | None]:
+        runs.meter.add(found[1])
+        return found[0]
+
+    found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:2], runs))
+    X = {(s, i): x for (s, part), own in zip(parts, found, strict=True) for i, x in zip(part, own, strict=True)}
+    return [[X[s, i] for i in range(len(members))] for s, (_, members) in enumerate(sets)]
+
+
+def _cut(there: list[int], jobs: int) -> list[list[int]]:
+    """Batches of one kind: the largest, or of even sizes where several processes share them."""
+    if jobs == 1:
+        return [there[at : at + _LARGEST] for at in range(0, len(there), _LARGEST)]
+    each = -(-len(there) // (jobs * _LARGEST))
+    parts = max(1, min(jobs * each, len(there) // _FEWEST))
+    return [there[len(there) * i // parts : len(there) * (i + 1) // parts] for i in range(parts)]
+
+
+def _elsewhere(batch: Batch) -> tuple[list[Array | None], int]:
+    """A batch in another process, and what it simulated."""
+    simulator, members, until = batch
+    runs = Runs(deadline=until)
+    return _batch(simulator, members, runs), runs.meter.simulations
 
 
 def kind_of(terms: Sequence[Term]) -> str:
@@ -40,7 +68,9 @@ def kind_of(terms: Sequence[Term]) -> str:
 
 
 def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-    network = rewired(simulator.network, {t.label: t for member in members for t in member.terms}.values())
+    # a term that may lie anywhere along its segment has the label of that in its usual place, and more unknowns
+    terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
+    network = rewired(simulator.network, terms.values())
     nominal = network.parameters()
     moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
     names = dict.fromkeys(name for each in moved for name in each)

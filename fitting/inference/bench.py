@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,9 +26,10 @@ from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .loop import Linear, Loop, NoFit, linearise, mean_loop
+from .jackknife import Rest, without_groups
+from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
-from .observation import chain, mean_wander
+from .observation import chain, mean_wander, of_fewer
 from .search import bounded_step
 from .simulator import Runs
 from .terms import Term, nuisances
@@ -50,7 +51,7 @@ _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part o
 class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
-    loop : the mean beats; K : harmonics above the noise; n_beats : behind the means.
+    loop : the mean beats; K : harmonics above the noise; n_beats : behind them. error : (N//2 + 1,) [Pa] of the law.
     """
 
     kind = "bench"
@@ -62,6 +63,7 @@ class Bench(Forward):
     loop: Loop
     K: int
     n_beats: int
+    error: Array = field(default_factory=lambda: np.zeros(1))
 
     @cached_property
     def artery(self) -> Network:
@@ -82,20 +84,28 @@ class Bench(Forward):
         """The most probable unknowns of every hypothesis; ``start`` : of another one."""
         found = []
         for terms in hypotheses:
-            if runs is not None:
-                runs.check()
+            (runs or Runs()).check()
             found.append(self._fitted(terms, start))
         return found
 
     def _fitted(self, terms: tuple[Term, ...], start: Fit | None) -> Fit | None:
         """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
         for begin in (start, None):
-            try:
-                found = fit(self, terms, begin)
-            except NoFit:
-                continue
-            return found if allowed(self.network, found) else None
+            with suppress(NoFit):
+                return self._allowed(fit(self, terms, begin))
         return None
+
+    def _allowed(self, found: Fit) -> Fit | None:
+        return found if allowed(self.network, found) else None
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        found: list[Fit | None] = []
+        for f in fits:
+            (runs or Runs()).check()
+            found.append(None)
+            with suppress(NoFit, np.linalg.LinAlgError):
+                found[-1] = self._allowed(_searched(self, f.member))
+        return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         found = {}
@@ -105,6 +115,10 @@ class Bench(Forward):
             if state is not None:
                 found[term.label] = state.J[:, len(at.x) :]
         return found
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        state = _settled(self, fit.member)
+        return [] if state is None else without_groups(fit, fit.order, state.linear.L[: len(fit.z), : len(fit.z)])
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -123,9 +137,8 @@ class Bench(Forward):
 
     def widened(self, parts: Array) -> Bench:
         noise = self.loop.noise.copy()
-        noise[0, 0, 0] += (parts[0] * self._law_error[0]) ** 2
-        noise[1:, 0, 0] += (parts[1] * self._law_error[1 : len(noise)]) ** 2
-        return replace(self, loop=replace(self.loop, noise=noise))
+        noise[:, 0, 0] += (error := self._law_error[: len(noise)] * parts[np.minimum(np.arange(len(noise)), 1)]) ** 2
+        return replace(self, loop=replace(self.loop, noise=noise), error=np.hypot(self.error, error))
 
     def restated(self, fits: Sequence[Fit], before: Bench) -> list[Fit]:
         states = [_settled(self, f.member) for f in fits]
@@ -135,12 +148,12 @@ class Bench(Forward):
         ]
 
     @property
-    def weights(self) -> Array:
-        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise."""
-        return self.loop.noise
+    def weights(self) -> tuple[Array, Array]:
+        """What :meth:`restored` makes the same problem of: the covariance of the loop's noise, and errors in it."""
+        return self.loop.noise, self.error
 
-    def restored(self, weights: Array) -> Bench:
-        return replace(self, loop=replace(self.loop, noise=weights))
+    def restored(self, weights: tuple[Array, Array]) -> Bench:
+        return replace(self, loop=replace(self.loop, noise=weights[0]), error=weights[1])
 
     @property
     def _law_error(self) -> Array:
@@ -149,7 +162,7 @@ class Bench(Forward):
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)
-        noise = self.loop.noise * (self.n_beats / beats.n_beats)
+        noise = of_fewer(self.loop.noise, np.stack([self.error, 0.0 * self.error], 1), self.n_beats / beats.n_beats)
         wander = mean_wander(beats, fitted, self.signals)
         noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
         return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
@@ -328,7 +341,7 @@ def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
         columns = (G[1:] - G[0]).T / steps
         try:
             # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
-            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, _fourier(len(r)))
+            linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
         except NoFit:
             return None
     n = 2 * problem.K + 1
@@ -385,16 +398,3 @@ class _Seen:
 def _filtered(h: Array, x: Array) -> Array:
     """Harmonics of x : (…, N) times h : (B, N//2 + 1)."""
     return x if np.all(h == 1.0) else np.fft.irfft(np.fft.rfft(x) * h, x.shape[-1])
-
-
-@lru_cache(maxsize=4)
-def _fourier(N: int) -> Array:
-    """(N, N) orthonormal real Fourier basis by rows: mean, cos 1, sin 1, cos 2 …"""
-    rows = [np.full(N, N**-0.5)]
-    phase = 2.0 * np.pi * np.arange(N) / N
-    for k in range(1, N // 2 + 1):
-        if 2 * k == N:
-            rows.append(np.cos(k * phase) * N**-0.5)
-        else:
-            rows += [np.cos(k * phase) * (2.0 / N) ** 0.5, np.sin(k * phase) * (2.0 / N) ** 0.5]
-    return np.array(rows)

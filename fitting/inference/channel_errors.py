@@ -34,11 +34,15 @@ def blocks(target: Target) -> list[Block]:
 
 def widened(target: Target, parts: Array) -> Target:
     """With errors of these parts in its covariance."""
-    m, size = len(target.names), sizes(target.X)
-    at, covariance = np.arange(m), target.covariance.copy()
-    covariance[0, at, at] += (parts[_parts_of_means(target)] * size[0]) ** 2
-    covariance[1:, at, at] += (parts[:m] * size[1:]) ** 2
+    at, covariance = np.arange(len(target.names)), target.covariance.copy()
+    covariance[:, at, at] += of_parts(target, parts) ** 2
     return Target.of(target.names, target.X, covariance)
+
+
+def of_parts(target: Target, parts: Array) -> Array:
+    """(K+1, m) standard deviation of errors of these parts."""
+    size = sizes(target.X)
+    return np.concatenate([parts[_parts_of_means(target)] * size[:1], parts[: len(target.names)] * size[1:]])
 
 
 def _mean_of(name: str) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -100,6 +100,18 @@ class Linear:
             best = value
         return Widths(found, self.at(found) + sum(map(beforehand, found.values())))
 
+    def spreads(self) -> dict[str, float]:
+        """Of every group the root of the mean square of its width, over all that it may be, the others as inferred."""
+        found, widths = self.inferred().of, np.array(WIDTHS)
+        odds = np.array([beforehand(w) for w in WIDTHS])
+        odds[1:] += 2.0 * math.log(np.exp(-0.5 * odds[1:]).sum() / (1.0 - COMMON))
+        spread = {}
+        for group in found:
+            score = odds + np.array([self.at({**found, group: w}) for w in WIDTHS])
+            p = np.exp(-0.5 * (score - score.min()))
+            spread[group] = math.sqrt(float(p @ widths**2 / p.sum()))
+        return spread
+
 
 def _held(z: Array, J: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
     """(p,) which unknowns stand at an end of their range that the data would have them leave."""
@@ -118,6 +130,11 @@ def beforehand(width: float) -> float:
     if width == 0.0:
         return -2.0 * math.log(COMMON)
     return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
+
+
+def with_widths(fit: Fit) -> Fit:
+    """A fit whose covariance goes by the widths of its groups, averaged as the record tells; it is linear in w²."""
+    return replace(fit, widths=Linear.of(fit).spreads())
 
 
 def score(fit: Fit) -> float:

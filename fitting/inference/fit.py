@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class Fit:
     unknowns : nuisances first, then those of ``terms``; x : (p,). z : (n,) whitened residual, N(0, 1) if the hypothesis
     is true; J : (n, p) its derivatives. order : (n,) the harmonic of each entry of z. signal : (n,) the channel of each
     entry. converged : whether the search settled. log_volume : log det of the covariance that whitened z, where it
-    depends on the hypothesis.
+    depends on the hypothesis. widths : of the priors of groups, in their stated spreads, where the record was asked.
     """
 
     terms: tuple[Term, ...]
@@ -40,6 +41,7 @@ class Fit:
     signal: Array
     converged: bool = True
     log_volume: float = 0.0
+    widths: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def member(self) -> Member:
@@ -63,8 +65,17 @@ class Fit:
 
     @property
     def covariance(self) -> Array:
-        """(p, p) of x."""
-        return np.linalg.pinv(self.J.T @ self.J + np.diag(precision(self.prior, self.x)), hermitian=True)
+        """(p, p) of x - truth: A⁻¹ with A = JᵀJ + Λ and the curvature Λ of the priors.
+
+        x was found by the stated spreads. Where true values spread by ``widths`` w of those, x - truth = A⁻¹ (Jᵀn - Λ
+        truth) with noise n has the covariance A⁻¹ (JᵀJ + w² Λ) A⁻¹.
+        """
+        data, own = self.J.T @ self.J, precision(self.prior, self.x)
+        known = np.linalg.pinv(data + np.diag(own), hermitian=True)
+        if not self.widths:
+            return known
+        w = np.array([self.widths.get(u.group, 1.0) for u in self.unknowns])
+        return known @ (data + np.diag(w**2 * own)) @ known
 
 
 def taken_over(terms: tuple[Term, ...], unknowns: tuple[Unknown, ...], start: Fit | None) -> Member:

@@ -17,6 +17,7 @@ from solver.network import Network
 from ..records.beats import Beats
 from ..records.noise import mean_beat
 from .fit import Fit
+from .jackknife import Rest
 from .misfit import Block
 from .simulator import Runs
 from .terms import Term
@@ -74,6 +75,9 @@ class Forward(Protocol):
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         """Every fit searched on from where it is, with fresh derivatives, fit for intervals."""
         return list(fits)
+
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        """Every fit searched on from where it is, with the derivatives that it has; what may have one value is held."""
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> Forward:
         """The same record weighted and simulated as a fit needs it."""
@@ -133,6 +137,9 @@ class Forward(Protocol):
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         """χ² of this record under the parameters of fits to another, and how many data; NaN if one breaks down."""
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        """The linear problem of a fit without one part of the data, each in turn: a site, or on a bench a harmonic."""
 
     def left_out(self, fit: Fit) -> dict[str, float]:
         """Whitened RMS of each site, predicted from the others; of none where there are no others."""

@@ -14,7 +14,7 @@ one 2×2 matrix a harmonic, so that a beat-to-beat variation that P and R share 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
@@ -151,3 +151,16 @@ def spectrum(V: Array) -> Array:
     N = len(V)
     F = np.fft.rfft(V, axis=0) / N
     return np.array(np.fft.ifft(F, axis=1)[np.arange(N // 2 + 1), np.arange(N // 2 + 1)].real)
+
+
+@lru_cache(maxsize=4)
+def fourier(N: int) -> Array:
+    """(N, N) orthonormal real Fourier basis by rows: mean, cos 1, sin 1, cos 2 …"""
+    rows = [np.full(N, N**-0.5)]
+    phase = 2.0 * np.pi * np.arange(N) / N
+    for k in range(1, N // 2 + 1):
+        if 2 * k == N:
+            rows.append(np.cos(k * phase) * N**-0.5)
+        else:
+            rows += [np.cos(k * phase) * (2.0 / N) ** 0.5, np.sin(k * phase) * (2.0 / N) ** 0.5]
+    return np.array(rows)

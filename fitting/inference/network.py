@@ -35,12 +35,13 @@ from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
+from .jackknife import Rest
 from .misfit import Block
 from .observation import meter, of_other_beats, sense
 from .prior import Calibrated, of_animal, possible
-from .search import Search, bounded_step, search
+from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, started, varying
-from .subset import leave_one_site_out
+from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, placed, refined, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
@@ -59,7 +60,8 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of th
 class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
-    error : (K+1, m) standard deviation of the solver's own error. response : (K+1, m) of the channels to the inflow.
+    error : (K+1, m) standard deviation of errors that more beats do not lower: of the solver, and of the model as far
+    as the covariance allows for them. response : (K+1, m) of the channels to the inflow.
     felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
     have it in common. possible : what it may have.
     """
@@ -100,6 +102,9 @@ class NetworkProblem(Forward):
         X = self.observe([f.member for f in fits])
         z = [None if x is None else self.residual(x) for x in X]
         return [(np.nan, 1.0) if r is None else (float(r @ r), float(len(r))) for r in z]
+
+    def without_each(self, fit: Fit) -> list[Rest]:
+        return without_each_site(self.target, fit)
 
     def left_out(self, fit: Fit) -> dict[str, float]:
         return leave_one_site_out(self.target, fit)
@@ -150,11 +155,7 @@ class NetworkProblem(Forward):
 
         runs : counts them, and ends them in time.
         """
-        X = simulated(self.simulator, members, runs or Runs())
-        return [
-            None if x is None else sense(member, self.signals, x, self.simulator.T)
-            for member, x in zip(members, X, strict=True)
-        ]
+        return _observed([(self, members)], runs or Runs())[0]
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -167,25 +168,25 @@ class NetworkProblem(Forward):
     ) -> list[tuple[Array, Array] | None]:
         """z : (n,) and its columns (n, q) by the unknowns ``by`` : (q,) indices, default all, of every member."""
         by = [np.arange(len(m.x)) for m in members] if by is None else by
-        coarse, many = self._stepping(SCREEN_DT), sum(map(len, by)) > _CHEAP
-        if many and self.simulator.settings.dt < coarse.simulator.settings.dt:  # derivatives need no shorter steps
-            found = coarse.derivatives(members, runs, by)
-            there = zip(self.observe(members, runs), found, strict=True)
-            return [None if x is None or own is None else (self.residual(x), own[1]) for x, own in there]
         steps = [finite_steps(m.unknowns, m.x, _STEP)[i] for m, i in zip(members, by, strict=True)]
         moved = [
             np.concatenate([m.x[None], m.x + s[:, None] * np.eye(len(m.x))[i]])
             for m, s, i in zip(members, steps, by, strict=True)
         ]
-        X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
+        everything = [replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x]
+        coarse, many = self._stepping(SCREEN_DT), sum(map(len, by)) > _CHEAP
+        coarser = (
+            many and self.simulator.settings.dt < coarse.simulator.settings.dt
+        )  # derivatives need no shorter steps
+        asked = [(coarse, everything), (self, members)] if coarser else [(self, everything)]
+        X, *others = _observed(asked, runs)
+        exact = [None if x is None else self.residual(x) for other in others for x in other]
         result: list[tuple[Array, Array] | None] = []
-        for step in steps:
+        for i, step in enumerate(steps):
             own, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
-            if len(own) <= len(step):
-                result.append(None)
-                continue
-            z = self.target.residual(np.stack(own))
-            result.append((z[0], (z[1:] - z[0]).T / step))
+            z = self.target.residual(np.stack(own)) if len(own) > len(step) else None
+            here = exact[i] if exact else None if z is None else z[0]
+            result.append(None if z is None or here is None else (here, (z[1:] - z[0]).T / step))
         return result
 
     def _stepping(self, dt: float) -> NetworkProblem:
@@ -198,29 +199,33 @@ class NetworkProblem(Forward):
         return screen._columns(at, terms, runs or Runs())
 
     def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
-        plain = [t for t in terms if not t.rewires]
         groups: dict[str, list[Term]] = {}
-        for term in plain:
-            groups.setdefault(kind_of((*at.terms, term)), []).append(term)
-        found: dict[str, Array] = {}
-        for group in groups.values():
-            members = [at.member]
-            for term in group:
-                for i in range(len(term.unknowns)):
-                    x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
-                    members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
-            if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
-                members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
-            X = self.observe(members, runs)
-            if X[0] is None:
+        for term in terms:
+            if not term.rewires:
+                groups.setdefault(kind_of((*at.terms, term)), []).append(term)
+        asked = [self._moved(at, group) for group in groups.values()]
+        X, found = self.observe([member for members in asked for member in members], runs), dict[str, Array]()
+        for group, members in zip(groups.values(), asked, strict=True):
+            (here, *moved), X = X[: len(members)], X[len(members) :]
+            if here is None:
                 continue
-            z0, position = self.residual(X[0]), 1
+            z0 = self.residual(here)
             for term in group:
-                mine = X[position : position + len(term.unknowns)]
-                position += len(term.unknowns)
+                mine, moved = moved[: len(term.unknowns)], moved[len(term.unknowns) :]
                 if all(x is not None for x in mine):
                     found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
         return found
+
+    def _moved(self, at: Fit, group: Sequence[Term]) -> list[Member]:
+        """A fit, and one step away from it along every unknown of terms of one kind."""
+        members = [at.member]
+        for term in group:
+            for i in range(len(term.unknowns)):
+                x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
+                members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
+        if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
+            members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
+        return members
 
     # --- search -------------------------------------------------------------------------------------------------------
 
@@ -260,6 +265,9 @@ class NetworkProblem(Forward):
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member) for f in fits], runs or Runs())
 
+    def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
+        return [self._fit(s) for s in relax(self, fits, runs or Runs())]
+
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
 
@@ -269,7 +277,7 @@ class NetworkProblem(Forward):
         member, problem, runs = fit.member, self, runs or Runs()
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
-            X, X_finer = problem.observe([member], runs)[0], finer.observe([member], runs)[0]
+            (X,), (X_finer,) = _observed([(problem, [member]), (finer, [member])], runs)
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))
@@ -290,7 +298,8 @@ class NetworkProblem(Forward):
         return channel_errors.blocks(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        return replace(self, target=channel_errors.widened(self.target, parts))
+        error = np.hypot(self.error, channel_errors.of_parts(self.target, parts))
+        return replace(self, target=channel_errors.widened(self.target, parts), error=error)
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
@@ -355,6 +364,15 @@ class NetworkProblem(Forward):
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
         return found if allowed(self.network, found) else None
+
+
+def _observed(asked: Sequence[tuple[NetworkProblem, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
+    """X of members of several problems, simulated side by side."""
+    X = simulated([(problem.simulator, members) for problem, members in asked], runs)
+    return [
+        [None if x is None else sense(m, p.signals, x, p.simulator.T) for m, x in zip(members, own, strict=True)]
+        for (p, members), own in zip(asked, X, strict=True)
+    ]
 
 
 def network_problem(

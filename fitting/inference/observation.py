@@ -84,16 +84,20 @@ def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     return np.array([of(name) for name in names])
 
 
+def of_fewer(covariance: Array, error: Array, times: float) -> Array:
+    """A covariance (n, m, m) of noise and of errors (n, m) that more beats do not lower, of so many times fewer."""
+    at, found = np.arange(covariance.shape[-1]), covariance * times
+    found[:, at, at] -= (times - 1.0) * error**2
+    return found
+
+
 def of_other_beats(target: Target, error: Array, beats: Beats, fitted: Beats, felt: Felt | None = None) -> Target:
     """Other beats of the same record, with the noise that the fitted ones showed, for their number.
 
-    error : (K+1, m) standard deviation of the solver's own error, which more beats do not lower. felt : of those
+    error : (K+1, m) standard deviation of errors that more beats do not lower, of solver and model. felt : of those
     beats.
     """
-    at, covariance = np.arange(len(target.names)), target.covariance.copy()
-    covariance[:, at, at] -= error**2
-    covariance *= fitted.n_beats / beats.n_beats
-    covariance[:, at, at] += error**2
+    covariance = of_fewer(target.covariance, error, fitted.n_beats / beats.n_beats)
     wander = mean_wander(beats, fitted, target.names)
     covariance[0] += np.diag(np.maximum(wander - np.diag(covariance[0]).real, 0.0))
     return Target.of(target.names, periodic_beat(beats, target.names, len(target.X) - 1, felt), covariance)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,9 +88,14 @@ def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:
 
 def of_animal(network: Network, own: Sequence[Unknown]) -> list[Unknown]:
     """What every animal has of its own: what all arteries have in common, and ``own`` deviations of those numbers that
-    the network has. Where a calibration moved all that a common factor would, that is left out."""
+    the network has. Where a calibration moved all that a common factor would, that is left out.
+
+    Of a direction with an outlet that another one replaced, the rest stays: together they have the covariance of what
+    is left.
+    """
     there = network.parameters()
-    present = [u for u in own if set(u.variables) <= there.keys()]
+    moves = {u.name: tuple(move for move in u.moves if move[0] in there) for u in own}
+    present = [replace(u, moves=moves[u.name]) for u in own if moves[u.name]]
     known = calibrated(present)
     return [*(u for u in nuisances(network) if not set(u.variables) <= known), *present]
 

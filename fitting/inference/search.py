@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .fit import Member
+from .fit import Fit, Member
 from .simulator import Runs
 from .unknown import bounds, penalty, precision, precisions
 
@@ -19,7 +19,8 @@ Array = np.ndarray
 
 _LARGEST = 2.0  # of a step in x
 _ROUNDS = 14  # simulations of a hypothesis at most
-_FRESH = (4, 8)  # of them before which derivatives are simulated anew: the updated ones are too far off by then
+_FRESH = {4: False, 8: True}  # of them before which derivatives are simulated anew: all, or but for those of
+# what every artery has of its own, which are many and hardly change
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
@@ -38,10 +39,10 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array,
     """The step (p,) with normal s = -gradient, where those that would leave their range stop at its end.
 
     One that was held stays held, which costs a few per cent of the gain of scipy.optimize.lsq_linear at worst, and a
-    hundredth of its time.
+    hundredth of its time. One that may have one value only does not move.
     """
-    free, step = np.ones(len(x), bool), np.zeros(len(x))
-    for _ in range(len(x)):
+    free, step = low < high, np.zeros(len(x))
+    for _ in range(int(free.sum())):
         held = normal[np.ix_(free, ~free)] @ step[~free]
         step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=rcond)[0]
         outside = free & ((x + step < low) | (x + step > high))
@@ -138,19 +139,33 @@ def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: flo
         if not active:
             break
         if turn in _FRESH:
-            _derive(problem, active, runs)
+            _derive(problem, active, runs, everything=_FRESH[turn])
             active = [s for s in active if s.proposes()]
         X = problem.observe([s.trial() for s in active], runs)
         for s, x in zip(active, X, strict=True):
             s.answer(None if x is None else problem.residual(x))
 
 
-def _derive(problem: Searched, searches: Sequence[Search], runs: Runs) -> None:
+def relax(problem: Searched, fits: Sequence[Fit], runs: Runs) -> list[Search]:
+    """Searches from where fits are, with the derivatives that they have."""
+    searches = [Search(f.member) for f in fits]
+    for s, f, X in zip(searches, fits, problem.observe([f.member for f in fits], runs), strict=True):
+        s.J, s.failed = f.J, X is None
+        if X is not None:
+            s.settle(problem.residual(X))
+    search(problem, searches, runs)
+    return searches
+
+
+def _derive(problem: Searched, searches: Sequence[Search], runs: Runs, everything: bool = False) -> None:
     """Residuals and Jacobians of searches, simulated where they are.
 
-    Columns of what every artery has of its own hardly change, and are many: once simulated, they are kept up to date.
+    everything : else columns of what every artery has of its own, once simulated, are kept up to date.
     """
-    by = [np.array([i for i, u in enumerate(s.unknowns) if s.J is None or not u.group], int) for s in searches]
+    by = [
+        np.array([i for i, u in enumerate(s.unknowns) if everything or s.J is None or not u.group], int)
+        for s in searches
+    ]
     for s, i, found in zip(searches, by, problem.derivatives([s.member() for s in searches], runs, by), strict=True):
         if found is None:
             s.failed = True

@@ -16,9 +16,11 @@ from ..records.beats import Beats
 from ..records.felt import Felt, felt
 from ..records.inflow import Inflow
 from ..records.noise import NEIGHBOURS, response
+from ..workers import Workers
 
 Array = np.ndarray
 
+_BEATS = 30  # without repeating, after which a hypothesis has broken down
 _SHORTER = 2  # times that the step is halved where the model as given breaks down
 
 
@@ -40,7 +42,7 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Runs:
-    """How simulations are run together: counted, and until when.
+    """How simulations are run together: counted, until when, and by which processes.
 
     deadline : of ``clock`` [s]; no batch runs beyond it. None: no limit.
     """
@@ -48,6 +50,12 @@ class Runs:
     meter: Meter = field(default_factory=Meter)
     deadline: float | None = None
     clock: Callable[[], float] = time.monotonic
+    workers: Workers = field(default_factory=lambda: Workers(1))
+
+    @property
+    def left(self) -> float:
+        """The time [s] until the deadline."""
+        return np.inf if self.deadline is None else self.deadline - self.clock()
 
     def check(self) -> None:
         """Raise OutOfTime after the deadline."""
@@ -95,7 +103,7 @@ class Simulator:
             return inflow(t + self.start)
 
         beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
-                              tolerance=self.tolerance, progress=lambda *_: runs.check())  # fmt: skip
+                              tolerance=self.tolerance, max_beats=_BEATS, progress=lambda *_: runs.check())  # fmt: skip
         runs.meter.add(next((np.size(value) for value in parameters.values()), 1))
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
         turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..records.noise import Target
 from .fit import Fit
+from .jackknife import Rest
 from .search import bounded_step
 from .unknown import bounds, precision
 
@@ -27,21 +28,34 @@ class Subset:
         return self.part.whiten(self.whole.unwhiten(z)[:, self.keep])
 
 
+def without_each_site(whole: Target, fit: Fit) -> list[Rest]:
+    """The linear problem of a fit without one site, each in turn; not without one whose sensor is a term of the fit, as
+    the others say nothing of it."""
+    sites, faulty = _sites(whole, fit)
+    parts = [
+        Subset(whole, np.flatnonzero(sites != site)) for site in dict.fromkeys(sites.tolist()) if site not in faulty
+    ]
+    return [(part(fit.J), part(fit.z[:, None])[:, 0]) for part in parts]
+
+
+def _sites(whole: Target, fit: Fit) -> tuple[Array, set[str]]:
+    """(m,) the site of every channel; those that a sensor of the fit is at."""
+    names = np.array([name.rpartition(".")[0] for name in whole.names])
+    return names, {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
+
+
 def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
     """Whitened RMS of each site, predicted from the others: the hypothesis refitted without it, linearised at its fit.
 
     None for a single site; what a measurement chain does at a site cannot be predicted from others.
     """
-    sites = list(dict.fromkeys(name.rpartition(".")[0] for name in whole.names))
-    faulty = {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
-    if len(sites) < 2 or not len(fit.x):
+    sites, faulty = _sites(whole, fit)
+    if len(set(sites)) < 2 or not len(fit.x):
         return {}
     low, high = bounds(fit.unknowns)
     found = {}
-    for site in sites:
-        there = np.array([name.rpartition(".")[0] == site for name in whole.names])
-        if site in faulty:
-            continue
+    for site in (s for s in dict.fromkeys(sites.tolist()) if s not in faulty):
+        there = sites == site
         others, own = (Subset(whole, np.flatnonzero(chosen)) for chosen in (~there, there))
         J, there_J = others(fit.J), own(fit.J)
         step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)

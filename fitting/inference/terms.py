@@ -24,7 +24,7 @@ PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the se
 HOW_WIDTH = 2.0  # of how and where it acts, in typical steps
 EVERY = "every segment"
 OWN = "of its own"
-_WIDEST = 5.0  # of a nuisance's logarithm
+_WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
 _SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 

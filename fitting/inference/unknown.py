@@ -21,6 +21,7 @@ from solver.quantity import Quantity
 from ..estimate import Estimate
 
 Array = np.ndarray
+Reach = tuple[float, float]  # how far an interval goes down and up, in standard deviations
 
 _ANYTHING = 10.0  # half an interval of a logarithm: a factor e^20 from end to end says nothing
 TAILS = 5.0  # degrees of freedom of the priors of a hypothesis
@@ -128,13 +129,15 @@ def parameter_values(unknowns: Sequence[Coordinate], network: Network, x: Array)
 
 def interval(
     unknowns: Sequence[Coordinate], variable: str, nominal: float, quantity: Quantity, x: Array, covariance: Array,
-    quantile: float,
+    quantile: float | Reach,
 ) -> Estimate:  # fmt: skip
     """A variable that moves, by the delta method: of its logarithm where unknowns only scale it.
 
-    nominal : its value at x = 0. covariance : (p, p) of x. What is shifted as a ratio follows that number's scale, as
+    nominal : its value at x = 0. covariance : (p, p) of x. quantile : how far it goes, in standard deviations, or how
+    far down and up. What is shifted as a ratio follows that number's scale, as
     in :func:`values`. Within the allowed range, which a logarithm known to a factor e^±10 or worse leaves as it is.
     """
+    reach = quantile if isinstance(quantile, tuple) else (quantile, quantile)
     steps, scales = _steps(unknowns, variable), np.array([u.kind == SCALE for u in unknowns], bool)
     factors = np.where(scales, steps, 0.0)
     scaled = nominal * math.exp(factors @ x)
@@ -145,12 +148,12 @@ def interval(
         value, slope = value + unit * x[i], slope + unit * x[i] * ratio
         slope[i] += unit
     if steps[~scales].any() or nominal == 0.0:
-        half = quantile * math.sqrt(max(float(slope @ covariance @ slope), 0.0))
-        ends = (value - half, value, value + half)
+        below, above = (each * math.sqrt(max(float(slope @ covariance @ slope), 0.0)) for each in reach)
+        ends = (value - below, value, value + above)
     else:
-        half = quantile * math.sqrt(max(float(factors @ covariance @ factors), 0.0))
-        wide = half >= _ANYTHING
-        ends = (-math.inf, value, math.inf) if wide else (value * math.exp(-half), value, value * math.exp(half))
+        below, above = (each * math.sqrt(max(float(factors @ covariance @ factors), 0.0)) for each in reach)
+        wide = max(below, above) >= _ANYTHING
+        ends = (-math.inf, value, math.inf) if wide else (value * math.exp(-below), value, value * math.exp(above))
     low, value, high = (float(v) for v in np.clip(ends, quantity.low, quantity.high))
     return Estimate(value, quantity.unit, (low, high))
 

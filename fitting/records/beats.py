@@ -112,11 +112,17 @@ class Beats:
                 b = int(measured[i])
                 found.setdefault(
                     b,
-                    f"beat {b + 1} ({b * self.T:.4g} s after the record's start) is unlike the others in {name}: it "
-                    f"deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
+                    f"beat {b + 1} ({self._begins(b):.4g} s after the record's start) is unlike the others in {name}: "
+                    f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
                     "if it is an artefact, leave its samples empty.",
                 )
         return [found[b] for b in sorted(found)][:_NAMED]
+
+    def _begins(self, b: int) -> float:
+        """When a beat begins [s] after the record's start."""
+        if self.whole is None:
+            return float(b * self.T + self.shifts[b])
+        return float(self.whole.cut.starts[self.whole.cut.serving[b]] * self.whole.dt)
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""

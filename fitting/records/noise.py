@@ -34,6 +34,7 @@ _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats
 NEIGHBOURS = 3  # harmonics on either side that Beats.covariance takes together with one
 _POOLED = 2.0 * NEIGHBOURS + 1.0
 SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
+_SEAM_SAID = 3.0  # times the noise: more of what is not known of the seam is worth a sentence
 _TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
 
 
@@ -137,6 +138,25 @@ def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt
 def _change(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> Any:
     """What the channels would do from beat to beat if they followed the measured inflow."""
     return _following(beats, names, response) if felt is None else felt.change
+
+
+def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[str, ...]:
+    """A sentence on the channel whose mean beat is known worst beside its noise, where beats differ; none where that is
+    less than a few times the noise."""
+    if felt is None:
+        return ()
+    seam, doubt = (np.abs(coefficients(x)) ** 2 for x in (felt.seam, felt.doubt))
+    weight = np.where(np.arange(seam.shape[1]) == 0, 1.0, 2.0)
+    error = np.sqrt((SEAM_ERROR**2 * seam + doubt) @ weight)
+    noise = np.sqrt(np.einsum("kii->ik", beats.covariance(names)).real @ weight)
+    i = int(np.argmax(error / noise))
+    if error[i] < _SEAM_SAID * noise[i]:
+        return ()
+    part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
+    return (
+        f"the beats differ, and the mean beat of {names[i]} is known to {part:.2g} of its pulse only, {times:.2g} "
+        f"times its noise: a smaller effect does not show; a stretch with a steadier heart shows more.",
+    )
 
 
 def periodic_beat(beats: Beats, names: Sequence[str], K: int, felt: Felt | None) -> Array:

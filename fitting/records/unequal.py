@@ -208,7 +208,7 @@ def _said(starts: Array, lengths: Array, near: Array, odd: Array, alike: Array, 
     if outside:
         first, last = starts[stretch[0]] * dt, (starts[stretch[-1]] + lengths[stretch[-1]]) * dt
         said.append(
-            f"used from {first:.4g} to {last:.4g} s, the longest stretch with a steady heart rate; beats before and "
-            f"after it left out ({outside})."
+            f"used from {first:.4g} to {last:.4g} s after the record's start, the longest stretch with a steady heart "
+            f"rate; beats before and after it left out ({outside})."
         )
     return tuple(said)

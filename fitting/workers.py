@@ -1,0 +1,147 @@
+"""Other processes of this computer that share the parts of a computation: ``python -m fitting.workers``.
+
+Such a process reads tasks from a pipe and writes what came of them to another. It does not import the script that
+started it, which therefore needs no ``if __name__ == "__main__"``; and it ends with its pipe, in whatever way the
+process at the other end does.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from threading import Lock, local
+from typing import Any, BinaryIO, TypeVar
+
+from .threads import ENVIRONMENT
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+Result = TypeVar("Result")
+
+_READY = b"!"  # a worker's first word
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on this system
+        return os.cpu_count() or 1
+
+
+class Workers:
+    """``jobs`` processes, this one among them; the others begin with the first work that has parts.
+
+    This process never waits for one that only begins, and does itself what another one failed to do: an error is then
+    raised here as if there were no other process. After the first failure all is done here.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = jobs
+        self._pool: ThreadPoolExecutor | None = None  # a thread for each process, which waits for its answers
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._lock, self._mine = Lock(), local()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def share(
+        self, tasks: Sequence[Task], there: Callable[[Task], Answer], taken: Callable[[Answer], Result],
+        here: Callable[[Task], Result],
+    ) -> list[Result]:  # fmt: skip
+        """The result of every task: by ``here`` in this process, or by ``there`` in another and ``taken`` in this one.
+
+        there : a function of a module, which is found there by its name; tasks and answers are pickled.
+        """
+        if self.jobs < 2 or len(tasks) < 2:
+            return [here(task) for task in tasks]
+        self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (there.__module__,))
+        answers = [self._pool.submit(self._ask, there, task) for task in tasks]
+        results: dict[int, Result] = {}
+        try:
+            for i in reversed(range(len(tasks))):
+                if answers[i].cancel():  # nobody has begun it
+                    results[i] = here(tasks[i])
+            for i in sorted(set(range(len(tasks))) - set(results)):
+                results[i] = taken(answers[i].result()) if self._answered(answers[i]) else here(tasks[i])
+        finally:
+            for answer in answers:
+                answer.cancel()
+        return [results[i] for i in range(len(tasks))]
+
+    def close(self) -> None:
+        """End the other processes, whatever they do; what is asked later is done here."""
+        with self._lock:
+            self.jobs, processes, self._processes = 1, self._processes, []
+        for process in processes:
+            process.kill()
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        for process in processes:
+            with suppress(OSError), process:  # waits for it, and closes its pipes
+                pass
+
+    def _answered(self, answer: Future[Any]) -> bool:
+        if answer.exception() is None:
+            return True
+        self.close()
+        return False
+
+    # --- in the thread of a process ---------------------------------------------------------------------------------
+
+    def _begin(self, module: str) -> None:
+        """Start a process that has imported a module; without one, what is asked of it fails."""
+        self._mine.process = None
+        paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+        command = [sys.executable, "-P", "-m", __name__, module]
+        with self._lock:
+            if self.jobs < 2:
+                return
+            try:
+                process = subprocess.Popen(
+                    command,
+                    env={**os.environ, **ENVIRONMENT, "PYTHONPATH": paths},
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,  # what goes wrong there is said here
+                )
+            except OSError:
+                return
+            self._processes.append(process)
+        if process.stdout is not None and process.stdout.read(len(_READY)) == _READY:
+            self._mine.process = process
+
+    def _ask(self, there: Callable[[Task], Answer], task: Task) -> Answer:
+        process = self._mine.process
+        if process is None:
+            raise EOFError("no process")
+        process.stdin.write(pickle.dumps((there, task)))
+        process.stdin.flush()
+        answer: Answer = pickle.load(process.stdout)
+        return answer
+
+
+def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
+    """Do the tasks of a pipe until it ends."""
+    answers.write(_READY)
+    answers.flush()
+    while tasks.peek(1):  # type: ignore[attr-defined]
+        function, task = pickle.load(tasks)
+        answers.write(pickle.dumps(function(task)))
+        answers.flush()
+
+
+if __name__ == "__main__":
+    pipe = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a module prints is no answer
+    importlib.import_module(sys.argv[1])
+    serve(sys.stdin.buffer, pipe)
