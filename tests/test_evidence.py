@@ -14,7 +14,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.jackknife import jackknife
 from fitting.inference.misfit import Block, estimated, widened
 from fitting.inference.terms import Term
-from fitting.inference.unknown import Unknown
+from fitting.inference.unknown import TAILS, Unknown
 from solver.coordinate import SHIFT
 
 Array = np.ndarray
@@ -46,6 +46,13 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 
     for widths in ({"E": 1.0, "R0": 1.0}, {"E": 0.3, "R0": 2.0}, {"E": 0.0, "R0": 0.0}):
         assert linear.at(widths) == pytest.approx(exact(widths), abs=1e-9)
+
+
+def test_an_unknown_at_the_end_of_its_range_still_pays_its_prior() -> None:
+    """x held at 2 where the data ask for 10: -2 ln p = (2 - 10)² + ν ln(1 + 2²/ν), to round-off."""
+    held = replace(unknown("all.phi0"), low=-2.0, high=2.0)
+    linear = Linear(np.array([-8.0]), np.array([[1.0]]), np.array([2.0]), [held])
+    assert linear.at() == pytest.approx(8.0**2 + TAILS * math.log1p(2.0**2 / TAILS), abs=1e-12)
 
 
 def test_size_of_an_effect_is_integrated_over_its_logarithm() -> None:

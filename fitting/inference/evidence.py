@@ -49,7 +49,8 @@ class Linear:
     def __init__(self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
         prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
         moves = ~_held(z, J, x, prior, unknowns)
-        self.held = float(sum(_price(u) for u, m in zip(unknowns, moves, strict=True) if u.of_size and not m))
+        still = [(u, i) for i, u in enumerate(unknowns) if not moves[i]]
+        self.held = sum(_price(u) if u.of_size else penalty(prior[[i]], x[[i]]) for u, i in still)
         J, x, prior = J[:, moves], x[moves], prior[moves]
         unknowns = [u for u, m in zip(unknowns, moves, strict=True) if m]
         y = z - J @ x

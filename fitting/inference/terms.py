@@ -25,6 +25,7 @@ HOW_WIDTH = 2.0  # of how and where it acts, in typical steps
 EVERY = "every segment"
 OWN = "of its own"
 _WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
+_WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
 _SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
@@ -197,7 +198,10 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
                     path = f"{prefix}.{key}".partition(".")[2]
                     found.setdefault(path, []).extend(_with_followers(prefix, owner, key))
     prefix = ALL_PLACES if site is None else site
-    return tuple(_moved(f"{prefix}.{path}", moved, moved[0][1].spread) for path, moved in found.items() if moved)
+    widest = _WIDEST if site is None else _WIDEST_ALONE
+    return tuple(
+        _moved(f"{prefix}.{path}", moved, moved[0][1].spread, widest) for path, moved in found.items() if moved
+    )
 
 
 def deviations(network: Network) -> tuple[Unknown, ...]:
@@ -223,11 +227,11 @@ def _with_followers(prefix: str, owner: Any, key: str) -> list[tuple[str, Quanti
     return [(f"{prefix}.{other}", q, values[other]) for other in same if values[other] != 0.0 or q.low < 0.0]
 
 
-def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float) -> Unknown:
+def _moved(name: str, moved: Sequence[tuple[str, Quantity, float]], step: float, widest: float = _WIDEST) -> Unknown:
     """A factor, or a shift where a number may be negative, of prior standard deviation ``step``."""
     q, moves = moved[0][1], tuple((variable, step) for variable, _, _ in moved)
     if q.low >= 0.0:
-        return Unknown(name, SCALE, moves, -_WIDEST / step, _WIDEST / step, "1", step, 1.0)
+        return Unknown(name, SCALE, moves, -widest / step, widest / step, "1", step, 1.0)
     low = max((q.low + _MARGIN - value) / step for _, _, value in moved)
     high = min((q.high - _MARGIN - value) / step for _, _, value in moved)
     return Unknown(name, SHIFT, moves, low, high, q.unit, step)
