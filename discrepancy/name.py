@@ -57,14 +57,18 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
             yield found
         yield from further(found, runs)
     elif walls == INDIVIDUAL:
-        last = None
-        for last in with_own_walls(own, terms, runs):
-            yield last
-        if last is None:
-            raise ArithmeticError("the model with walls that differ cannot be simulated with this record")
-        yield from further(last, runs)
+        yield from _with_individual_walls(own, terms, runs)
     else:
         yield from _with_either(problem, terms, runs)
+
+
+def _with_individual_walls(own: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    last = None
+    for last in with_own_walls(own, terms, runs):
+        yield last
+    if last is None:
+        raise ArithmeticError("the model with walls that differ cannot be simulated with this record")
+    yield from further(last, runs)
 
 
 def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -73,8 +77,15 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     Two effects of walls with all in common are tried even where an effect of walls that differ explains the record:
     they are fewer numbers.
     """
-    for common in _with_common_walls(problem, terms, runs):
-        yield common
+    common = None
+    try:
+        for common in _with_common_walls(problem, terms, runs.part(at.IN_COMMON)):
+            yield common
+    except OutOfTime:  # far from any animal simulations are slow; walls that differ may still explain it
+        runs.check()
+    if common is None:
+        yield from _with_individual_walls(problem.individual(), terms, runs)
+        return
     if not common.best.fit.terms and common.none.explains:
         return
     found, own = common, None

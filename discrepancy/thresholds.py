@@ -49,6 +49,7 @@ CLOSER = (0.01, 0.003)  # the same, for closer looks at what the effects promise
 EACH = 6  # effects of each look that are refitted
 WORTH = 4.0  # of evidence that an effect must promise to be refitted where none explains the record
 IN_DOUBT = 6.0  # of a score above the best: effects that are searched on where none explains the record
+IN_COMMON = 0.3  # of the time limit, which walls with all in common may take where walls may differ
 STUCK = 3  # hypotheses without an end that are begun again from where the best freed the walls
 REFINED = 5  # hypotheses that are searched on without error
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named

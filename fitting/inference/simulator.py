@@ -57,6 +57,13 @@ class Runs:
         """The time [s] until the deadline."""
         return np.inf if self.deadline is None else self.deadline - self.clock()
 
+    def part(self, share: float) -> Runs:
+        """The same with a share of the time that is left."""
+        if self.deadline is None:
+            return self
+        now = self.clock()
+        return replace(self, deadline=now + share * max(self.deadline - now, 0.0))
+
     def check(self) -> None:
         """Raise OutOfTime after the deadline."""
         if self.deadline is not None and self.clock() > self.deadline:
