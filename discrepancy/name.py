@@ -63,6 +63,7 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
 
 
 def _with_individual_walls(own: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """Walls that differ alone."""
     last = None
     for last in with_own_walls(own, terms, runs):
         yield last
@@ -75,22 +76,30 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     """Walls with all in common and, where something is missing, walls that differ; then more effects with both.
 
     Two effects of walls with all in common are tried even where an effect of walls that differ explains the record:
-    they are fewer numbers.
+    they are fewer numbers. Raises OutOfTime, at the end, where walls with all in common had no time to be compared.
     """
-    common = None
+    common, late = None, None
     try:
         for common in _with_common_walls(problem, terms, runs.part(at.IN_COMMON)):
             yield common
-    except OutOfTime:  # far from any animal simulations are slow; walls that differ may still explain it
+    except OutOfTime as error:  # far from any animal simulations are slow; walls that differ may still explain it
         runs.check()
+        late = error
     if common is None:
         yield from _with_individual_walls(problem.individual(), terms, runs)
-        return
+    else:
+        yield from _beside(common, problem.individual(), terms, runs)
+    if late is not None:
+        raise late
+
+
+def _beside(common: Compared, individual: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """Walls that differ beside what is known of walls with all in common; then more effects with both."""
     if not common.best.fit.terms and common.none.explains:
         return
     found, own = common, None
     rival = common if common.best.explains else None
-    for own in with_own_walls(problem.individual(), terms, runs, rival):
+    for own in with_own_walls(individual, terms, runs, rival):
         yield (found := common.joined(own))
     if not found.best.fit.terms and found.best.explains:
         return

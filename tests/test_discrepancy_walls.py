@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,15 +20,18 @@ from truth.records import Case, make, write
 
 from discrepancy import discover, workflow
 from discrepancy.animal import odd_ones, walls_of
+from discrepancy.compare import Compared
 from discrepancy.journal import Journal
 from discrepancy.name import name
 from discrepancy.outcome import Outcome
 from discrepancy.verdict import Naming
 from fitting.calibrate import calibrate
 from fitting.inference.asked import parse_unknowns
+from fitting.inference.forward import Forward
 from fitting.inference.network import network_problem
 from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
+from fitting.inference.terms import Term
 from fitting.inference.unknown import quantile
 from fitting.parameter_set import write_set
 from fitting.records.beats import align
@@ -167,6 +171,23 @@ def test_the_best_so_far_when_time_is_over() -> None:
     assert not part.complete and part.confidence <= 0.5
     with pytest.raises(OutOfTime):
         name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=ticking(1.0)))
+
+
+def test_walls_that_differ_have_time_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walls in common use up their part of the time limit: those that differ explain the record, said not complete."""
+    module = sys.modules["discrepancy.name"]
+    in_common = module._with_common_walls
+
+    def slow(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+        assert runs.left == pytest.approx(30.0, abs=1e-9)  # of 100 s
+        yield next(in_common(problem, terms, runs))
+        raise OutOfTime
+
+    monkeypatch.setattr(module, "_with_common_walls", slow)
+    runs = Runs(deadline=100.0, clock=lambda: 0.0)
+    found = name(network_problem(beats(STIFFER), NETWORK), terms(*EFFECTS), runs)
+    assert (found.verdict, found.walls, found.complete) == ("none", "individual", False)
+    assert found.confidence <= 0.5
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.asked import TIME_LIMIT
 from discrepancy.intervals import stated
 from discrepancy.study import Study, Unusable, judge
 from discrepancy.verdict import Naming
@@ -28,7 +29,6 @@ from .stlsq import compared
 
 Line = dict[str, Any]
 
-LIMIT = 300.0  # s of CPU time for naming: what `discover` allows by default on a machine of its own
 SHOWN = 6  # hypotheses of the ranking that a line keeps
 
 
@@ -53,7 +53,7 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
     record = Record(f"record {index}", "", made.time, made.channels, {})
     start = time.process_time()
     try:
-        study, naming = judge(record, made.base, runs=Runs(deadline=start + LIMIT, clock=time.process_time))
+        study, naming = judge(record, made.base, runs=Runs(deadline=start + TIME_LIMIT, clock=time.process_time))
     except Unusable as error:
         return line | {"verdict": "unusable", "error": str(error), "seconds": time.process_time() - start}
     except Exception as error:  # the bank goes on: a crash on one record is a result, and is counted
