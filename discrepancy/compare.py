@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.inference.added import extended
+from fitting.inference.evidence import Linear
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
@@ -131,6 +132,17 @@ def rewirings(found: Compared) -> list[tuple[Term, ...]]:
         return []
     near = {t.place for n in found.ranked if n.score < found.best.score + at.NEAR for t in n.fit.terms}
     return [(t,) for t in found.terms if t.rewires and (t.place in near or not found.best.explains)]
+
+
+def hopeless(found: Compared) -> bool:
+    """Whether so much is left that nothing beside the best effect, or no effect at all, would explain the record."""
+    fit = found.best.fit
+    return fit.chi2 > len(fit.z) * (at.HOPELESS if fit.terms else at.HOPELESS_ALONE)
+
+
+def hardly_differ(fit: Fit) -> bool:
+    """Whether the record tells that walls which may differ hardly do."""
+    return max(Linear.of(fit).inferred().of.values(), default=0.0) <= at.HARDLY
 
 
 def along(found: Compared, runs: Runs) -> list[Fit]:
