@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.inference.added import extended
-from fitting.inference.evidence import Linear
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
@@ -135,14 +134,9 @@ def rewirings(found: Compared) -> list[tuple[Term, ...]]:
 
 
 def hopeless(found: Compared) -> bool:
-    """Whether so much is left that nothing beside the best effect, or no effect at all, would explain the record."""
+    """Whether the best effect leaves so much that nothing more beside it would explain the record."""
     fit = found.best.fit
-    return fit.chi2 > len(fit.z) * (at.HOPELESS if fit.terms else at.HOPELESS_ALONE)
-
-
-def hardly_differ(fit: Fit) -> bool:
-    """Whether the record tells that walls which may differ hardly do."""
-    return max(Linear.of(fit).inferred().of.values(), default=0.0) <= at.HARDLY
+    return bool(fit.terms) and fit.chi2 > at.HOPELESS * len(fit.z)
 
 
 def along(found: Compared, runs: Runs) -> list[Fit]:

@@ -20,7 +20,7 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 
 from . import thresholds as at
-from .compare import Compared, along, further, hardly_differ, hopeless, rewirings
+from .compare import Compared, along, further, hopeless, rewirings
 from .intervals import profiled
 from .verdict import Naming, decided
 from .walls import with_own_walls
@@ -105,8 +105,6 @@ def _beside(common: Compared, individual: Forward, terms: tuple[Term, ...], runs
         yield (found := common.joined(own))
     if not found.best.fit.terms and found.best.explains:
         return
-    if own is not None and not common.ranked and found.best.fit.terms and hardly_differ(found.best.fit):
-        yield (found := found.joined(_in_common(common, own, runs)))
     if not (common.best.explains or hopeless(common)):
         for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
             yield (found := found.joined(more))
@@ -115,13 +113,6 @@ def _beside(common: Compared, individual: Forward, terms: tuple[Term, ...], runs
             yield (found := found.joined(more))
     if found.best.explains and (elsewhere := along(found, runs)):
         yield found.joined_by(elsewhere)
-
-
-def _in_common(common: Compared, own: Compared, runs: Runs) -> Compared:
-    """The best effects of walls that differ, with all in common."""
-    best = [n.fit.terms for n in own.ranked if n.score < own.best.score + at.NEAR][: at.REFINED]
-    fits = common.problem.refit(best, runs=runs)
-    return common.joined_by([f for f in fits if f is not None]).polished(runs)
 
 
 def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:

@@ -167,7 +167,7 @@ def test_the_best_so_far_when_time_is_over() -> None:
 
     whole = name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=clock))
     assert whole.complete and looks[0] > 20
-    part = name(problem, terms("terminal_reflection"), Runs(deadline=0.5 * looks[0], clock=ticking(1.0)))
+    part = name(problem, terms("terminal_reflection"), Runs(deadline=0.8 * looks[0], clock=ticking(1.0)))
     assert not part.complete and part.confidence <= 0.5
     with pytest.raises(OutOfTime):
         name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=ticking(1.0)))
@@ -176,11 +176,10 @@ def test_the_best_so_far_when_time_is_over() -> None:
 def test_walls_that_differ_have_time_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Walls in common use up their part of the time limit: those that differ explain the record, said not complete."""
     module = sys.modules["discrepancy.name"]
-    in_common = module._with_common_walls
 
     def slow(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
         assert runs.left == pytest.approx(30.0, abs=1e-9)  # of 100 s
-        yield next(in_common(problem, terms, runs))
+        yield from ()
         raise OutOfTime
 
     monkeypatch.setattr(module, "_with_common_walls", slow)
