@@ -81,7 +81,8 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     """
     common, late = None, None
     try:
-        for common in _with_common_walls(problem, terms, runs.part(at.IN_COMMON)):
+        # an animal farther off is left to walls that differ, which have the whole range
+        for common in _with_common_walls(problem.within(at.FARTHEST), terms, runs.part(at.IN_COMMON)):
             yield common
             if hopeless(common):
                 break
