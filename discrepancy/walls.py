@@ -71,12 +71,12 @@ def with_own_walls(
             fits = [f for f in found.problem.refit(again, found.best.fit, runs) if f is not None]
             yield (found := found.joined_by(fits))
     if rewiring := rewirings(found):
-        near = _seen(found.problem, at.CLOSER[-1])
-        (base,) = near.restated([found.none.fit], found.problem)
-        lowest = min(f.cost for f in near.restated(found.fits, found.problem))
-        fits = [base, *(f for f in near.refit(rewiring, base, runs, known=lowest) if f is not None)]
-        columns = near.rewhitened(found.columns, found.problem)
-        yield (found := found.joined(_exact(found.problem, near, fits, columns, terms, runs)))
+        # from the walls of the file: those found without the outlet are bent for want of it
+        afar = _seen(found.problem, at.AFAR)
+        fits = [f for f in afar.refit(rewiring, runs=runs) if f is not None]
+        none = afar.restated([found.none.fit], found.problem)
+        columns = afar.rewhitened(found.columns, found.problem)
+        yield (found := found.joined(_exact(found.problem, afar, [*none, *fits], columns, terms, runs)))
 
 
 def _from_afar(afar: Forward, common: Compared | None, runs: Runs) -> Fit | None:
