@@ -74,9 +74,9 @@ def with_own_walls(
         # from the walls of the file: those found without the outlet are bent for want of it
         afar = _seen(found.problem, at.AFAR)
         fits = [f for f in afar.refit(rewiring, runs=runs) if f is not None]
-        none = afar.restated([found.none.fit], found.problem)
+        seen = afar.restated([found.none.fit], found.problem)
         columns = afar.rewhitened(found.columns, found.problem)
-        yield (found := found.joined(_exact(found.problem, afar, [*none, *fits], columns, terms, runs)))
+        yield (found := found.joined(_exact(found.problem, afar, [*seen, *fits], columns, terms, runs)))
 
 
 def _from_afar(afar: Forward, common: Compared | None, runs: Runs) -> Fit | None:
