@@ -5,9 +5,9 @@
 2. Walls that differ (:mod:`discrepancy.walls`), where more than the model without effect is needed: every artery with
    deviations of its own, whose spread the record tells; the same again.
 3. All are compared by evidence (:mod:`discrepancy.weigh`), exact and with an error of the model beside them.
-4. The class holds all that the data cannot rule out (:mod:`discrepancy.verdict`). A name is given only if the class has
-   one member; where more than noise remains beside the best, the answer is partial, and unknown if nothing of the
-   catalogue earns its place.
+4. The class holds all that the data cannot rule out (:mod:`discrepancy.verdict`). One effect is named only if the class
+   has one member; of two together the best pair is, with the class beside it. Where more than noise remains beside the
+   best, the answer is partial, and unknown if nothing of the catalogue earns its place.
 """
 
 from __future__ import annotations
