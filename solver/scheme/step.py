@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .failure import NonPhysicalState, NotConverged
+from .failure import NotConverged
 from .guards import check
 from .mesh import Layout
 from .model import Model
@@ -145,7 +145,7 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
         try:
             for half in HALVES:
                 found += _parts(model, found[-1], 0.5 * dt, half @ drive, P_venous, halvings - 1)
-        except NonPhysicalState:
+        except NotConverged:
             raise error from None
     return [*found[1:-1], replace(found[-1], t=end)]
 
