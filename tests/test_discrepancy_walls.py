@@ -81,6 +81,17 @@ def test_the_calibrations_number_is_not_called_the_files() -> None:
     assert C.startswith("C.E: ") and "above the file's" in C
 
 
+def test_many_odd_numbers_are_told_together() -> None:
+    """Five numbers beyond two stated spreads: the three farthest with a sentence each, farthest first, then the rest."""
+    problem = network_problem(record(clean()), NETWORK).individual()
+    fit = at(problem, [0.0] * len(problem.hypothesis(())))
+    own = {"A.E": 3.0, "B.E": 4.0, "C.E": -5.0, "A.R0": 6.0, "B.R0": -7.0}
+    x = np.array([own.get(u.name.removesuffix(" of its own"), 0.0) for u in fit.unknowns])
+    said = odd_ones(walls_of(NETWORK, replace(fit, x=x, z=np.zeros(len(x)), J=np.eye(len(x))), 2.0), NETWORK)
+    assert [text.partition(":")[0] for text in said[:3]] == ["B.R0", "A.R0", "C.E"]
+    assert len(said) == 4 and said[3].endswith("are also B.E, A.E; see its walls.")
+
+
 def test_deviations_are_counted_beside_what_is_common() -> None:
     """All.E up by two of its spreads, C down by three of its own: C.E = E exp(0.4 - 0.24), deviation -3."""
     problem = network_problem(record(clean()), NETWORK).individual()
