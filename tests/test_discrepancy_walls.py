@@ -82,7 +82,7 @@ def test_the_calibrations_number_is_not_called_the_files() -> None:
 
 
 def test_many_odd_numbers_are_told_together() -> None:
-    """Five numbers beyond two stated spreads: the three farthest with a sentence each, farthest first, then the rest."""
+    """Five numbers beyond two stated spreads: the three farthest first, then the rest in one sentence."""
     problem = network_problem(record(clean()), NETWORK).individual()
     fit = at(problem, [0.0] * len(problem.hypothesis(())))
     own = {"A.E": 3.0, "B.E": 4.0, "C.E": -5.0, "A.R0": 6.0, "B.R0": -7.0}
