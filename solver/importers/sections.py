@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,14 +33,15 @@ def names(labels: Sequence[str]) -> list[str]:
     ]
 
 
-def joined(edges: Iterable[Edge]) -> tuple[str, list[dict[str, Any]], list[str]]:
+def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, list[dict[str, Any]], list[str]]:
     """The name of the first vessel, the sections of the junctions, and the names of the vessels that end freely.
 
-    Raises ValueError where not exactly one vessel begins at a node that no other ends at.
+    further : names of vessels with an inlet of their own. Raises ValueError where not exactly one vessel beside these
+    begins at a node that no other ends at.
     """
     edges = list(edges)
     starts, ends = [{getattr(e, side) for e in edges} for side in ("start", "end")]
-    roots = [e for e in edges if e.start not in ends]
+    roots = [e for e in edges if e.start not in ends and e.name not in further]
     if len(roots) != 1:
         who = ", ".join(e.where for e in roots[:5]) or "none"
         raise ValueError(f"{len(roots)} vessels begin where no other ends ({who}); there must be one, the inlet.")

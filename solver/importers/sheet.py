@@ -23,7 +23,7 @@ from .sections import Edge, Sections, joined, names, value
 
 _NAMES, _NODES = ("name", "id"), ("from", "to", "parent")
 _SETTING = re.compile(
-    r"((name|species|reference|elastic_law|viscous_law|sites)\s*=|(network|fluid|inlet|junctions|sites|channels)\.)"
+    r"((name|species|reference|elastic_law|viscous_law|sites)\s*=|(network|fluid|inlet|inlets|junctions|sites|channels)\.)"
 )
 _SEGMENT = {key: q.unit for key, q in (quantities(Segment) | terms_of("segment") | SEGMENT).items()}
 _OUTLET = {key: q.unit for kind in OUTLETS for key, q in (quantities(kind) | terms_of("outlet")).items()}
@@ -40,8 +40,8 @@ def read_sheet(path: str | Path) -> Sections:
     rows = [(n, dict(zip(table.names, cells, strict=True))) for n, cells in table.rows]
     own = dict(zip((row[label] for _, row in rows), names([row[label] for _, row in rows]), strict=False))
     try:
-        first, junctions, free = joined(_edges(table, rows, own, label))
         settings = _settings(table)
+        first, junctions, free = joined(_edges(table, rows, own, label), settings.get("inlets", {}))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     units = dict(zip(table.names, table.units, strict=True))
@@ -111,13 +111,15 @@ def to_sheet(network: Network) -> str:
     data = tomllib.loads(dumps(network))
     texts: list[tuple[str, Any]] = [(key, each) for key, each in data.items() if isinstance(each, str)]
     texts += [(f"{key}.{k}", each) for key in ("network", "fluid", "inlet") for k, each in data[key].items()]
+    texts += [(f"inlets.{name}", each) for name, each in data.get("inlets", {}).items()]
     own = {j["in"][0]: {k: v for k, v in j.items() if k not in ("in", "out")} for j in data.get("junctions", [])}
     texts += [(f"junctions.{name}", numbers) for name, numbers in own.items() if any(numbers.values())]
     sites = data["sites"]
     texts += [(f"sites.{name}", each) for name, each in sites.items()] or [("sites", {})]
     texts += [(f'channels."{name}"', each) for name, each in data.get("channels", {}).items()]
     head = [f"# {key} = {value(each)}" for key, each in texts if key != "inlet.segment"]
-    start, end = {data["inlet"]["segment"]: "0"}, dict[str, str]()
+    start = {data["inlet"]["segment"]: "0"} | {name: f"0{name}" for name in data.get("inlets", {})}
+    end = dict[str, str]()
     for n, junction in enumerate(data.get("junctions", []), 1):
         end |= dict.fromkeys(junction["in"], str(n))
         start |= dict.fromkeys(junction["out"], str(n))
