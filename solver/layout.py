@@ -102,7 +102,7 @@ def lanes(network: Network) -> list[Lane]:
             if i not in backward:
                 column[end[i]] = max(column[end[i]], column[node] + 1)
     arriving = {node: [y[i] for i in y if end[i] == node and i not in backward] for node in left}
-    height = {node: float(np.mean(at)) if at else y[leaving[0][0]] for node, at in arriving.items()}
+    height = {node: float(np.mean(at)) if at else y[leaving[node][0]] for node, at in arriving.items()}
     outlets = {outlet.segment: outlet for outlet in network.outlets}
     widest = max(segment.R0 for segment in network.segments)
     return [

@@ -19,12 +19,15 @@ from fitting.parameter_set import ParameterSet
 from fitting.records.noise import check_flow_driven
 from fitting.records.record import Record
 from fmu_src.cosimulation import CoSimulation
+from fmu_src.document import index_html
+from fmu_src.drawing import network_svg
 from fmu_src.run import run_fmu
 from fmu_src.variables import variable_table
 from solver import MusclSettings, Settings, linear, sampled_inflow, simulate, simulate_periodic
 from solver.curve import Curve
 from solver.files import dumps, from_sections, loads
 from solver.importers.sheet import read_sheet, to_sheet
+from solver.layout import lanes
 from solver.network import Fluid, Inlet, Junction, Network, Segment, Site, from_dict, to_dict
 from solver.outlets import Reflection, Windkessel
 from solver.outputs import inlet_answers
@@ -245,6 +248,18 @@ def test_periodic_start_of_the_fmu() -> None:
     expected = simulate(network, duration=0.01, settings=COARSE, start="periodic")
     names = list(network.output_units())
     np.testing.assert_allclose(made.outputs()[: len(names)], [expected[name][0] for name in names], rtol=1e-12)
+
+
+def test_documents() -> None:
+    """Both inlets are drawn, each at the height of its own artery on the left, and the page names what drives them."""
+    network = fork(B="pressure")
+    a, b, c = lanes(network)
+    assert (a.x0, b.x0, a.y0, b.y0) == (0.0, 0.0, a.y, b.y)
+    assert a.y != b.y
+    assert (a.x1, a.y1) == (b.x1, b.y1) == (c.x0, c.y0)
+    page = index_html(network, variable_table(network, COARSE), "0")
+    assert "B.inlet.P</code> (answered by <code>B.inlet.Q</code>)" in page
+    assert ">B.inlet.P</text>" in network_svg(network)
 
 
 # --- files --------------------------------------------------------------------------------------------------------
