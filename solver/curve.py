@@ -67,7 +67,7 @@ class Curve:
         most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
         if not 1 <= self.harmonics <= most:
             raise ValueError(
-                f"harmonics = {self.harmonics}: the table has rows for 1 to {most}; give a number from there."
+                f"harmonics = {self.harmonics}: must be at least 1, and with {len(self.t)} rows at most {most}."
             )
         size = np.linalg.svd(self._waves, compute_uv=False)
         if size[-1] < _TELLS * size[0]:

@@ -51,18 +51,22 @@ def loads(text: str, name: str, folder: Path | None = None) -> Network:
     folder : that of the files which the text names; text without one names none.
     """
     try:
-        return from_sections(tomllib.loads(text), folder)
-    except tomllib.TOMLDecodeError as error:
+        data = tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         if text.lstrip("\ufeff").startswith("time"):
             raise ValueError(
                 f"{name}: not a network file but a recording (CSV); give the network that it is of."
             ) from None
+        if not isinstance(error, tomllib.TOMLDecodeError):
+            raise ValueError(f"{name}: not valid TOML: an integer of thousands of digits; correct it.") from None
         reason = str(error).replace("at end of document", f"at line {text.count(chr(10)) + 1}, the end of the file")
         raise ValueError(
             f'{name}: not valid TOML: {reason}; correct that line (a value with a unit stands in quotes: "4 cm").'
         ) from None
     except RecursionError:
         raise ValueError(f"{name}: not a network file: its lists are nested too deeply; correct it.") from None
+    try:
+        return from_sections(data, folder)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -140,6 +144,7 @@ def _fluid(table: Mapping[str, Any]) -> Fluid:
     check_keys("fluid", table, (*quantities(Fluid), *terms_of("fluid"), *spellings.FLUID))
     own = {key: value for key, value in table.items() if key not in spellings.FLUID}
     rho = _numbers(Fluid, "fluid", own).get("rho", Fluid().rho)
+    quantities(Fluid)["rho"].check("fluid.rho", rho)
     return Fluid(**_numbers(Fluid, "fluid", spellings.fluid(table, rho, parse_quantity)))
 
 

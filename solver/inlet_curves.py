@@ -76,8 +76,9 @@ def _series(signal: str, table: Mapping[str, Any], period: float | None) -> Curv
         if isinstance(table[key], list) != (part != "mean"):
             raise ValueError(f"{key} = {table[key]!r}: must be {'one number' if part == 'mean' else 'a list'}.")
         numbers[part] = _numbers(table[key] if part != "mean" else [table[key]], SIGNAL_UNITS[signal], key)
-    if period is None:
-        raise ValueError('T: it is missing; a series needs its period, such as T = "1 s".')
+    if period is None or not period > 0.0:
+        given = "it is missing" if period is None else f"{period:g} s is no period"
+        raise ValueError(f'T: {given}; a series needs a positive one, such as T = "1 s".')
     return Curve.series(signal, float(numbers["mean"][0]), numbers["cos"], numbers["sin"], period)
 
 

@@ -35,6 +35,8 @@ def read(path: str | os.PathLike[str]) -> Table:
     if len(rows) < 2:
         raise ValueError(f"{path}: a table of {len(rows)} rows; it must have a row of names and rows of numbers.")
     headings, rows = rows[0][1], rows[1:]
+    if len(headings) == 1 and re.search(r"[;\t]", headings[0]):
+        raise ValueError(f"{path}: its cells are separated by ; or tabs; separate them by commas.")
     for n, cells in rows:
         if len(cells) != len(headings):
             raise ValueError(f"{path}, line {n}: {len(cells)} cells under {len(headings)} names; correct that line.")
