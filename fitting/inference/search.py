@@ -23,6 +23,7 @@ _FRESH = (4, 8)  # of them before which derivatives are simulated anew: the upda
 _ALL_FRESH = 8  # from which on also those of what every artery has of its own, which are many and hardly change
 _FEW = 100  # of which all are fresh at once
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
+_ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which says nothing of slopes
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
 
@@ -110,7 +111,7 @@ class Search:
     def answer(self, z: Array | None) -> None:
         assert self.J is not None
         step = self._step
-        if z is None:
+        if z is None or not np.abs(z).max() < _ABSURD * max(self.cost, 1.0) ** 0.5:
             self.damping = max(10.0 * self.damping, 1.0)
             self.failed = self.damping > 1e7
             return

@@ -1,0 +1,71 @@
+"""Searches of many hypotheses together, on problems of two unknowns whose least squares are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from fitting.inference.fit import Member
+from fitting.inference.search import Search, search
+from fitting.inference.simulator import Runs
+from fitting.inference.unknown import Unknown, penalty
+from solver.coordinate import SHIFT
+
+Array = np.ndarray
+
+UNKNOWNS = tuple(Unknown(f"x{i}", SHIFT, ((f"v{i}", 1.0),), -50.0, 50.0, prior_sd=1e3) for i in range(2))
+
+
+@dataclass
+class Problem:
+    """A residual z(x); counts the simulations."""
+
+    z: Callable[[Array], Array]
+    simulated: int = 0
+
+    def observe(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
+        self.simulated += len(members)
+        return [self.z(m.x) for m in members]
+
+    def residual(self, X: Array) -> Array:
+        return X
+
+    def derivatives(
+        self, members: Sequence[Member], runs: Runs, by: Sequence[Array] | None = None
+    ) -> list[tuple[Array, Array] | None]:
+        indices = [np.arange(len(m.x)) for m in members] if by is None else by
+        return [
+            (self.z(m.x), np.stack([(self.z(m.x + 1e-6 * np.eye(2)[i]) - self.z(m.x)) / 1e-6 for i in own], axis=1))
+            for m, own in zip(members, indices, strict=True)
+        ]
+
+
+def found(problem: Problem, start: Array) -> Search:
+    one = Search(Member((), UNKNOWNS, start))
+    search(problem, [one], Runs())
+    return one
+
+
+def test_a_linear_problem_takes_a_step() -> None:
+    """z = A x - b: the least squares after one step no longer than the longest allowed, 2 in x, to the prior's 1e-6."""
+    A, b = np.array([[2.0, 1.0], [0.0, 1.0], [1.0, -1.0]]), np.array([1.0, 0.5, 0.2])
+    problem = Problem(lambda x: A @ x - b)
+    one = found(problem, np.array([-0.3, 0.4]))
+    assert one.converged and problem.simulated == 1
+    np.testing.assert_allclose(one.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
+
+
+def test_what_is_as_good_as_broken_down_says_nothing() -> None:
+    """Beyond x0 = 1 the residual is 1e160, whose square overflows: shorter steps from where it was, and no warning."""
+
+    def z(x: Array) -> Array:
+        return np.array([x[0] - 1.5, x[1] - 1.0, 0.1 * x[0]]) * (1e160 if x[0] > 1.0 else 1.0)
+
+    problem = Problem(z)
+    one = found(problem, np.zeros(2))
+    assert not one.failed and 0.0 < one.x[0] <= 1.0
+    assert one.cost == pytest.approx(float(z(one.x) @ z(one.x)) + penalty(one.prior, one.x))
+    assert one.cost < float(z(np.zeros(2)) @ z(np.zeros(2)))
