@@ -99,6 +99,8 @@ def build_system(
     """
     if network.inlet.causality != "flow":
         raise ValueError(f"network {network.name}: a heart drives it by its flow; take inlet.causality = flow.")
+    if network.further_inlets:
+        raise ValueError(f"network {network.name}: a heart drives one inlet; take a network without [inlets].")
     if species is None and network.name not in SPECIES:
         raise ValueError(f"network {network.name}: whose heart and body? Say --species {' or '.join(SPECIES)}.")
     species = species or network.name

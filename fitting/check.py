@@ -153,6 +153,12 @@ def _plan(
 ) -> tuple[str, str, str, tuple[str, ...], dict[str, float | str]]:
     """Mode, input that is driven, channel that drives it, channels to compare, start values."""
     starts = parameters.start_values()
+    further = [name for name in fmu.inputs if name.endswith((".inlet.Q", ".inlet.P"))]
+    if further:
+        raise ValueError(
+            f"{fmu.name}: an FMU with further inlets ({_some(further)}), but records say what drives one; "
+            "check the FMU of a network with one inlet."
+        )
     if INFLOW in record.channels:
         mode, driver, source = "network", INFLOW, INFLOW
         compared = tuple(name for name in record.channels if name in fmu.outputs)

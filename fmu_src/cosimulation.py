@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from solver.inlet import Inlet
 from solver.network import Network
 from solver.outputs import reporter, venous_flow, volume_weights
 from solver.scheme.failure import NonPhysicalState
@@ -35,7 +36,7 @@ class CoSimulation(Component):
     """Each communication step is cut into equal internal steps: of length dt where it is a multiple of dt, else of at
     most 4/3 dt. They end at its end, so a jump of the inflow lies between internal steps.
 
-    The inflow of a communication step from t to t + h is, by ``inlet.interpolation``,
+    What drives the inlets in a communication step from t to t + h is, by ``inlet.interpolation``,
 
     hold     the value that is set before the step;
     linear   a straight line from the value of the step before to that one, which then is Q(t + h);
@@ -47,14 +48,14 @@ class CoSimulation(Component):
     """
 
     remade = frozenset(
-        ("network", "settings", "parameters", "port_names", "venous", "drive", "report", "weights", "found")
+        ("network", "settings", "parameters", "port_names", "venous", "drives", "report", "weights", "found")
     )
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
         self.port_names = port_names(network)
-        self.drive = network.inlet.drive
+        self.drives = [inlet.drive for inlet in network.inlets]
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
@@ -67,8 +68,8 @@ class CoSimulation(Component):
         self.dt, self.time = settings.dt, t0
         self.interpolation = values["inlet.interpolation"]
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(self.model, self._start(t0, values), values[self.drive], 0.0)
-        self.slope = 0.0  # of the inflow in the last communication step [m³/s²]
+        self.known = self.shown = Position(self.model, self._start(t0, values), self._driving(values), 0.0)
+        self.slope = np.zeros(len(self.drives))  # of the inflows in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
         self.V = self.V_0 = self._volume()
@@ -77,10 +78,11 @@ class CoSimulation(Component):
     def _start(self, t0: float, values: Mapping[str, Any]) -> State:
         if values["network.start"] == "rest":
             return initial_state(self.model, t0)
-        if self.drive == "inlet.P":
-            return periodic_state(self.model, lambda t: values["inlet.P_mean"] + 0.0 * t, 1.0, t0)
-        pulse = self.network.inlet.with_mean(values["inlet.Q_mean"], values["inlet.T"])
-        return periodic_state(self.model, pulse.Q, pulse.T, t0)
+        beats = [_beats(inlet, values) for inlet in self.network.inlets]
+        T = next((T for _, T in beats if T), 1.0)  # a steady state has no period
+        if len(beats) == 1:
+            return periodic_state(self.model, beats[0][0], T, t0)
+        return periodic_state(self.model, lambda t: np.stack([drive(t) for drive, _ in beats], axis=1), T, t0)
 
     def retune(self, changed: Mapping[str, Any]) -> None:
         """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
@@ -123,7 +125,7 @@ class CoSimulation(Component):
         values = self._received(values)
         stretch = self._stretch(h, values)
         halved = self.shown.state.halved
-        known, shown, slope = self._driven(stretch, values[self.drive])
+        known, shown, slope = self._driven(stretch, self._driving(values))
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
         self.remark = ""
         if shown.state.halved > halved:
@@ -140,25 +142,34 @@ class CoSimulation(Component):
         """The inputs. Some masters that run all FMUs side by side set every input to 0 before the first step, when
         nothing has been sent yet: the pressures at the start then go on."""
         first = self.interpolation == "smooth" and self.known is self.shown
-        if first and not any(values[name] for name in (self.drive, *self.venous)):
+        if first and not any(values[name] for name in (*self.drives, *self.venous)):
             pressures = dict(zip(self.venous, self.last.P_venous.tolist(), strict=True))
-            return {**values, **pressures, **({"inlet.P": self.known.drive} if self.drive == "inlet.P" else {})}
+            given = zip(self.drives, self.known.drive.tolist(), strict=True)
+            return {**values, **pressures, **{name: P for name, P in given if name.endswith(".P")}}
         return values
 
-    def _driven(self, stretch: Stretch, Q: float) -> tuple[Position, Position, float]:
-        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlet at Q."""
+    def _driving(self, values: Mapping[str, Any]) -> Array:
+        """What drives the inlets : (n_inlets,)."""
+        return np.array([values[name] for name in self.drives], float)
+
+    def _driven(self, stretch: Stretch, Q: Array) -> tuple[Position, Position, Array]:
+        """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlets at Q."""
         if self.interpolation == "smooth":
-            known, slope = replace(self.known, drive=Q), 0.0
+            known, slope = replace(self.known, drive=Q), 0.0 * Q
             if self.known is not self.shown:
                 slope = (Q - self.known.drive) / self.last.h
-                known = self.shown if Q == self.shown.drive else self.last.run(self.known, self.known.drive, Q)
+                known = (
+                    self.shown
+                    if np.array_equal(Q, self.shown.drive)
+                    else self.last.run(self.known, self.known.drive, Q)
+                )
                 if stretch.h > _FURTHEST * self.last.h:
-                    slope = 0.0
+                    slope = 0.0 * Q
             known = known.under(stretch.model)
             try:
                 return known, stretch.run(known, Q, Q + slope * stretch.h), slope
             except NonPhysicalState:  # of a flow that was only extrapolated: without that
-                return known, stretch.run(known, Q, Q), 0.0
+                return known, stretch.run(known, Q, Q), 0.0 * Q
         Q_start = Q if self.interpolation == "hold" else self.known.drive
         after = stretch.run(self.known.under(stretch.model), Q_start, Q)
         return after, after, (Q - Q_start) / stretch.h
@@ -205,3 +216,11 @@ class CoSimulation(Component):
                 f"communication step of {h:g} s: more than {_MOST_STEPS} internal steps of {self.dt:g} s; "
                 "take shorter communication steps."
             )
+
+
+def _beats(inlet: Inlet, values: Mapping[str, Any]) -> tuple[Callable[[Array], Array], float]:
+    """What drives an inlet in the beats that a periodic start is near, and their period [s], 0 of a steady drive."""
+    if inlet.causality == "pressure":
+        return (lambda t: values[inlet.variable("P_mean")] + 0.0 * t), 0.0
+    pulse = inlet.with_mean(values[inlet.variable("Q_mean")], values["inlet.T"])
+    return pulse.Q, pulse.T

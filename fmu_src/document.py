@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.network import Inlet, Network
+from solver.network import Network
 from solver.outlets import OUTLETS
 from solver.units import display_factor
 
@@ -56,7 +56,7 @@ td.number { white-space: nowrap; font-variant-numeric: tabular-nums; }
 _USE = """
 <h2>How to use it</h2>
 <ul>
-<li><strong>Inlet.</strong> The input <code>{drive}</code> drives the network, and <code>{answer}</code> answers.
+<li><strong>Inlet.</strong> The input <code>{drive}</code> drives the network, and <code>{answer}</code> answers.{more}
 <code>inlet.interpolation</code> says what the input means between two communication points:
 <ul>
 <li><code>hold</code> (the default): it is kept during the communication step that follows. That acts like a delay of
@@ -136,9 +136,20 @@ crashes on others.</li>
 """
 
 
-def _use(inlet: Inlet) -> str:
-    words = _DRIVES[inlet.causality]
-    return _USE.format_map({**words, "periodic": words["periodic"].format(shape=inlet.shape)})
+def _use(network: Network) -> str:
+    words, inlet = _DRIVES[network.inlet.causality], network.inlet
+    periodic = words["periodic"].format(shape=inlet.shape)
+    further = [f"<code>{each.drive}</code> (answered by <code>{each.answer}</code>)" for each in network.further_inlets]
+    if further:
+        periodic = (
+            "near the beats with the means <code>Q_mean</code> and <code>P_mean</code> of what is given at the inlets"
+        )
+    more = (
+        f" So do the inputs of its further inlets: {', '.join(further)}; what is said here holds for each."
+        if further
+        else ""
+    )
+    return _USE.format_map({**words, "periodic": periodic, "more": more})
 
 
 def index_html(network: Network, table: tuple[Variable, ...], version: str) -> str:
@@ -153,7 +164,7 @@ momentum with an elastic or viscoelastic wall; {_outlets_in_words(network)}</p>
 <figcaption>Line width grows with the radius R0. Dots are the sites where pressure, flow and radius are reported;
 bars are outlets ({", ".join(f"{kind.symbol} {kind.noun}" for kind in OUTLETS)}).</figcaption>
 </figure>
-{_use(network.inlet)}
+{_use(network)}
 {HOST}
 {variables_html(table)}
 <h2>References</h2>

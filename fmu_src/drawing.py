@@ -40,13 +40,14 @@ def network_svg(network: Network) -> str:
             f'<polyline points="{points}" fill="none" stroke="{ARTERY}" stroke-linecap="round" '
             f'stroke-linejoin="round" stroke-width="{_width(lane, 14.0):.1f}"/>'
         )
-    root = named[network.inlet.segment]
-    tip = x(root.x0) - 10, y(root.y0)
-    parts.append(
-        f'<path d="M{tip[0] - 26:.1f},{tip[1]:.1f} H{tip[0]:.1f} m-7,-5 l8,5 l-8,5" fill="none" stroke="{OUTLET}" '
-        'stroke-width="2"/>'
-    )
-    parts.append(text((tip[0] - 30, tip[1] + 4), network.inlet.drive, text_anchor="end", fill=OUTLET))
+    for inlet in network.inlets:
+        root = named[inlet.segment]
+        tip = x(root.x0) - 10, y(root.y0)
+        parts.append(
+            f'<path d="M{tip[0] - 26:.1f},{tip[1]:.1f} H{tip[0]:.1f} m-7,-5 l8,5 l-8,5" fill="none" stroke="{OUTLET}" '
+            'stroke-width="2"/>'
+        )
+        parts.append(text((tip[0] - 30, tip[1] + 4), inlet.drive, text_anchor="end", fill=OUTLET))
     for lane in drawn:
         middle, above = x(lane.middle), y(lane.y)
         gap = _width(lane, 14.0) / 2
@@ -107,14 +108,15 @@ def model_png(network: Network) -> bytes:
         for site in network.sites:
             a, b = named[site.segment].at(site.position)
             axes.plot([a], [b], marker="o", ms=0.45 * widest, mfc="white", mec=TEXT, mew=0.7)
-        root = named[network.inlet.segment]
-        axes.annotate(
-            "",
-            (root.x0, root.y0),
-            (-26.0, 0.0),
-            textcoords="offset points",
-            arrowprops={"arrowstyle": "-|>", "color": OUTLET, "lw": 1.5, "shrinkB": widest / 2 + 1},
-        )
+        for inlet in network.inlets:
+            root = named[inlet.segment]
+            axes.annotate(
+                "",
+                (root.x0, root.y0),
+                (-26.0, 0.0),
+                textcoords="offset points",
+                arrowprops={"arrowstyle": "-|>", "color": OUTLET, "lw": 1.5, "shrinkB": widest / 2 + 1},
+            )
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()

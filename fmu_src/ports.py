@@ -3,7 +3,7 @@
 An artery answers a flow at once, through its impedance. A partner that sends a flow and reads the pressure back one
 step later closes a loop whose gain does not fall with the step. One that solves its own law together with
 
-    P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h)                at the inlet,
+    P(t + h) = P_0 + Z_0 Q(t) + Z Q(t + h)                at an inlet,
     P_venous(t + h) = P_0 - Z Q_venous(t + h)             at an outlet, Q_venous the flow to P_venous,
 
 is coupled implicitly. An inlet whose pressure is given answers with its flow instead,
@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.network import Network
-from solver.outputs import inlet_answer, venous_flow
+from solver.outputs import inlet_answers, venous_flow
 from solver.scheme.failure import NonPhysicalState
 from solver.scheme.model import Model
 
@@ -40,17 +40,19 @@ _CLOSED = 1e15  # Pa·s/m³, of an outlet that no pressure opens
 
 @dataclass(frozen=True)
 class Impedances:
-    """Z and Z_0 of the inlet, Z : (n_outlets,) of the outlets [Pa·s/m³]; Y and Y_0 where the pressure is given."""
+    """Z and Z_0 : (n_inlets,) of the inlets, Z : (n_outlets,) of the outlets [Pa·s/m³]; Y and Y_0 where the pressure is
+    given."""
 
-    Z: float
-    Z_0: float
+    Z: Array
+    Z_0: Array
     outlets: Array
 
 
 def port_names(network: Network) -> list[str]:
     """The variables of the ports, in the order of :func:`port_values`."""
     outlets = [f"{outlet.segment}.outlet.{key}" for outlet in network.outlets for key in ("P_0", "Z")]
-    return [*(f"inlet.{key}" for key in INLET_PORTS[network.inlet.causality]), *outlets]
+    inlets = [inlet.variable(key) for inlet in network.inlets for key in INLET_PORTS[inlet.causality]]
+    return [*inlets, *outlets]
 
 
 def is_port(name: str) -> bool:
@@ -59,40 +61,48 @@ def is_port(name: str) -> bool:
 
 
 def impedances(basis: Basis, interpolation: str) -> Impedances:
-    """The answers of the network to small changes of its inflow and of each P_venous.
+    """The answers of the network to small changes of each inflow and of each P_venous.
 
     Raises NonPhysicalState where the network breaks down in the next communication step.
     """
     known, shown, stretch = basis
-    model, hold, Q, n = stretch.model, interpolation == "hold", shown.drive, len(stretch.P_venous)
-    small = _SMALL * _size_of_drive(model)
+    model, Q, n, k = stretch.model, shown.drive[:, None], len(stretch.P_venous), len(shown.drive)
+    small, copies = _SMALL * _sizes_of_drives(model), 1 + k + n
     changes = _SMALL * (model.outlet_wall.rho * model.outlet_wall.c0**2)[0]
-    # side by side: no change, the flow changed, and each P_venous changed
-    flow, P_venous = small * (np.arange(n + 2) == 1), stretch.P_venous + np.eye(n + 2, n, -2) * changes
-    tried = replace(stretch, P_venous=P_venous).run(shown.copies(n + 2), Q + flow if hold else Q, Q + flow)
-    Z, Z_0 = np.diff(inlet_answer(model, tried.state)[:2])[0] / small, 0.0
+    # side by side: no change, each flow changed, and each P_venous changed
+    changed = Q + small[:, None] * np.eye(k, copies, 1)
+    P_venous = stretch.P_venous + np.eye(copies, n, -1 - k) * changes
+    before = changed if interpolation == "hold" else np.repeat(Q, copies, axis=1)
+    tried = replace(stretch, P_venous=P_venous).run(shown.copies(copies), before, changed)
+    Z, Z_0 = _rise(model, tried) / small, np.zeros(k)
     if interpolation == "smooth":  # the flow at the start of the step is not known yet, nor the end of the one before
-        ends = Q + np.array([0.0, small])
-        after = stretch.run(stretch.run(known.copies(2), known.drive, ends), ends, Q)
-        Z_0 = np.diff(inlet_answer(model, after.state))[0] / small
+        ends, far = changed[:, : 1 + k], np.repeat(known.drive[:, None], 1 + k, axis=1)
+        after = stretch.run(stretch.run(known.copies(1 + k), far, ends), ends, np.repeat(Q, 1 + k, axis=1))
+        Z_0 = _rise(model, after) / small
     flows = venous_flow(model, tried.state, P_venous)
-    less = flows[0] - flows[2:].diagonal()
-    return Impedances(float(Z), float(Z_0), changes / np.maximum(less, changes / _CLOSED))
+    less = flows[0] - flows[1 + k :].diagonal()
+    return Impedances(Z, Z_0, changes / np.maximum(less, changes / _CLOSED))
+
+
+def _rise(model: Model, tried: Position) -> Array:
+    """By how much each inlet answers a change of its own drive : (n_inlets,); the first copy has none."""
+    answers = inlet_answers(model, tried.state)
+    return np.asarray(answers[1:].diagonal() - answers[0])
 
 
 def endless(model: Model) -> Impedances:
     """Those of endless elastic tubes, ρ c0/A0 [Pa·s/m³], or for a given pressure the inverse; outlets closed."""
     wall, at = model.wall, (0, model.mesh.inlet_element, 0)
-    Z = float(wall.rho[at] * wall.c0[at] / wall.A0[at])
+    Z = wall.rho[at] * wall.c0[at] / wall.A0[at]
     outlets = np.full(len(model.mesh.topology.outlet_segment), _CLOSED)
-    return Impedances(Z if model.network.inlet.causality == "flow" else 1.0 / Z, 0.0, outlets)
+    return Impedances(np.where(_by_flow(model), Z, 1.0 / Z), 0.0 * Z, outlets)
 
 
-def port_values(stretch: Stretch, at: Position, slope: float, interpolation: str, found: Impedances) -> list[float]:
+def port_values(stretch: Stretch, at: Position, slope: Array, interpolation: str, found: Impedances) -> list[float]:
     """The values of :func:`port_names` over a communication step from a position.
 
-    slope : of what drives the inlet, in the step before [m³/s² or Pa/s]. Where the trial breaks down, the pressures of
-    the position are taken.
+    slope : (n_inlets,) of what drives them, in the step before [m³/s² or Pa/s]. Where the trial breaks down, the
+    pressures of the position are taken.
     """
     Q = at.drive + slope * stretch.h
     Q_start = Q if interpolation == "hold" else at.drive
@@ -100,13 +110,17 @@ def port_values(stretch: Stretch, at: Position, slope: float, interpolation: str
         tried = stretch.run(at, Q_start, Q)
     except NonPhysicalState:
         tried = at
-    inlet = float(inlet_answer(stretch.model, tried.state)[0]) - found.Z * tried.drive - found.Z_0 * at.drive
+    inlets = inlet_answers(stretch.model, tried.state)[0] - found.Z * tried.drive - found.Z_0 * at.drive
     outlets = stretch.P_venous + found.outlets * venous_flow(stretch.model, tried.state, stretch.P_venous)[0]
-    return [inlet, found.Z, found.Z_0, *np.column_stack([outlets, found.outlets]).ravel().tolist()]
+    both = np.column_stack([inlets, found.Z, found.Z_0]), np.column_stack([outlets, found.outlets])
+    return [value for table in both for value in table.ravel().tolist()]
 
 
-def _size_of_drive(model: Model) -> float:
-    """A0 c0 [m³/s] of the first artery, or ρ c0² [Pa] where the pressure is given."""
-    wall = model.wall
-    size = wall.A0 * wall.c0 if model.network.inlet.causality == "flow" else wall.rho * wall.c0**2
-    return float(size[0, model.mesh.inlet_element, 0])
+def _sizes_of_drives(model: Model) -> Array:
+    """A0 c0 [m³/s] of the artery at each inlet, or ρ c0² [Pa] where the pressure is given : (n_inlets,)."""
+    wall, at = model.wall, (0, model.mesh.inlet_element, 0)
+    return np.where(_by_flow(model), (wall.A0 * wall.c0)[at], (wall.rho * wall.c0**2)[at])
+
+
+def _by_flow(model: Model) -> Array:
+    return np.array([inlet.causality == "flow" for inlet in model.network.inlets])

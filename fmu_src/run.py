@@ -58,10 +58,11 @@ def run_fmu(
     samples, without the half-step delay of a held input.
     step : communication step [s]; the last one is shorter if the stop time asks for it.
     start_values : parameters by FMU variable name.
-    inputs : u(t) of further inputs by name, such as "AA.outlet.P_venous". Between communication points the FMU holds
-    them, so each is set to u(t + h/2) for the step from t to t + h. That is the mean of u over the step up to O(h²),
-    so what follows from it is right to second order; u(t) would act half a step late, an error of O(h). The start value
-    is u(0). An output that follows an input at once, as the pressure at a prescribed one, still lags by h/2.
+    inputs : u(t) of further inputs by name: what drives another inlet as the inflow does, or others such as
+    "AA.outlet.P_venous". Between communication points the FMU holds these, so each is set to u(t + h/2) for the step
+    from t to t + h. That is the mean of u over the step up to O(h²), so what follows from it is right to second order;
+    u(t) would act half a step late, an error of O(h). The start value is u(0). An output that follows an input at once,
+    as the pressure at a prescribed one, still lags by h/2.
     Raises ValueError for a file that is no FMU, an unknown start value or input or times that are not positive, and
     FMUError with the FMU's own sentence when a call fails: a run either reaches its stop time or raises.
     """
@@ -76,7 +77,8 @@ def run_fmu(
     _check_inputs(inputs, variables, fmu)
     shown = {drive: Q} | {name: _sampled(name, u, time) for name, u in inputs.items()}
     middle = 0.5 * (time[1:] + time[:-1])
-    held = np.column_stack([Q[1:], *(_sampled(name, u, middle) for name, u in inputs.items())])
+    further = [shown[name][1:] if _drives(name) else _sampled(name, u, middle) for name, u in inputs.items()]
+    held = np.column_stack([Q[1:], *further])
     starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
     driven = [variables[name].valueReference for name in shown]
     outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
@@ -109,6 +111,11 @@ def _drive(variables: Mapping[str, Any]) -> str:
     """What drives the inlet: inlet.Q, or inlet.P where that is an input."""
     pressure = variables.get("inlet.P")
     return "inlet.P" if pressure is not None and pressure.causality == "input" else "inlet.Q"
+
+
+def _drives(name: str) -> bool:
+    """Whether an input drives an inlet, in straight lines between communication points."""
+    return name.endswith(("inlet.Q", "inlet.P"))
 
 
 def _check_inputs(names: Iterable[str], variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> None:

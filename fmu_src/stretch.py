@@ -18,15 +18,16 @@ Number = Any  # one, or (n,)
 
 @dataclass(frozen=True)
 class Position:
-    """Where the arteries stand: a state of a model, what drives the inlet there, and the volume V_in [m³] that came in.
+    """Where the arteries stand: a state of a model, what drives the inlets there, and the volume V_in [m³] that came
+    in.
 
-    drive : the flow [m³/s], or where the inlet's causality is pressure, that [Pa]. A position may be several of one
-    model: then drive and V_in are (n,), if they differ.
+    drive : (n_inlets,) the flow [m³/s], or where an inlet's causality is pressure, that [Pa]. A position may be several
+    of one model: then drive is (n_inlets, n) and V_in (n,), if they differ.
     """
 
     model: Model
     state: State
-    drive: Number
+    drive: Array
     V_in: Number
 
     def copies(self, n: int) -> Position:
@@ -60,19 +61,20 @@ class Stretch:
         """Whether another one has the same internal steps of the same model."""
         return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
 
-    def run(self, at: Position, start: Number, end: Number) -> Position:
-        """The position at its end, with the inlet driven along a straight line [m³/s or Pa].
+    def run(self, at: Position, start: Array, end: Array) -> Position:
+        """The position at its end, with the inlets driven along straight lines [m³/s or Pa], both ends (n_inlets,) or
+        (n_inlets, n).
 
         Raises NonPhysicalState.
         """
         state, rise = at.state, (end - start) / self.steps
-        by_flow = self.model.network.inlet.causality == "flow"
-        entered = 0.5 * self.steps * self.dt * (start + end) if by_flow else 0.0
+        by_flow = np.array([inlet.causality == "flow" for inlet in self.model.network.inlets])
+        entered = 0.5 * self.steps * self.dt * (start + end)[by_flow].sum(axis=0)
         for i in range(self.steps):
-            drive = start + np.multiply.outer(i + INFLOW_TIMES, rise)
-            for after in parts(self.model, state, self.dt, drive, self.P_venous):
-                if not by_flow:
-                    V = volume_entered(self.model, state, after)
-                    entered = entered + (V if len(V) > 1 else float(V[0]))
+            drive = start[:, None] + np.moveaxis(np.multiply.outer(i + INFLOW_TIMES, rise), 0, 1)
+            for after in parts(self.model, state, self.dt, drive if len(drive) > 1 else drive[0], self.P_venous):
+                if not by_flow.all():
+                    V = volume_entered(self.model, state, after)[:, ~by_flow].sum(axis=1)
+                    entered = entered + (V if len(V) > 1 else V[0])
                 state = after
-        return Position(self.model, state, end, at.V_in + entered)
+        return Position(self.model, state, end, at.V_in + (entered if entered.ndim else float(entered)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from solver.inlet import Inlet
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Network
 from solver.quantity import Quantity
@@ -16,8 +17,8 @@ from .variable import Variable
 STARTS = ("rest", "periodic")
 INTERPOLATIONS = ("hold", "linear", "smooth")
 INLETS = {
-    "inlet.Q": Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True),
-    "inlet.P": Quantity("Pa", "pressure at the inlet", -1e5, 1e6, nominal=1e4, display="mmHg", input=True),
+    "Q": Quantity("m^3/s", "flow into the network", -1.0, 1.0, nominal=1e-5, display="mL/s", input=True),
+    "P": Quantity("Pa", "pressure at the inlet", -1e5, 1e6, nominal=1e4, display="mmHg", input=True),
 }
 # ranges of the numerical settings, as solver.scheme.model.Settings has them
 SETTINGS = {
@@ -27,17 +28,18 @@ SETTINGS = {
 # what the periodic start is made for, by the causality of the inlet
 _PULSES = {
     "flow": {
-        "inlet.Q_mean": Quantity("m^3/s", "mean inflow", -1.0, 1.0, nominal=1e-5, display="mL/s", tunable=False),
-        "inlet.T": Quantity("s", "period", 1e-3, 100.0, tunable=False),
+        "Q_mean": Quantity("m^3/s", "mean inflow", -1.0, 1.0, nominal=1e-5, display="mL/s", tunable=False),
+        "T": Quantity("s", "period", 1e-3, 100.0, tunable=False),
     },
     "pressure": {
-        "inlet.P_mean": Quantity("Pa", "mean pressure", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False),
+        "P_mean": Quantity("Pa", "mean pressure", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False),
     },
 }
 _PERIODIC = {
     "flow": "near the beats of {} of mean inlet.Q_mean and period inlet.T",
     "pressure": "in the steady state under inlet.P_mean",
 }
+_PERIODIC_OF_SEVERAL = "near the beats with the means Q_mean and P_mean of what is given at the inlets, and one period"
 _OUTPUTS = {
     "P": Quantity("Pa", "pressure", -math.inf, math.inf, nominal=1e4, display="mmHg"),
     "Q": Quantity("m^3/s", "flow", -math.inf, math.inf, nominal=1e-5, display="mL/s"),
@@ -60,9 +62,10 @@ _PORTS = {
 
 def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]:
     """Inputs, then parameters, then outputs of the FMU of a network."""
-    drive, values, parameters = network.inlet.drive, network.parameters(), list[Variable]()
-    begin = {"inlet.Q": 0.0, "inlet.P": network.P_0}[drive]
-    inputs = [Variable(drive, "input", "continuous", INLETS[drive].description, begin, INLETS[drive])]
+    values, parameters, several = network.parameters(), list[Variable](), bool(network.further_inlets)
+    inputs = [_input(inlet, network.P_0) for inlet in network.inlets]
+    drives = [variable.name for variable in inputs]
+    drove = " and ".join(drives)
     for name, quantity in network.parameter_quantities().items():
         if quantity.input:
             inputs.append(Variable(name, "input", "continuous", quantity.description, values[name], quantity))
@@ -70,14 +73,15 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             kind = "tunable" if quantity.tunable else "fixed"
             parameters.append(Variable(name, "parameter", kind, quantity.description, values[name], quantity))
     starts = {"solver.dt": settings.dt, "solver.element_length": settings.element_length}
-    inlet, P_mean = network.inlet, network.inlet.P_mean
-    starts |= {
-        "inlet.Q_mean": inlet.Q_mean,
-        "inlet.T": inlet.T,
-        "inlet.P_mean": network.P_0 if P_mean is None else P_mean,
-    }
-    for name, quantity in (SETTINGS | _PULSES[network.inlet.causality]).items():
+    known, inlet = dict(SETTINGS), network.inlet
+    for each in network.inlets:
+        P_mean = network.P_0 if each.P_mean is None else each.P_mean
+        for key, quantity in _PULSES[each.causality].items():
+            name = "inlet.T" if key == "T" else each.variable(key)  # all have one period
+            known[name], starts[name] = quantity, {"Q_mean": each.Q_mean, "P_mean": P_mean, "T": each.T}[key]
+    for name, quantity in known.items():
         parameters.append(Variable(name, "parameter", "fixed", quantity.description, starts[name], quantity))
+    periodic = _PERIODIC_OF_SEVERAL if several else _PERIODIC[inlet.causality].format(inlet.shape)
     texts = (
         ("network.elastic_law", "elastic law of the walls", network.elastic_law, tuple(ELASTIC_LAWS)),
         (
@@ -88,13 +92,13 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
         ),
         (
             "inlet.interpolation",
-            f"{drive} in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
+            f"{drove} in a step: held; set as Q(t + h), linear from the value before; set as Q(t), extrapolated",
             "hold",
             INTERPOLATIONS,
         ),
         (
             "network.start",
-            f"at rest under network.P_0; or {_PERIODIC[inlet.causality].format(inlet.shape)}",
+            f"at rest under network.P_0; or {periodic}",
             "rest",
             STARTS,
         ),
@@ -104,7 +108,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             Variable(name, "parameter", "fixed", f"{description}: {' or '.join(choices)}", start, None, choices)
         )
     everything = tuple(variable.name for variable in (*inputs, *parameters))
-    at_start = tuple(name for name in everything if name not in (drive, "inlet.interpolation"))
+    at_start = tuple(name for name in everything if name not in (*drives, "inlet.interpolation"))
     outputs = []
     for name in network.output_units():
         place, kind = name.rsplit(".", 1)
@@ -118,11 +122,24 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
     return (*inputs, *parameters, *outputs)
 
 
+def _input(inlet: Inlet, P_0: float) -> Variable:
+    """What drives an inlet."""
+    kind = inlet.drive[-1]
+    quantity = (
+        INLETS[kind]
+        if inlet.first
+        else replace(INLETS[kind], description=f"{_OUTPUTS[kind].description} at {inlet.name}")
+    )
+    return Variable(inlet.drive, "input", "continuous", quantity.description, {"Q": 0.0, "P": P_0}[kind], quantity)
+
+
 def _port(name: str, sources: tuple[str, ...]) -> Variable:
     """A variable of :mod:`~fmu_src.ports`."""
     place, kind = name.rsplit(".", 1)
     quantity = _PORTS[kind]
-    at_inlet = "flow at the inlet" if kind in ("Q_0", "Y", "Y_0") else "pressure at the inlet"
-    signal = at_inlet if place == "inlet" else f"P_venous of {place}"
+    signal = f"P_venous of {place}"
+    if place.endswith("inlet"):
+        at = "the inlet" if place == "inlet" else place
+        signal = f"flow at {at}" if kind in ("Q_0", "Y", "Y_0") else f"pressure at {at}"
     text = f"port: {signal}, {quantity.description}"
     return Variable(name, "output", "continuous", text, None, quantity, sources=sources, late=True)

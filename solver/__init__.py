@@ -6,12 +6,13 @@
 """
 
 from .files import bundled, find_network, read_network, write_network
+from .inflow import sampled_inflow
 from .muscl.settings import MusclSettings
 from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import Pressure, Reflection, Resistance, Windkessel
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
-from .simulate import NotPeriodic, Waveforms, repeating_beat, sampled_inflow, simulate, simulate_periodic
+from .simulate import NotPeriodic, Waveforms, repeating_beat, simulate, simulate_periodic
 
 
 def load(name_or_path: str) -> Network:

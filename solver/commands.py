@@ -34,9 +34,9 @@ def list_networks() -> None:
 
 
 def _short(reference: str) -> str:
-    """The first author, the year and the DOI of a reference; all of it where it has none."""
-    found = re.search(r"(\w+)(,.*?)?:.*?\((\d{4})\), (doi:\S+\w)", " ".join(reference.split()))
-    return f"{found[1]}{' et al.' if found[2] else ''} ({found[3]}), {found[4]}" if found else reference
+    """The first author, the year and the DOI or arXiv number of a reference; all of it where it has no year."""
+    found = re.search(r"(\w+)(,.*?)?:.*?\((\d{4})\)(, (?:doi|arXiv):\S+\w)?", " ".join(reference.split()))
+    return f"{found[1]}{' et al.' if found[2] else ''} ({found[3]}){found[4] or ''}" if found else reference
 
 
 @importers.command("openbf")

@@ -5,6 +5,9 @@ Cubic: the periodic spline with continuous second derivative, whose second deriv
     h_{i-1} M_{i-1} + 2 (h_{i-1} + h_i) M_i + h_i M_{i+1} = 6 [(y_{i+1} - y_i)/h_i - (y_i - y_{i-1})/h_{i-1}]
 
 with indices modulo the number of points (C. de Boor, A Practical Guide to Splines, ch. IV). Linear: straight pieces.
+Fourier: the series of some harmonics that is nearest to the points, by least squares,
+
+    y(t) = a_0 + Σ_k a_k cos 2πkt/T + b_k sin 2πkt/T,     k = 1 … K
 """
 
 from __future__ import annotations
@@ -16,8 +19,11 @@ import numpy as np
 
 Array = np.ndarray
 
-INTERPOLATIONS = ("cubic", "linear")
+INTERPOLATIONS = ("cubic", "linear", "fourier")
 _MOST = 2000  # rows
+_MOST_HARMONICS = 100
+_TELLS = 1e-6  # smallest singular value, over the largest, of harmonics at the rows that determine them
+_FINE = 4096  # samples of a period in which the largest value of a series is looked for
 _CLOSED = 1e-6  # of the range of the values: how far the last may be from the first where the table is one period
 
 
@@ -25,19 +31,18 @@ _CLOSED = 1e-6  # of the range of the values: how far the last may be from the f
 class Curve:
     """One period: t : times [s] from 0 to the period, and values there; the last value is the first one again.
 
-    signal : Q [m³/s] or P [Pa]. Raises ValueError, one sentence, for what is no such table.
+    signal : Q [m³/s] or P [Pa]. harmonics : K of a Fourier series, 0 of the others.
+    Raises ValueError, one sentence that begins with the signal, for what is no such table.
     """
 
     signal: str
     t: tuple[float, ...]
     values: tuple[float, ...]
     interpolation: str = "cubic"
+    harmonics: int = 0
 
     def __post_init__(self) -> None:
-        t, y = np.array(self.t, float), np.array(self.values, float)
-        name = f"inlet.{self.signal}"
-        if self.interpolation not in INTERPOLATIONS:
-            raise ValueError(f"inlet.interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
+        t, y, name = np.array(self.t, float), np.array(self.values, float), self.signal
         if len(t) != len(y):
             raise ValueError(f"{name}: {len(y)} values for {len(t)} times; give one value per time.")
         if not 3 <= len(t) <= _MOST:
@@ -50,10 +55,34 @@ class Curve:
             raise ValueError(f"{name}: times must start at 0 and increase, but {at}; correct the table.")
         if y[0] != y[-1]:
             raise ValueError(f"{name}: the last value must be the first one, {y[0]:g}; close the table.")
+        self._check_interpolation()
+
+    def _check_interpolation(self) -> None:
+        if self.interpolation not in INTERPOLATIONS:
+            raise ValueError(f"interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
+        if self.interpolation != "fourier":
+            if self.harmonics:
+                raise ValueError(f"harmonics = {self.harmonics}: only a Fourier series has them; leave it out.")
+            return
+        most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
+        if not 1 <= self.harmonics <= most:
+            raise ValueError(
+                f"harmonics = {self.harmonics}: must be at least 1, and with {len(self.t)} rows at most {most}."
+            )
+        size = np.linalg.svd(self._waves, compute_uv=False)
+        if size[-1] < _TELLS * size[0]:
+            raise ValueError(
+                f"harmonics = {self.harmonics}: the times of the table are too uneven for so many; give fewer."
+            )
 
     @staticmethod
     def through(
-        signal: str, t: Array, values: Array, interpolation: str = "cubic", period: float | None = None
+        signal: str,
+        t: Array,
+        values: Array,
+        interpolation: str = "cubic",
+        period: float | None = None,
+        harmonics: int = 0,
     ) -> Curve:
         """The curve through a table, with time counted from its first row.
 
@@ -68,15 +97,32 @@ class Curve:
         if period > last * (1.0 + 1e-12):
             t, values = np.append(t, period), np.append(values, values[:1])
         elif period < last * (1.0 - 1e-12):
-            raise ValueError(f"inlet.T = {period:g} s: shorter than the table, {last:g} s; give one period.")
+            raise ValueError(f"T = {period:g} s: shorter than the table, {last:g} s; give one period.")
         elif gap > _CLOSED * size:
             raise ValueError(
-                f"inlet.{signal}: the table ends at {values[-1]:g} and begins at {values[0]:g}; end it with its first "
+                f"{signal}: the table ends at {values[-1]:g} and begins at {values[0]:g}; end it with its first "
                 "value, or give the period T after its last time."
             )
         else:
             values = np.append(values[:-1], values[:1])
-        return Curve(signal, tuple(t.tolist()), tuple(values.tolist()), interpolation)
+        return Curve(signal, tuple(t.tolist()), tuple(values.tolist()), interpolation, harmonics)
+
+    @staticmethod
+    def series(signal: str, mean: float, cos: Array, sin: Array, period: float) -> Curve:
+        """The Fourier series with the coefficients a_0, a : (K,), b : (K,), by its values at even times.
+
+        Raises ValueError for as many cosines as sines that are not one to a hundred each.
+        """
+        K = len(cos)
+        if not 1 <= K <= _MOST_HARMONICS or len(sin) != K:
+            raise ValueError(
+                f"{signal}_cos: {K} cosines and {len(sin)} sines; give as many of each, 1 to {_MOST_HARMONICS}."
+            )
+        n = 2 * K + 2
+        values = mean + _harmonics(np.arange(n) / n, K)[:, 1:] @ np.concatenate([cos, sin])
+        t = period / n * np.arange(n + 1)
+        t[-1] = period
+        return Curve.through(signal, t, np.append(values, values[0]), "fourier", harmonics=K)
 
     @property
     def period(self) -> float:
@@ -85,7 +131,8 @@ class Curve:
 
     @property
     def largest(self) -> float:
-        return max(self.values)
+        """The largest value of the table, or of a series."""
+        return max(self.values) if self.interpolation != "fourier" else float(self.at(np.arange(_FINE) / _FINE).max())
 
     def scaled(self, factor: float, stretch: float = 1.0) -> Curve:
         """All values, and all times, times a factor."""
@@ -94,7 +141,9 @@ class Curve:
 
     @cached_property
     def mean(self) -> float:
-        """The mean over a period: of the straight pieces, and of what the cubic adds, -h³ (M_i + M_{i+1})/24."""
+        """The mean over a period: of the straight pieces, and of what the cubic adds, -h³ (M_i + M_{i+1})/24; a_0."""
+        if self.interpolation == "fourier":
+            return float(self._coefficients[0].real)
         t, y, M = self._numbers
         h = np.diff(t)
         whole = 0.5 * h * (y[1:] + y[:-1]) - h**3 / 24.0 * (M[1:] + M[:-1])
@@ -102,6 +151,9 @@ class Curve:
 
     def at(self, phase: Array | float) -> Array:
         """Values at parts of the period, any shape; beyond 1 it repeats."""
+        if self.interpolation == "fourier":
+            turn = np.exp(2j * np.pi * np.mod(np.asarray(phase, float), 1.0))
+            return np.asarray(np.polyval(self._coefficients[::-1], turn).real)
         t, y, M = self._numbers
         x = np.mod(np.asarray(phase, float), 1.0) * self.period
         i = np.clip(np.searchsorted(t, x, side="right") - 1, 0, len(t) - 2)
@@ -125,3 +177,21 @@ class Curve:
         matrix[i, (i + 1) % n] += h
         M = np.linalg.solve(matrix, 6.0 * (slope - np.roll(slope, 1)))
         return t, y, np.append(M, M[0])
+
+    @property
+    def _waves(self) -> Array:
+        """1, the cosines and the sines at the rows but the last, which is the first : (rows, 2 K + 1)."""
+        return _harmonics(np.array(self.t[:-1]) / self.period, self.harmonics)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        """a_k - i b_k : (K + 1,)."""
+        K = self.harmonics
+        found = np.linalg.lstsq(self._waves, np.array(self.values[:-1]), rcond=None)[0]
+        return np.append(found[0], found[1 : K + 1] - 1j * found[K + 1 :])
+
+
+def _harmonics(phase: Array, K: int) -> Array:
+    """1, cos 2πkφ and sin 2πkφ, k = 1 … K, at parts φ : (n,) of a period, as (n, 2 K + 1)."""
+    angle = 2.0 * np.pi * phase[:, None] * np.arange(1, K + 1)
+    return np.concatenate([np.ones((len(phase), 1)), np.cos(angle), np.sin(angle)], axis=1)

@@ -14,10 +14,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from . import spellings, tables
+from . import inlet_curves, spellings
 from .catalogue import quantities_of, terms_of, value_of
-from .curve import Curve
-from .network import CAUSALITY, Channel, Fluid, Inlet, Junction, Network, Segment, Site
+from .inlet import CAUSALITY, Inlet
+from .network import Channel, Fluid, Junction, Network, Segment, Site
 from .outlets import OUTLETS, Outlet, Pressure
 from .quantity import Quantity, quantities
 from .text import (
@@ -34,7 +34,7 @@ from .text import (
 _NETWORKS = Path(__file__).parent / "networks"
 _TEXTS = ("name", "species", "reference", "elastic_law", "viscous_law")
 _ETA = next(f.default for f in fields(Network) if f.name == "eta")
-_SECTIONS = ("network", "fluid", "inlet", "segments", "junctions", "outlets", "sites", "channels")
+_SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "outlets", "sites", "channels")
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
@@ -51,18 +51,22 @@ def loads(text: str, name: str, folder: Path | None = None) -> Network:
     folder : that of the files which the text names; text without one names none.
     """
     try:
-        return from_sections(tomllib.loads(text), folder)
-    except tomllib.TOMLDecodeError as error:
+        data = tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         if text.lstrip("\ufeff").startswith("time"):
             raise ValueError(
                 f"{name}: not a network file but a recording (CSV); give the network that it is of."
             ) from None
+        if not isinstance(error, tomllib.TOMLDecodeError):
+            raise ValueError(f"{name}: not valid TOML: an integer of thousands of digits; correct it.") from None
         reason = str(error).replace("at end of document", f"at line {text.count(chr(10)) + 1}, the end of the file")
         raise ValueError(
             f'{name}: not valid TOML: {reason}; correct that line (a value with a unit stands in quotes: "4 cm").'
         ) from None
     except RecursionError:
         raise ValueError(f"{name}: not a network file: its lists are nested too deeply; correct it.") from None
+    try:
+        return from_sections(data, folder)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -77,6 +81,7 @@ def dumps(network: Network) -> str:
     blocks = [_texts_out(network, *_TEXTS)]
     blocks += [["[network]", *_numbers_out(network)], ["[fluid]", *_numbers_out(network.fluid)]]
     blocks += [["[inlet]", *_texts_out(network.inlet, "segment", "causality"), *_inlet_out(network.inlet)]]
+    blocks += [[f"[inlets.{i.segment}]", *_texts_out(i, "causality"), *_inlet_out(i)] for i in network.further_inlets]
     blocks += [[f"[segments.{s.name}]", *_numbers_out(s)] for s in network.segments]
     for junction in network.junctions:
         ends = [f"in = {quoted(junction.inflow)}", f"out = {quoted(junction.outflow)}"]
@@ -120,16 +125,18 @@ def from_sections(data: Mapping[str, Any], folder: Path | None = None) -> Networ
     fluid = _fluid(_table(data, "fluid"))
     eta = whole.get("eta", _ETA)
     segments = tuple(_segment(name, table, eta, fluid.rho) for name, table in _tables(data, "segments"))
+    inlet = _inlet(_table(data, "inlet"), folder)
     return Network(
         **texts,
         **whole,
         fluid=fluid,
-        inlet=_inlet(_table(data, "inlet"), folder),
+        inlet=inlet,
         segments=segments,
         junctions=tuple(map(_junction, _list(data, "junctions"))),
         outlets=tuple(_outlet(name, table) for name, table in _tables(data, "outlets")),
         sites=_sites(data) if "sites" in data else tuple(Site(s.name, s.name) for s in segments),
         channels=tuple(_channel(name, table) for name, table in _tables(data, "channels")),
+        further_inlets=tuple(_further_inlet(name, t, folder, inlet.T) for name, t in _tables(data, "inlets")),
     )
 
 
@@ -137,6 +144,7 @@ def _fluid(table: Mapping[str, Any]) -> Fluid:
     check_keys("fluid", table, (*quantities(Fluid), *terms_of("fluid"), *spellings.FLUID))
     own = {key: value for key, value in table.items() if key not in spellings.FLUID}
     rho = _numbers(Fluid, "fluid", own).get("rho", Fluid().rho)
+    quantities(Fluid)["rho"].check("fluid.rho", rho)
     return Fluid(**_numbers(Fluid, "fluid", spellings.fluid(table, rho, parse_quantity)))
 
 
@@ -146,36 +154,30 @@ def _segment(name: str, table: Mapping[str, Any], eta: float, rho: float) -> Seg
     return Segment(name, **_numbers(Segment, name, spellings.segment(name, table, known, eta, rho, parse_quantity)))
 
 
-_INLET_TEXTS = ("segment", "causality", "interpolation")
+def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, T: float) -> Inlet:
+    """An inlet beside the first one, whose period T [s] is its own too."""
+    where = f"{segment}.inlet"
+    if "segment" in table:
+        raise ValueError(f"{where}.segment: the name of the section says it; leave it out.")
+    period = {} if inlet_curves.signals(table) else {"T": T}
+    return _inlet({**period, **table, "segment": segment}, folder, where)
 
 
-def _inlet(table: Mapping[str, Any], folder: Path | None) -> Inlet:
-    """The inlet, with a curve where Q or P is a table: the name of a file, or a list beside one of times t."""
-    check_keys("inlet", table, (*_INLET_TEXTS, *quantities(Inlet), "t", *CAUSALITY))
-    numbers = _numbers(Inlet, "inlet", {key: table[key] for key in quantities(Inlet) if key in table})
-    segment, given = _text(table, "segment", "inlet"), [signal for signal in CAUSALITY if signal in table]
-    if not given:
-        for key in ("t", "interpolation"):
-            if key in table:
-                raise ValueError(f"inlet.{key}: it belongs to a table; give Q or P too.")
-        causality = _text({"causality": "flow", **table}, "causality", "inlet")
-        return Inlet(segment, **numbers, causality=causality)
-    signal = given[0]
-    for other in (*given[1:], *(["Q_max"] if "Q_max" in table else [])):
-        raise ValueError(f"inlet: {signal} and {other} each say what is given there; keep one of them.")
-    t, values = tables.signal(signal, table, folder)
-    interpolation = _text({"interpolation": "cubic", **table}, "interpolation", "inlet")
-    curve = Curve.through(signal, t, values, interpolation, numbers.get("T"))
-    causality = _text({"causality": CAUSALITY[signal], **table}, "causality", "inlet")
-    return Inlet(segment, causality=causality, curve=curve)
+def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") -> Inlet:
+    """An inlet, with a curve where Q or P is a table or a series."""
+    check_keys(where, table, ("segment", "causality", *quantities(Inlet), *inlet_curves.KEYS))
+    numbers = _numbers(Inlet, where, {key: table[key] for key in quantities(Inlet) if key in table})
+    segment, signals = _text(table, "segment", where), inlet_curves.signals(table)
+    for other in (*signals[1:], *(["Q_max"] if signals and "Q_max" in table else [])):
+        raise ValueError(f"{where}: {signals[0]} and {other} each say what is given there; keep one of them.")
+    curve = inlet_curves.read(table, where, folder, numbers.get("T"))
+    given = "flow" if curve is None else CAUSALITY[curve.signal]
+    causality = _text({"causality": given, **table}, "causality", where)
+    return Inlet(segment, causality=causality, curve=curve, **({} if curve else numbers))
 
 
 def _inlet_out(inlet: Inlet) -> list[str]:
-    if inlet.curve is None:
-        return _numbers_out(inlet)
-    signal = inlet.curve.signal
-    table = [f"t = {list(inlet.curve.t)!r}", f"{signal} = {list(inlet.curve.values)!r}"]
-    return [*table, *_texts_out(inlet.curve, "interpolation"), f'T = "{inlet.T!r} s"']
+    return _numbers_out(inlet) if inlet.curve is None else inlet_curves.lines(inlet.curve)
 
 
 def _sites(data: Mapping[str, Any]) -> tuple[Site, ...]:

@@ -60,7 +60,7 @@ class Lane:
 
 
 def lanes(network: Network) -> list[Lane]:
-    """Lay a network out from left to right: columns by the longest way from the inlet, one lane per free end."""
+    """Lay a network out from left to right: columns by the longest way from an inlet, one lane per free end."""
     nodes = topology(network)
     start, end = nodes.start.tolist(), nodes.end.tolist()
     leaving: dict[int, list[int]] = {}
@@ -71,8 +71,13 @@ def lanes(network: Network) -> list[Lane]:
     y: dict[int, float] = {}
     lane = count()
     left: dict[int, None] = {}  # nodes in the order in which the walk left them: the reverse is downstream order
-    entered, onward, backward = {0}, set[int](), set[int]()  # onward: first to reach its end; backward: closes a circle
-    stack: list[tuple[int | None, Iterator[int], int]] = [(None, iter(leaving[0]), 0)]
+    inlets = range(nodes.inlets.stop)
+    entered, onward, backward = (
+        set(inlets),
+        set[int](),
+        set[int](),
+    )  # onward: first to its end; backward: makes a circle
+    stack: list[tuple[int | None, Iterator[int], int]] = [(None, iter(leaving[node]), node) for node in inlets[::-1]]
     while stack:
         via, following, node = stack[-1]
         i = next(following, -1)
@@ -97,7 +102,7 @@ def lanes(network: Network) -> list[Lane]:
             if i not in backward:
                 column[end[i]] = max(column[end[i]], column[node] + 1)
     arriving = {node: [y[i] for i in y if end[i] == node and i not in backward] for node in left}
-    height = {node: float(np.mean(at)) if at else y[leaving[0][0]] for node, at in arriving.items()}
+    height = {node: float(np.mean(at)) if at else y[leaving[node][0]] for node, at in arriving.items()}
     outlets = {outlet.segment: outlet for outlet in network.outlets}
     widest = max(segment.R0 for segment in network.segments)
     return [

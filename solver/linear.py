@@ -21,6 +21,7 @@ the Kelvin–Voigt walls of Wang, Fullana and Lagrée, Comput. Methods Biomech. 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,7 @@ from .scheme.mesh import Topology, topology
 from .wall import Wall
 
 Array = np.ndarray
+Inflows = Array | Mapping[str, Array]
 
 _PLACES = np.linspace(0.0, 1.0, 21)  # x/L where walls are compared
 
@@ -40,7 +42,8 @@ _PLACES = np.linspace(0.0, 1.0, 21)  # x/L where walls are compared
 class Harmonics:
     """Complex amplitudes at angular frequencies omega : (n,) [rad/s]. A batch has a leading axis B on all other arrays.
 
-    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_inlet : (n,) [m³/s].
+    P_node : (n_nodes, n) [Pa], nodes as in :class:`~solver.scheme.mesh.Topology`. Q_inlet : (n,) [m³/s], of several
+    inlets (n_inlets, n).
     Q_outlet : (n_outlets, n) [m³/s].
     P_site [Pa], Q_site [m³/s], R_site [m] : (n_sites, n). At ω = 0 they are means: absolute pressure, whole radius.
     """
@@ -69,23 +72,27 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
     return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
 
 
-def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | None = None) -> Harmonics:
+def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | None = None) -> Harmonics:
     """The response of the whole network to harmonics of the inflow.
 
     Q : (n,) or (B, n) [m³/s], complex amplitude at each ω, the mean where ω = 0; of the pressure [Pa] where that drives
-    the inlet. omega : (n,) [rad/s], not negative.
+    the inlet; of several inlets by the names of what drives them, {"inlet.Q": …, "LSA.inlet.Q": …}. omega : (n,)
+    [rad/s], not negative.
     parameters : replaced by name, scalars or arrays of B, as in :func:`~solver.coefficients.coefficients`.
     Raises ValueError where the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
     loop is undetermined, or ω is a resonance without damping.
     """
     omega = _frequencies(omega)
     c = coefficients(network, parameters)
-    Q = np.asarray(Q, complex)
-    if Q.ndim not in (1, 2) or Q.shape[-1:] != omega.shape or (Q.ndim == 2 and c.batched and len(Q) != c.B):
-        raise ValueError(
-            f"Q has shape {Q.shape} with {len(omega)} frequencies and a batch of {c.B}: give Q as (n,) or (B, n)."
-        )
-    batched = c.batched or Q.ndim == 2
+    given = [np.asarray(each, complex) for each in _of_inlets(network, Q).values()]
+    for each in given:
+        other_batch = each.ndim == 2 and c.batched and len(each) != c.B
+        if each.ndim not in (1, 2) or each.shape[-1:] != omega.shape or other_batch:
+            raise ValueError(
+                f"Q has shape {each.shape} with {len(omega)} frequencies and a batch of {c.B}: "
+                "give Q as (n,) or (B, n)."
+            )
+    batched = c.batched or any(each.ndim == 2 for each in given)
     nodes = topology(network)
     A, Z, Y, compliance = _line(network, c, omega)
     # flows are counted in Pa, as Z_ref Q, so that all unknowns and equations have one scale
@@ -93,7 +100,7 @@ def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | Non
     L = c.L[:, None, :]
     Z, Y = Z * L / Z_ref, Y * L * Z_ref
     g = np.sqrt(Z * Y)
-    conditions = _conditions(network, c, nodes, np.atleast_2d(Q), omega, Z_ref)
+    conditions = _conditions(network, c, nodes, np.broadcast_arrays(*map(np.atleast_2d, given)), omega, Z_ref)
     lossless = bool(np.any((c.C_f == 0.0) & np.all(c.wall.phi0 == 0.0, axis=1, keepdims=True)))
     P_mid, Q_mid = _middles(nodes, conditions, g, Z, Y, lossless)
 
@@ -116,24 +123,28 @@ def solve(network: Network, Q: Array, omega: Array, parameters: Parameters | Non
     P += c.P_0[:, None] * steady
     parts = P[..., :n_nodes], flow[..., n_nodes : at_site.start], P[..., at_site], flow[..., at_site], R
     P_node, *others = (_things_first(x, batched) for x in parts)
-    return Harmonics(omega, P_node, flow[..., 0] if batched else flow[0, :, 0], *others)
+    Q_inlet = _things_first(flow[..., nodes.inlets], batched)
+    return Harmonics(omega, P_node, Q_inlet if len(given) > 1 else Q_inlet[..., 0, :], *others)
 
 
-def waveforms(network: Network, Q: Array, T: float, parameters: Parameters | None = None) -> dict[str, Array]:
+def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | None = None) -> dict[str, Array]:
     """The periodic waveforms for n samples of inflow, evenly spaced over one period without its end.
 
-    Q : (n,) or (B, n) [m³/s], or the pressure [Pa] that drives the inlet. T : period [s]. Returns arrays (n,) or (B, n)
-    by the FMU's names: ``inlet.P`` [Pa] or ``inlet.Q``, ``<site>.P``, ``.Q`` [m³/s] and ``.R`` [m],
-    ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
+    Q : (n,) or (B, n) [m³/s], or the pressure [Pa] that drives the inlet, of several as in :func:`solve`. T : period
+    [s]. Returns arrays (n,) or (B, n) by the FMU's names: ``inlet.P`` [Pa] or ``inlet.Q``, ``<site>.P``, ``.Q`` [m³/s]
+    and ``.R`` [m], ``<segment>.outlet.P`` and ``.Q``. Raises ValueError as :func:`solve`.
     """
-    Q = np.asarray(Q, float)
-    if Q.ndim not in (1, 2) or Q.shape[-1] == 0 or not np.all(np.isfinite(Q)):
-        raise ValueError(f"Q of shape {Q.shape}: must hold finite samples [m^3/s] over one period, (n,) or (B, n).")
+    given = {name: np.asarray(each, float) for name, each in _of_inlets(network, Q).items()}
+    for each in given.values():
+        if each.ndim not in (1, 2) or each.shape[-1] == 0 or not np.all(np.isfinite(each)):
+            raise ValueError(
+                f"Q of shape {each.shape}: must hold finite samples [m^3/s] over one period, (n,) or (B, n)."
+            )
     if not (np.isfinite(T) and T > 0.0):
         raise ValueError(f"T = {T:g} s: the period must be positive.")
-    n = Q.shape[-1]
+    n = next(iter(given.values())).shape[-1]
     omega = 2.0 * np.pi / T * np.arange(n // 2 + 1)
-    h = solve(network, np.fft.rfft(Q, norm="forward"), omega, parameters)
+    h = solve(network, {name: np.fft.rfft(each, norm="forward") for name, each in given.items()}, omega, parameters)
 
     def back(x: Array) -> Array:
         # for even n the samples carry only the cosine of the last (Nyquist) harmonic: the mean of the responses at ±ω,
@@ -143,13 +154,26 @@ def waveforms(network: Network, Q: Array, T: float, parameters: Parameters | Non
     P_node = back(h.P_node)
     at_sites = {"P": back(h.P_site), "Q": back(h.Q_site), "R": back(h.R_site)}
     at_outlets = {"P": P_node[..., topology(network).outlets, :], "Q": back(h.Q_outlet)}
-    at_inlet = {"inlet.P": P_node[..., 0, :], "inlet.Q": back(h.Q_inlet)}
-    result = {network.inlet.answer: at_inlet[network.inlet.answer]}
+    several = len(given) > 1
+    at_inlets = {"P": P_node, "Q": back(h.Q_inlet if several else h.Q_inlet[..., None, :])}
+    result = {inlet.answer: at_inlets[inlet.answer[-1]][..., i, :] for i, inlet in enumerate(network.inlets)}
     for i, site in enumerate(network.sites):
         result |= {f"{site.name}.{key}": x[..., i, :] for key, x in at_sites.items()}
     for i, outlet in enumerate(network.outlets):
         result |= {f"{outlet.segment}.outlet.{key}": x[..., i, :] for key, x in at_outlets.items()}
     return result
+
+
+def _of_inlets(network: Network, Q: Inflows) -> dict[str, Array]:
+    """What drives each inlet, by name. Raises ValueError where one is missing or unknown."""
+    names = [inlet.drive for inlet in network.inlets]
+    if not isinstance(Q, Mapping):
+        if len(names) > 1:
+            raise ValueError(f"Q: network {network.name} has {len(names)} inlets; give {', '.join(names)} by name.")
+        return {names[0]: Q}
+    if set(Q) != set(names):
+        raise ValueError(f"Q: it names {', '.join(Q)}; give what drives the inlets, {', '.join(names)}.")
+    return {name: Q[name] for name in names}
 
 
 # --- segments -----------------------------------------------------------------------------------------------------
@@ -241,26 +265,28 @@ def _ends(nodes: Topology) -> tuple[Array, Array]:
 
 
 def _conditions(
-    network: Network, c: Coefficients, nodes: Topology, Q: Array, omega: Array, Z_ref: Array
+    network: Network, c: Coefficients, nodes: Topology, Q: Sequence[Array], omega: Array, Z_ref: Array
 ) -> tuple[Array, Array, Array]:
     """Coefficients (B, n, n_nodes) of a F + b P' = r at each node, F = Z_ref · flow from the node into segments.
 
-    Inlet: F = Z_ref Q, or P' given. Junction: F = 0. Outlets: each kind's own (:mod:`solver.outlets`).
+    Inlets, Q : (B, n) of each: F = Z_ref Q, or P' given. Junction: F = 0. Outlets: each kind's own
+    (:mod:`solver.outlets`).
     Raises ValueError where this leaves the mean undetermined.
     """
     wall = c.wall.at(nodes.outlet_segment)
     _refuse_unreachable(network, c, wall)
-    shape = (max(c.B, len(Q)), len(omega), nodes.n_nodes)
+    shape = (max(c.B, len(Q[0])), len(omega), nodes.n_nodes)
     a, b, r = np.ones(shape, complex), np.zeros(shape, complex), np.zeros(shape, complex)
-    if network.inlet.causality == "flow":
-        r[..., 0] = Z_ref[..., 0] * Q
-    else:
-        a[..., 0], b[..., 0], r[..., 0] = 0.0, 1.0, Q - c.P_0 * (omega == 0.0)
+    for i, (inlet, given) in enumerate(zip(network.inlets, Q, strict=True)):
+        if inlet.causality == "flow":
+            r[..., i] = Z_ref[..., 0] * given
+        else:
+            a[..., i], b[..., i], r[..., i] = 0.0, 1.0, given - c.P_0 * (omega == 0.0)
     for ends in c.outlets:
         at = nodes.outlets.start + ends.index
         a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
-        open_ends = np.r_[0, nodes.outlets]
+        open_ends = np.r_[nodes.inlets, nodes.outlets]
         _check_mean(network, c, nodes, a[..., open_ends], b[..., open_ends])
     return a, b, r
 
@@ -276,7 +302,7 @@ def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
 
 
 def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b: Array) -> None:
-    """a, b : of a F + b P' = r at inlet and outlets. A given flow or a closed end has b = 0, a given pressure a = 0."""
+    """a, b : of a F + b P' = r at the open ends. A given flow or a closed end has b = 0, a given pressure a = 0."""
     if np.any(np.all(b == 0.0, axis=-1)):
         raise ValueError(
             f"network {network.name}: all outlets are closed, so the mean pressure is undetermined; "

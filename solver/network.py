@@ -9,7 +9,7 @@ fields, which every network has, segments, fluid and channels hold *terms* by ke
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -19,12 +19,12 @@ from . import effects
 from .catalogue import quantities_of, terms_of, value_of
 from .curve import Curve
 from .effect import Effect
+from .inlet import Inlet
 from .outlets import OUTLETS, Outlet
 from .quantity import Quantity, quantities, quantity
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms
 
-CAUSALITY = {"Q": "flow", "P": "pressure"}  # of an inlet, by the signal that is given there
 _BOTH = ("network", "wall")
 
 
@@ -139,83 +139,11 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Inlet:
-    """Where blood enters, and the default inflow: Q(t) = Q_max max(0, sin 2πt/T), the paper's cyclic half-sine.
-
-    causality : what is given there, the flow or the pressure; the other one is an output.
-    curve : what is given there in place of the half-sine; Q_max and T are then those of the curve.
-    """
-
-    segment: str
-    Q_max: float = quantity(55e-6, "m^3/s", "peak inflow Q_max", 0.0, 1.0, nominal=1e-4, display="mL/s")
-    T: float = quantity(0.5, "s", "period T", 1e-3, 100.0)
-    causality: str = "flow"
-    curve: Curve | None = None
-
-    def __post_init__(self) -> None:
-        if self.curve is not None:
-            object.__setattr__(self, "T", self.curve.period)
-        if self._flow is not None:
-            object.__setattr__(self, "Q_max", max(0.0, self._flow.largest))
-
-    @property
-    def _flow(self) -> Curve | None:
-        return self.curve if self.curve is not None and self.curve.signal == "Q" else None
-
-    @property
-    def drive(self) -> str:
-        """What is given at the inlet: inlet.Q or inlet.P."""
-        return {"flow": "inlet.Q", "pressure": "inlet.P"}[self.causality]
-
-    @property
-    def answer(self) -> str:
-        """What follows there: inlet.P or inlet.Q."""
-        return {"flow": "inlet.P", "pressure": "inlet.Q"}[self.causality]
-
-    @property
-    def shape(self) -> str:
-        """The default inflow in words."""
-        return "a half-sine" if self._flow is None else "the inflow of the network"
-
-    @property
-    def Q_mean(self) -> float:
-        """The mean of the inflow [m³/s]."""
-        return self.Q_max / np.pi if self._flow is None else self._flow.mean
-
-    @property
-    def P_mean(self) -> float | None:
-        """The mean of the pressure [Pa], where there is a curve of it."""
-        return self.curve.mean if self.curve is not None and self.curve.signal == "P" else None
-
-    def with_mean(self, Q_mean: float, T: float) -> Inlet:
-        """The same inlet with an inflow scaled to a mean [m³/s] and a period [s]; a half-sine where its mean is 0."""
-        if self._flow is None or self.Q_mean == 0.0:
-            return replace(self, Q_max=np.pi * Q_mean, T=T, curve=None)
-        return replace(self, curve=self._flow.scaled(Q_mean / self.Q_mean, T / self.T))
-
-    def Q(self, t: np.ndarray | float) -> np.ndarray:
-        """Inflow Q(t) [m³/s] at times t [s], any shape."""
-        # the phase is reduced first: sin(2π t/T) after many beats loses digits
-        phase = np.mod(np.asarray(t, float) / self.T, 1.0)
-        if self._flow is not None:
-            return self._flow.at(phase)
-        return self.Q_max * np.maximum(0.0, np.sin(2 * np.pi * phase))
-
-    @property
-    def given(self) -> Callable[[np.ndarray], np.ndarray] | None:
-        """What drives the inlet by default, Q(t) [m³/s] or P(t) [Pa]; None for a pressure inlet without a curve."""
-        if self.causality == "flow":
-            return self.Q
-        curve = self.curve
-        return None if curve is None or curve.signal == "Q" else lambda t: curve.at(np.asarray(t, float) / self.T)
-
-
-@dataclass(frozen=True)
 class Network:
     """A network of arteries, checked when it is made.
 
     eta : Poisson's ratio of the walls. P_ref : pressure at which R = R0. P_0 : uniform pressure at the start.
-    elastic_law, viscous_law : names from :mod:`solver.wall`.
+    elastic_law, viscous_law : names from :mod:`solver.wall`. inlet : the first or only one; further_inlets : others.
     Raises ValueError, one sentence that names the thing, its value, what is allowed and what to do.
     """
 
@@ -227,6 +155,7 @@ class Network:
     sites: tuple[Site, ...] = ()
     fluid: Fluid = Fluid()
     channels: tuple[Channel, ...] = field(default=(), kw_only=True)
+    further_inlets: tuple[Inlet, ...] = field(default=(), kw_only=True)
     eta: float = quantity(0.5, "1", "Poisson's ratio eta", 0.0, 0.5, tunable=False)
     P_ref: float = quantity(
         0.0, "Pa", "reference pressure P_ref", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False
@@ -242,7 +171,13 @@ class Network:
     OWNER: ClassVar[str] = "network"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "further_inlets", tuple(replace(i, first=False) for i in self.further_inlets))
         check_network(self)
+
+    @property
+    def inlets(self) -> tuple[Inlet, ...]:
+        """All of them, the one that has the name ``inlet`` first."""
+        return (self.inlet, *self.further_inlets)
 
     # --- numbers by name: these names are the FMU's -------------------------------------------------------------
 
@@ -316,8 +251,8 @@ class Network:
     # --- outputs --------------------------------------------------------------------------------------------------
 
     def output_units(self) -> dict[str, str]:
-        """SI unit of every output, by name: inlet.P or .Q, <site>.P, .Q, .R and <segment>.outlet.P, .Q."""
-        units = {self.inlet.answer: SIGNAL_UNITS[self.inlet.answer[-1]]}
+        """SI unit of every output, by name: P or Q of the inlets, <site>.P, .Q, .R and <segment>.outlet.P, .Q."""
+        units = {inlet.answer: SIGNAL_UNITS[inlet.answer[-1]] for inlet in self.inlets}
         for site in self.sites:
             units |= {f"{site.name}.{signal}": unit for signal, unit in SIGNAL_UNITS.items()}
         for outlet in self.outlets:
@@ -325,8 +260,8 @@ class Network:
         return units
 
     def channel_names(self) -> tuple[str, ...]:
-        """What a sensor may show: the outputs and what is given at the inlet."""
-        return (self.inlet.drive, *self.output_units())
+        """What a sensor may show: the outputs and what is given at the inlets."""
+        return (*(inlet.drive for inlet in self.inlets), *self.output_units())
 
     def segment(self, name: str) -> Segment:
         """The segment of that name (KeyError if there is none)."""
@@ -353,6 +288,7 @@ def from_dict(data: Mapping[str, Any]) -> Network:
     parts: dict[str, Any] = {
         "fluid": Fluid(**data["fluid"]),
         "inlet": _inlet(data["inlet"]),
+        "further_inlets": tuple(map(_inlet, data["further_inlets"])),
         "segments": tuple(Segment(**s) for s in data["segments"]),
         "junctions": tuple(Junction(**j) for j in junctions),
         "outlets": tuple(kind(**own) for kind, own in outlets),
@@ -364,5 +300,5 @@ def from_dict(data: Mapping[str, Any]) -> Network:
 
 def _inlet(data: Mapping[str, Any]) -> Inlet:
     c = data["curve"]
-    curve = Curve(c["signal"], tuple(c["t"]), tuple(c["values"]), c["interpolation"]) if c else None
+    curve = Curve(**{**c, "t": tuple(c["t"]), "values": tuple(c["values"])}) if c else None
     return Inlet(**{**data, "curve": curve})

@@ -31,7 +31,7 @@ class Reporter(Generic[S]):
 
 
 def reporter(model: Model) -> Reporter[State]:
-    """Outputs of a network: inlet.P (inlet.Q where that is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
+    """Outputs of a network: P of each inlet (Q where P is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
     stress; the nodal pressures are the multipliers H.
@@ -47,16 +47,16 @@ def reporter(model: Model) -> Reporter[State]:
     )
     both = Samples.of_parts(((gauss, places["A"]), (lobatto, places["Q"])))
     wall = model.coefficients.wall_at(segment, position)
-    n, B = len(segment), model.coefficients.B
+    n, B, first = len(segment), model.coefficients.B, len(network.inlets)
     outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
     units = network.output_units()
 
     def report(state: State) -> Array:
         result = np.empty((B, len(units)))
-        result[:, 0] = inlet_answer(model, state)
+        result[:, :first] = inlet_answers(model, state)
         A_t, AQ = gauss(state.A_t.reshape(B, -1)), both(state.y)
         A = AQ[:, :n]
-        P, Q, R = (result[:, 1 + i : 1 + 3 * n : 3] for i in range(3))  # at the sites
+        P, Q, R = (result[:, first + i : first + 3 * n : 3] for i in range(3))  # at the sites
         P[:] = wall.pressure(A, A_t)
         if model.wall.remembers:
             # the difference, not the stress itself: so that the answer is continuous as tau vanishes
@@ -66,24 +66,25 @@ def reporter(model: Model) -> Reporter[State]:
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
         Q[:] = AQ[:, n:]
         R[:] = np.sqrt(A / np.pi)
-        result[:, 1 + 3 * n :: 2] = state.H[:, outlets]
-        result[:, 2 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
+        result[:, first + 3 * n :: 2] = state.H[:, outlets]
+        result[:, first + 1 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
 
 
-def inlet_answer(model: Model, state: State) -> Array:
-    """The pressure [Pa] of an inlet with a given flow, the flow [m³/s] of one with a given pressure : (B,)."""
-    by_flow = model.network.inlet.causality == "flow"
-    return state.H[:, 0] if by_flow else state.Q[:, model.mesh.inlet_element, 0]
+def inlet_answers(model: Model, state: State) -> Array:
+    """Of inlets with a given flow the pressure [Pa], of those with a given pressure the flow [m³/s] : (B, n_inlets)."""
+    by_flow = [inlet.causality == "flow" for inlet in model.network.inlets]
+    return np.where(by_flow, state.H[:, model.mesh.topology.inlets], state.Q[:, model.mesh.inlet_element, 0])
 
 
 def volume_entered(model: Model, before: State, after: State) -> Array:
-    """The volume [m³] that has flowed in in the step from one state to the next : (B,), as the areas have taken it."""
+    """The volume [m³] that has flowed in at each inlet in the step from one state to the next : (B, n_inlets), as the
+    areas have taken it."""
     first, dt = (..., model.mesh.inlet_element, 0), after.dt
-    stages = before.Q[first] + dt * (SDIRK3 @ after.rates[first])
-    entered: Array = dt * (SDIRK3[-1] @ stages)
+    stages = before.Q[first] + dt * np.tensordot(SDIRK3, after.rates[first], 1)
+    entered: Array = dt * np.tensordot(SDIRK3[-1], stages, 1)
     return entered
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Parameters
+from .inflow import Drives, Inflows, drives_of
 from .mixing import Beats, fills_slowly
 from .muscl.step import State as CellState
 from .network import Network
@@ -23,7 +24,6 @@ from .schemes import AnySettings, Scheme, scheme_of
 from .units import SIGNAL_UNITS
 
 Array = np.ndarray
-Inflow = Callable[[Array], Array]
 Progress = Callable[[float, str], None]
 
 STARTS = ("rest", "periodic")
@@ -108,26 +108,9 @@ class Waveforms(Mapping[str, Array]):
         write_whole(path, f"{header}\n{rows}\n")
 
 
-def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
-    """The piecewise linear inflow through samples Q [m³/s] at times t [s] : (n,); repeated if a period [s] is given.
-
-    Raises ValueError unless both are finite, of one length, with increasing t.
-    """
-    t, Q = np.asarray(t, float), np.asarray(Q, float)
-    if t.ndim != 1 or t.shape != Q.shape or len(t) < 2:
-        raise ValueError(
-            f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}."
-        )
-    if period is not None and not (np.isfinite(period) and period >= t[-1] - t[0] > 0.0):
-        raise ValueError(f"inflow samples: period = {period!r} s must be finite and no shorter than the samples.")
-    if not (np.isfinite(t).all() and np.isfinite(Q).all() and (np.diff(t) > 0).all()):
-        raise ValueError("inflow samples: t must increase and all values must be finite; remove gaps first.")
-    return lambda at: np.interp(at, t, Q, period=period)
-
-
 def simulate(
     network: Network,
-    inflow: Inflow | None = None,
+    inflow: Inflows | None = None,
     duration: float | None = None,
     *,
     parameters: Parameters | None = None,
@@ -139,8 +122,9 @@ def simulate(
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
     inflow : Q(t) [m³/s] for an array of times (n,), as (n,) or for each of a batch as (n, B); default the network's
-    inlet. parameters : values by FMU variable name, numbers or arrays of B numbers (a batch). The time grid is n·dt; it
-    ends at or just after the duration.
+    inlet; of several inlets by the names of what drives them, {"inlet.Q": …, "LSA.inlet.Q": …}. parameters : values by
+    FMU variable name, numbers or arrays of B numbers (a batch). The time grid is n·dt; it ends at or just after the
+    duration.
     start : "rest", or "periodic": near the beats that this inflow repeats at the inlet's period (:mod:`~solver.start`).
     A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
@@ -159,7 +143,7 @@ def simulate(
 
 def simulate_periodic(
     network: Network,
-    inflow: Inflow | None = None,
+    inflow: Inflows | None = None,
     period: float | None = None,
     *,
     parameters: Parameters | None = None,
@@ -212,7 +196,7 @@ def simulate_periodic(
 
 
 def repeating_beat(
-    network: Network, inflow: Inflow | None = None, period: float | None = None, *,
+    network: Network, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None,
     tolerance: float = 1e-5, max_beats: int = 100, progress: Progress | None = None,
 ) -> Waveforms:  # fmt: skip
@@ -238,7 +222,7 @@ def repeating_beat(
 
 
 def _periodic_run(
-    network: Network, inflow: Inflow | None, period: float | None, parameters: Parameters | None,
+    network: Network, inflow: Inflows | None, period: float | None, parameters: Parameters | None,
     settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered",
 ) -> tuple[_Run, int]:  # fmt: skip
     """The run whose beats are to repeat, and the steps of a beat."""
@@ -263,24 +247,21 @@ def _check_network(network: Any) -> None:
 
 
 def _run(
-    network: Network, inflow: Inflow | None, parameters: Parameters | None,
+    network: Network, inflow: Inflows | None, parameters: Parameters | None,
     scheme: Scheme, settings: AnySettings, dt: float,
 ) -> _Run:  # fmt: skip
     model = scheme.build(network, parameters, settings)
-    drive = inflow or network.inlet.given
-    if drive is None:
-        raise ValueError(f"network {network.name}: its inlet is driven by a pressure; give it as inflow, P(t) in Pa.")
-    return _Run(scheme, model, scheme.reporter(model), drive, dt)
+    return _Run(scheme, model, scheme.reporter(model), drives_of(network, inflow, model.coefficients.B), dt)
 
 
 @dataclass(frozen=True)
 class _Run:
-    """A model under an inflow, in steps of dt [s]."""
+    """A model under inflows by name, in steps of dt [s]."""
 
     scheme: Scheme
     model: Any
     report: Reporter[Any]
-    inflow: Inflow
+    drives: Drives
     dt: float
 
     def begin(self, start: Waveforms | str | None, period: float) -> Any:
@@ -288,7 +269,7 @@ class _Run:
         if start is None or start == "rest":
             return self.scheme.initial_state(self.model)
         if start == "periodic":
-            return self.scheme.periodic_state(self.model, self.flow, period, dt=self.dt)
+            return self.scheme.periodic_state(self.model, self.drives, period, dt=self.dt)
         if not isinstance(start, Waveforms):
             raise ValueError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:
@@ -332,41 +313,27 @@ class _Run:
                 f"{n * self.dt:g} s in steps of {self.dt:g} s: the outputs would take {size / 1e9:.0f} GB, more than "
                 f"{_LARGEST_TABLE / 1e9:.0f} GB; run for a shorter time, with fewer sites or a smaller batch."
             )
-        Q = self.flow((round(state.t / self.dt) + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
+        drive = self.drives((round(state.t / self.dt) + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
         table = np.empty((n + 1, B, len(names)))
         table[0] = self.report(state)
         every = max(1, n // 50)
         for i in range(n):
-            state = self.scheme.step(self.model, state, self.dt, Q[i])
+            state = self.scheme.step(self.model, state, self.dt, drive[i])
             table[i + 1] = self.report(state)
             if progress and (i + 1) % every == 0:
                 progress((i + 1) / n, label)
         return table, state
 
-    def flow(self, t: Array) -> Array:
-        """The inflow [m³/s], or the pressure of the inlet [Pa], at times t [s] : t.shape, or t.shape + (B,)."""
-        Q, B = np.asarray(self.inflow(t.ravel()), float), self.model.coefficients.B
-        if Q.shape not in (t.ravel().shape, (t.size, B)):
-            raise ValueError(
-                f"inflow: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or one for each "
-                f"of the {B} parameter sets, {(t.size, B)}."
-            )
-        bad = np.argwhere(~np.isfinite(Q))
-        if len(bad):
-            first = tuple(bad[0])
-            raise ValueError(f"inflow: Q = {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
-        return Q.reshape(t.shape + Q.shape[1:])
-
     def waveforms(self, table: Array, beats: float, change: float, state: Any, resumable: bool = True) -> Waveforms:
         """The result of a table (n + 1, B, n_outputs) of the run until ``state``, in which it ends if ``resumable``."""
         end = End(state, self.model.mesh, self.dt) if resumable else None
         time = np.arange(len(table)) * self.dt
-        drive = self.model.network.inlet.drive
         since = 0.0 if end is None else (round(end.state.t / self.dt) - len(table) + 1) * self.dt
-        values = {drive: self.flow(since + time).T}
+        values = {name: self.drives.values(name, since + time).T for name in self.drives.inflows}
         for i, name in enumerate(self.report.names):
             values[name] = table[:, :, i].T.copy() if self.model.coefficients.batched else table[:, 0, i].copy()
-        units = {drive: SIGNAL_UNITS[drive[-1]], **dict(zip(self.report.names, self.report.units, strict=True))}
+        units = {name: SIGNAL_UNITS[name[-1]] for name in self.drives.inflows}
+        units |= dict(zip(self.report.names, self.report.units, strict=True))
         return Waveforms(time, values, units, beats, change, end, state.halved)
 
 

@@ -28,7 +28,7 @@ from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.stage import Operators, Stage, operators, operators_about, start
-from .scheme.step import State, initial_state
+from .scheme.step import State, drives_of, initial_state
 from .units import SIGNAL_UNITS
 
 Array = np.ndarray
@@ -47,8 +47,9 @@ _SMALL = 1e-4  # a correction of this part of the waves is the last
 def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None) -> State:
     """A state at time t [s] near that of the beats which repeat under what drives the inlet.
 
-    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where inlet.causality is pressure; (n,) or of each member
-    (n, B). T : its period [s]. dt : the step [s] to come, default the settings'.
+    drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where the inlet's causality is pressure; (n,) or of each
+    member (n, B); of several inlets (n, n_inlets) or (n, n_inlets, B). T : its period [s]. dt : the step [s] to come,
+    default the settings'.
     Raises ValueError where the network has no steady state with the mean of the drive.
     """
     samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
@@ -94,25 +95,30 @@ def _amplitudes(x: Array | Sequence[Array]) -> Array:
 
 
 def _steady(model: Model, mean: Array) -> State:
-    """The steady state under a constant inflow [m³/s] or pressure at the inlet [Pa], one or (B,)."""
+    """The steady state under a constant inflow [m³/s] or pressure at the inlet [Pa], one or (B,), or of each inlet."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
     # the flow that passes, and the one that P_0 drives on the way
-    flow = _SETTLED * (model.inlet.flow(mean, c.P_0[:, 0]) + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
+    means = drives_of(model, mean)
+    driven = sum(inlet.flow(each, c.P_0[:, 0]) for inlet, each in zip(model.inlets, means, strict=True))
+    flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
     try:
         for tau in _LONG:
-            stage = Stage.of(model, operators_about(model, tau, y, H), y, mean, c.P_venous, 0.0)
+            stage = Stage.of(model, operators_about(model, tau, y, H), y, means, c.P_venous, 0.0)
             # a guess of the flow that leaves the area as it is: a long step would multiply what does not
             Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
             y = stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
     except (NonPhysicalState, np.linalg.LinAlgError) as error:
         where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
-        given = model.network.inlet.drive
+        names = [inlet.drive for inlet in model.network.inlets]
+        given = ", ".join(
+            f"{name} = {np.mean(x):g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, means, strict=True)
+        )
         raise ValueError(
-            f"network {model.network.name}: it has no steady state with {given} = {np.mean(mean):g} "
-            f"{SIGNAL_UNITS[given[-1]]}, the mean{where}; change {given} or the outlets, or start from rest."
+            f"network {model.network.name}: it has no steady state with {given}, the mean{where}; "
+            f"change {names[0]} or the outlets, or start from rest."
         ) from None
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
 
@@ -190,7 +196,7 @@ def _left_over(model: Model, waves: _Waves, drive: Array) -> tuple[Array, Array]
     R, net = list[Array](), list[Array]()
     for y, rate, H, driven in zip(*map(_samples, (waves.y, rates, waves.H, drive)), strict=True):
         # an implicit step from where it would have come from at its present rate
-        stage = Stage.of(model, o, y - o.tau * rate, driven, P_venous, 0.0)
+        stage = Stage.of(model, o, y - o.tau * rate, drives_of(model, driven), P_venous, 0.0)
         Q = model.layout.part(y, "Q")
         R.append(terms.residual(stage.start, Q, H))
         net.append(stage.node_residual(Q, H))

@@ -28,6 +28,8 @@ def read_text(path: str | os.PathLike[str]) -> str:
         raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+    except ValueError:  # a path with a zero character
+        raise ValueError(f"{str(path)!r}: cannot be read (no name of a file); check the path.") from None
 
 
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:

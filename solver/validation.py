@@ -17,6 +17,7 @@ from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _LARGEST_RATIO = 100.0  # of |phiNL| to phi0 [s]; the paper's are 0.4 to 1.4 s
+_SAME_PERIOD = 1e-9
 _RESERVED = {"inlet", "fluid", "network", "time", "outlet", "venous"}
 
 
@@ -28,7 +29,8 @@ def check_network(network: Described) -> None:
         raise ValueError(f"network {network.name}: it has no segments; give at least one.")
     _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
     _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
-    _check_law("inlet.causality", network.inlet.causality, ("flow", "pressure"))
+    for inlet in network.inlets:
+        _check_law(f"{inlet.name}.causality", inlet.causality, ("flow", "pressure"))
     for prefix, owner in _all_owners(network):
         for key, quantity_ in quantities_of(owner).items():
             quantity_.check(f"{prefix}.{key}", value_of(owner, key))
@@ -38,6 +40,7 @@ def check_network(network: Described) -> None:
         _check_ratio(segment.name, np.asarray(segment.phi0), np.asarray(segment.phiNL))
     _check_references(network)
     _check_topology(network)
+    _check_periods(network)
     _check_channels(network)
 
 
@@ -45,7 +48,7 @@ def _all_owners(network: Described) -> Iterator[tuple[str, Any]]:
     junctions = {f"{junction.name}.junction": f"junction {junction.name}" for junction in network.junctions}
     for prefix, owner in network.owners():
         yield junctions.get(prefix, prefix), owner
-    yield "inlet", network.inlet
+    yield from ((inlet.name, inlet) for inlet in network.inlets)
     for site in network.sites:
         yield f"site {site.name}", site
 
@@ -125,17 +128,18 @@ def _check_references(network: Described) -> None:
     mentions = [(f"junction {j.name}", s) for j in network.junctions for s in (*j.inflow, *j.outflow)]
     mentions += [(f"site {s.name}", s.segment) for s in network.sites]
     mentions += [(f"outlet {o.segment}", o.segment) for o in network.outlets]
-    mentions += [("inlet", network.inlet.segment)]
+    mentions += [(inlet.name, inlet.segment) for inlet in network.inlets]
     for where, segment in mentions:
         if segment not in names:
             raise ValueError(f"{where}: there is no segment {segment!r}; {_suggest(segment, names)}")
 
 
 def _check_topology(network: Described) -> None:
-    """One root, every end joined to exactly one thing, every segment reachable from the inlet."""
+    """Every end joined to exactly one thing, every segment reachable from the inlet."""
     starts: dict[str, list[str]] = {s.name: [] for s in network.segments}
     ends: dict[str, list[str]] = {s.name: [] for s in network.segments}
-    starts[network.inlet.segment].append("the inlet")
+    for inlet in network.inlets:
+        starts[inlet.segment].append("the inlet" if inlet.first else f"inlets.{inlet.segment}")
     for junction in network.junctions:
         if not junction.inflow or not junction.outflow:
             there = ", ".join(junction.inflow + junction.outflow) or "nothing"
@@ -155,7 +159,7 @@ def _check_topology(network: Described) -> None:
     if roots:
         raise ValueError(
             f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
-            f"{network.inlet.segment}; let a junction flow into it or remove it."
+            f"{network.inlet.segment}; let a junction flow into it, give it an inlet [inlets.{roots[0]}] or remove it."
         )
     for name, at in ends.items():
         if not at:
@@ -169,6 +173,15 @@ def _check_topology(network: Described) -> None:
                     f"segment {name}: its {which} end is joined twice ({' and '.join(at)}); keep one of them."
                 )
     _check_reachable(network)
+
+
+def _check_periods(network: Described) -> None:
+    for inlet in network.inlets[1:]:
+        if abs(inlet.T - network.inlet.T) > _SAME_PERIOD * inlet.T:
+            raise ValueError(
+                f"{inlet.name}.T = {inlet.T:g} s: all inlets of a network have one period and inlet.T is "
+                f"{network.inlet.T:g} s; give both the same."
+            )
 
 
 def _check_reachable(network: Described) -> None:

@@ -10,6 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from network_text import FORK
 from random_networks import networks
+from refused import refused
 
 from solver.files import bundled, dumps, find_network, loads, parse_quantity, read_network, write_network, write_whole
 from solver.network import Network, Site
@@ -64,6 +65,12 @@ BAD_FILES = {
     "section twice": ("[outlets.PD]", "[outlets.BT]", ["not valid TOML", "line 39", "twice", "correct that line"]),
     "unit without quotes": ('L = "4 cm"', "L = 4 cm", ["not valid TOML", "line 12", "stands in quotes"]),
     "open at the end": ("R_t = 0.3\n", "R_t = ", ["not valid TOML", "line 40", "the end of the file", "correct"]),
+    "endless integer": ("R_t = 0.3", "R_t = 1" + "0" * 5000, ["not valid TOML", "integer of thousands of digits"]),
+    "mu without density": (
+        'rho = "1.06 g/cm^3"',
+        'rho = 0\nmu = "4 mPa*s"',
+        ["fluid.rho = 0 kg/m^3 is not allowed", "[1, 100000] kg/m^3"],
+    ),
     "bad segment name": (
         "[segments.AA]",
         '[segments."A A"]',
@@ -79,12 +86,7 @@ def test_error_says_file_place_value_and_remedy(case: str, tmp_path: Path) -> No
     assert FORK.count(old) == 1
     path = tmp_path / "fork.toml"
     path.write_text(FORK.replace(old, new), encoding="utf-8")
-    with pytest.raises(ValueError) as error:
-        read_network(path)
-    sentence = str(error.value)
-    assert sentence.startswith(f"{path}: ")
-    assert [word for word in words if word not in sentence] == []
-    assert sentence.endswith((".", "?")) and "\n" not in sentence
+    refused(lambda: read_network(path), f"{path}: ", words)
 
 
 @pytest.mark.parametrize(

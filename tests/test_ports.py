@@ -74,15 +74,15 @@ def test_prediction(aorta: Network, interpolation: str, h: float) -> None:
     said, before = component.ports(), component.shown
     for change in (0.0, 1 * ML, -20 * ML):
         partner = copy.copy(component)
-        Q = before.drive + component.slope * h + change
+        Q = (before.drive + component.slope * h)[0] + change
         if interpolation == "smooth":  # Q(t) as extrapolated, and then Q(t + h)
-            partner.step(20 * h, h, {**values, "inlet.Q": before.drive})
+            partner.step(20 * h, h, {**values, "inlet.Q": before.drive[0]})
             partner.step(21 * h, h, {**values, "inlet.Q": Q})
             P = float(partner.known.state.H[0, 0])
         else:
             partner.step(20 * h, h, {**values, "inlet.Q": Q})
             P = partner.outputs()[0]
-        expected = said["inlet.P_0"] + said["inlet.Z_0"] * before.drive + said["inlet.Z"] * Q
+        expected = said["inlet.P_0"] + said["inlet.Z_0"] * before.drive[0] + said["inlet.Z"] * Q
         assert abs(P - expected) <= 0.01 * said["inlet.Z"] * abs(change) + 1e-6 * abs(P)
 
 
@@ -193,7 +193,7 @@ def test_volume(aorta: Network, interpolation: str, h: float) -> None:
         now = component.venous_flows().sum()
         left, flows = left + 0.5 * h * (flows + now), now
     stored, venous, _ = component.outputs()[-3:]
-    Q[-1] = component.shown.drive  # what is extrapolated counts as well
+    Q[-1] = component.shown.drive[0]  # what is extrapolated counts as well
     came = h * (Q[1:].sum() if interpolation == "hold" else (0.5 * (Q[1:] + Q[:-1])).sum())
     assert stored - V + venous == pytest.approx(came, abs=1e-18)
     assert venous == pytest.approx(left, rel=1e-4)
@@ -234,7 +234,7 @@ def coupled(
         P_0, Z, Z_0 = component.outputs()[0], 0.0, 0.0
         if not explicit:
             P_0, Z, Z_0 = (component.ports()[f"inlet.{key}"] for key in ("P_0", "Z", "Z_0"))
-            P_0 -= (factor - 1.0) * Z * (component.shown.drive + component.slope * h)
+            P_0 -= (factor - 1.0) * Z * (component.shown.drive + component.slope * h)[0]
             Z *= factor
         new = ejected(V, Q, i * h, h, P_0 + Z_0 * Q, Z)
         component.step(i * h, h, {**values, "inlet.Q": Q if interpolation == "smooth" else new})

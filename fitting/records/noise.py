@@ -186,7 +186,13 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
 
 
 def check_flow_driven(network: Network) -> None:
-    """Raise ValueError unless the flow is given at the inlet: records drive a network by their inlet.Q."""
+    """Raise ValueError unless the flow is given at one inlet: records drive a network by their inlet.Q."""
+    if network.further_inlets:
+        names = ", ".join(inlet.drive for inlet in network.further_inlets)
+        raise ValueError(
+            f"network {network.name}: it has further inlets ({names}), but records are compared with {INFLOW} alone "
+            "given; take a network without [inlets]."
+        )
     if network.inlet.causality != "flow":
         raise ValueError(
             f"network {network.name}: its inlet is driven by a pressure, but records are compared with {INFLOW} given; "

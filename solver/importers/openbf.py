@@ -18,6 +18,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..network import Fluid, Segment
+from ..quantity import Quantity, quantities
 from ..text import check_keys, read_text
 from .sections import Edge, Sections, joined, names
 
@@ -54,12 +56,26 @@ def _parsed(text: str) -> Mapping[str, Any]:
         import yaml
     except ImportError:
         raise ValueError("reading YAML needs PyYAML, which is not installed; pip install pyyaml.") from None
+
+    class Loader(yaml.SafeLoader):
+        """Of two equal keys YAML keeps the last without a word; here they are an error."""
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            names = [self.construct_object(key, deep=True) for key, _ in node.value]
+            for i, (key, _) in enumerate(node.value):
+                if names[i] in names[:i]:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"the key {names[i]} occurs twice", key.start_mark
+                    )
+            return super().construct_mapping(node, deep)
+
     try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        data = yaml.load(text, Loader)
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that is none
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
-        raise ValueError(f"not valid YAML{line} ({getattr(error, 'problem', error)}); correct it.") from None
+        reason = " ".join(str(getattr(error, "problem", error)).split())
+        raise ValueError(f"not valid YAML{line} ({reason}); correct it.") from None
     except RecursionError:
         raise ValueError("not a network of openBF: it is nested too deeply; correct it.") from None
     return _mapping(data, "top level")
@@ -69,7 +85,7 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
     check_keys("top level", data, _TOP)
     blood = _mapping(data.get("blood"), "blood")
     check_keys("blood", blood, _BLOOD)
-    rho, mu = (_number(blood, key, "blood") for key in _BLOOD)
+    rho, mu = _number(blood, "rho", "blood", allowed=quantities(Fluid)["rho"]), _number(blood, "mu", "blood")
     vessels = data.get("network")
     if not isinstance(vessels, list) or not vessels:
         raise ValueError("network: must be a list of vessels, each with label, sn, tn, L, E and R0; add it.")
@@ -78,6 +94,8 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
         for key in ("label", "sn", "tn"):
             if key not in vessel:
                 raise ValueError(f"vessel {n}: the key {key} is missing; add it.")
+            if not isinstance(vessel[key], str | int) or isinstance(vessel[key], bool):
+                raise ValueError(f"vessel {n}: {key} = {vessel[key]!r} must be a number or text; correct it.")
         check_keys(f"vessel {vessel['label']}", vessel, _VESSEL)
         if vessel.get("visco-elastic", False):
             raise ValueError(f"vessel {vessel['label']}: visco-elastic cannot be imported; give C_v in the TOML file.")
@@ -86,7 +104,8 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
         Edge(name, str(v["sn"]), str(v["tn"]), f"vessel {v['label']}") for name, v in zip(labels, vessels, strict=True)
     ]
     first, junctions, free = joined(edges)
-    times, flows = _inflow(path.parent / str(data.get("inlet_file", f"{data.get('project_name', '')}_inlet.dat")))
+    project = str(_text(data, "project_name", path.stem))
+    times, flows = _inflow(path.parent / str(_text(data, "inlet_file", f"{project}_inlet.dat")))
     exponent = _exponent(vessels, as_run)
     pressures = [_number(v, "Pext", f"vessel {v['label']}", 0.0) for v in vessels]
     common = pressures[0] if len(set(pressures)) == 1 else 0.0
@@ -98,7 +117,7 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
         elif used := [key for key in ("R1", "R2", "Cc", "Rt", "Pout") if key in vessel]:
             raise ValueError(f"vessel {vessel['label']}: {used[0]} belongs to a vessel that ends; remove it.")
     return {
-        "name": names([str(data.get("project_name", path.stem))])[0],
+        "name": names([project])[0],
         "reference": "",
         "network": {"eta": ETA, "P_ref": f"{common!r} Pa", "P_0": f"{common!r} Pa"},
         "fluid": {"rho": f"{rho!r} kg/m^3", "mu": f"{mu!r} Pa*s", "alpha": 1, "friction": 2.0 * (exponent + 2.0)},
@@ -126,17 +145,14 @@ def _radii(vessel: Mapping[str, Any], as_run: bool) -> tuple[float, float]:
     where = f"vessel {vessel['label']}"
     if "R0" not in vessel and "Rp" not in vessel:
         raise ValueError(f"{where}: it has no radius; give R0, or Rp and Rd.")
-    proximal = _number(vessel, "Rp" if "Rp" in vessel else "R0", where)
-    distal = proximal if as_run else _number(vessel, "Rd", where, proximal)
-    for key, R in (("R0" if "R0" in vessel else "Rp", proximal), ("Rd", distal)):
-        if not R > 0.0:
-            raise ValueError(f"{where}: {key} = {R:g} m must be positive; check the value.")
-    return proximal, distal
+    allowed = quantities(Segment)["R0"]
+    proximal = _number(vessel, "Rp" if "Rp" in vessel else "R0", where, allowed=allowed)
+    return proximal, proximal if as_run else _number(vessel, "Rd", where, proximal, allowed)
 
 
 def _thickness(vessel: Mapping[str, Any], R: float) -> float:
     if "h0" in vessel:
-        return _number(vessel, "h0", f"vessel {vessel['label']}")
+        return _number(vessel, "h0", f"vessel {vessel['label']}", allowed=quantities(Segment)["h"])
     return float(f"{R * (0.2802 * math.exp(-505.3 * R) + 0.1324 * math.exp(-11.14 * R)):.8g}")
 
 
@@ -148,10 +164,10 @@ def _segment(vessel: Mapping[str, Any], as_run: bool) -> dict[str, Any]:
 
     R = _radii(vessel, as_run)
     return {
-        "L": f"{_number(vessel, 'L', where)!r} m",
+        "L": f"{_number(vessel, 'L', where, allowed=quantities(Segment)['L'])!r} m",
         "R0": both(*R),
         "h": both(*(_thickness(vessel, each) for each in R)),
-        "E": f"{_number(vessel, 'E', where)!r} Pa",
+        "E": f"{_number(vessel, 'E', where, allowed=quantities(Segment)['E'])!r} Pa",
     }
 
 
@@ -159,7 +175,12 @@ def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, An
     where, kind = f"vessel {vessel['label']}", vessel.get("outlet")
     if kind is not None and kind not in _OUTLETS:
         raise ValueError(f"{where}: outlet = {kind!r} cannot be imported; use one of {', '.join(_OUTLETS)}.")
-    if not {"R1", "R2", "Cc"} & set(vessel):
+    given = [key for key in ("R1", "R2", "Cc") if key in vessel]
+    if bool(given) != (kind in ("wk2", "wk3")) and kind is not None:
+        raise ValueError(
+            f"{where}: outlet = {kind!r} with {', '.join(given) or 'neither R1 nor Cc'}; correct one of them."
+        )
+    if not given:
         return {"R_t": _number(vessel, "Rt", where, 0.0)}
     R1, C = _number(vessel, "R1", where), _number(vessel, "Cc", where)
     R2, matched = _number(vessel, "R2", where, 0.0), bool(vessel.get("inlet_impedance_matching", False))
@@ -186,7 +207,9 @@ def _inflow(path: Path) -> tuple[list[float], list[float]]:
         try:
             t, Q = map(float, line.split())
         except ValueError:
-            raise ValueError(f"{path}, line {n}: must hold a time and a flow, but is {line.strip()!r}.") from None
+            t = Q = math.nan
+        if not (math.isfinite(t) and math.isfinite(Q)):
+            raise ValueError(f"{path}, line {n}: must hold a time and a flow, but is {line.strip()!r}; correct it.")
         rows.append((t, Q))
     rows.sort()
     return [t for t, _ in rows], [Q for _, Q in rows]
@@ -198,7 +221,17 @@ def _mapping(value: Any, where: str) -> Mapping[str, Any]:
     return {str(key): each for key, each in value.items()}
 
 
-def _number(table: Mapping[str, Any], key: str, where: str, otherwise: float | None = None) -> float:
+def _text(table: Mapping[str, Any], key: str, otherwise: str) -> str | int:
+    """Text, or a number that stands for it."""
+    value = table.get(key, otherwise)
+    if not isinstance(value, str | int) or isinstance(value, bool) or value == "":
+        raise ValueError(f"{key} = {value!r} must be text; correct it, or leave it out.")
+    return value
+
+
+def _number(
+    table: Mapping[str, Any], key: str, where: str, otherwise: float | None = None, allowed: Quantity | None = None
+) -> float:
     if key not in table and otherwise is not None:
         return otherwise
     if key not in table:
@@ -210,4 +243,6 @@ def _number(table: Mapping[str, Any], key: str, where: str, otherwise: float | N
         found = math.nan
     if not math.isfinite(found) or isinstance(value, bool):
         raise ValueError(f"{where}: {key} = {value!r} must be a number in SI units; correct it.")
+    if allowed is not None:
+        allowed.check(f"{where}: {key}", found)
     return found

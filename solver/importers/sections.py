@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,13 @@ class Edge:
 
 
 def names(labels: Sequence[str]) -> list[str]:
-    """Names that a network may hold, of labels: "1-Ascending aorta" is Ascending_aorta, or v1_… where that is taken."""
+    """Names that a network may hold, of labels: "1-Ascending aorta" is Ascending_aorta, or v1_… where that is taken.
+
+    Raises ValueError for a label without a letter or digit.
+    """
+    for label in labels:
+        if not re.search("[A-Za-z0-9]", label):
+            raise ValueError(f"{label!r}: a name needs a letter from A to Z or a digit; rename it.")
     plain = [re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_") for label in labels]
     short = [re.sub(r"^[\d_]+", "", name) for name in plain]
     return [
@@ -33,17 +40,24 @@ def names(labels: Sequence[str]) -> list[str]:
     ]
 
 
-def joined(edges: Iterable[Edge]) -> tuple[str, list[dict[str, Any]], list[str]]:
+def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, list[dict[str, Any]], list[str]]:
     """The name of the first vessel, the sections of the junctions, and the names of the vessels that end freely.
 
-    Raises ValueError where not exactly one vessel begins at a node that no other ends at.
+    further : names of vessels with an inlet of their own. Raises ValueError where not exactly one vessel beside these
+    begins at a node that no other ends at.
     """
     edges = list(edges)
+    taken = Counter(e.name for e in edges)
+    for e in edges:
+        if taken[e.name] > 1:
+            raise ValueError(f"{e.where}: the name {e.name} occurs {taken[e.name]} times; names must be unique.")
+        if e.start == e.end:
+            raise ValueError(f"{e.where}: it begins and ends at the same node, {e.start}; correct one of them.")
     starts, ends = [{getattr(e, side) for e in edges} for side in ("start", "end")]
-    roots = [e for e in edges if e.start not in ends]
+    roots = [e for e in edges if e.start not in ends and e.name not in further]
     if len(roots) != 1:
-        who = ", ".join(e.where for e in roots[:5]) or "none"
-        raise ValueError(f"{len(roots)} vessels begin where no other ends ({who}); there must be one, the inlet.")
+        who = f"{len(roots)} vessels begin" + (f" ({', '.join(e.where for e in roots[:5])})" if roots else "")
+        raise ValueError(f"{who} where no other ends; there must be one, the inlet.")
     junctions = []
     for node in dict.fromkeys(e.end for e in edges):
         if node in starts:

@@ -23,8 +23,9 @@ from .sections import Edge, Sections, joined, names, value
 
 _NAMES, _NODES = ("name", "id"), ("from", "to", "parent")
 _SETTING = re.compile(
-    r"((name|species|reference|elastic_law|viscous_law|sites)\s*=|(network|fluid|inlet|junctions|sites|channels)\.)"
+    r"((name|species|reference|elastic_law|viscous_law|sites)\s*=|(network|fluid|inlet|inlets|junctions|sites|channels)\.)"
 )
+_LIKE_A_SETTING = re.compile(r"[A-Za-z_]+(\.[A-Za-z_]\w*)+\s*=")
 _SEGMENT = {key: q.unit for key, q in (quantities(Segment) | terms_of("segment") | SEGMENT).items()}
 _OUTLET = {key: q.unit for kind in OUTLETS for key, q in (quantities(kind) | terms_of("outlet")).items()}
 _AT_ENDS = {f"{key}_{end}": key for key in (*ENDS, *SEGMENT) for end in ("in", "out")}
@@ -34,14 +35,18 @@ def read_sheet(path: str | Path) -> Sections:
     """The sections of a table of vessels. Raises ValueError, one sentence with the file, and the line or the column."""
     table = read(path)
     check_columns(table, (*_NAMES, *_NODES, *_SEGMENT, *_AT_ENDS, *_OUTLET))
+    _check_settings(table)
     label = next((key for key in _NAMES if key in table.names), None)
     if label is None:
         raise ValueError(f"{path}: no column name, which says how each vessel is called; add it.")
     rows = [(n, dict(zip(table.names, cells, strict=True))) for n, cells in table.rows]
+    for n, row in rows:
+        if not row[label]:
+            raise ValueError(f"{path}, line {n}: the vessel has no {label}; give it one, or remove the line.")
     own = dict(zip((row[label] for _, row in rows), names([row[label] for _, row in rows]), strict=False))
     try:
-        first, junctions, free = joined(_edges(table, rows, own, label))
         settings = _settings(table)
+        first, junctions, free = joined(_edges(table, rows, own, label), settings.get("inlets", {}))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     units = dict(zip(table.names, table.units, strict=True))
@@ -57,9 +62,14 @@ def read_sheet(path: str | Path) -> Sections:
             )
         if outlet:
             outlets[name] = outlet
-    of_junctions = settings.pop("junctions", {})
-    for junction in junctions:
-        junction.update(of_junctions.get(junction["in"][0], {}))
+    of_junctions, at = settings.pop("junctions", {}), {junction["in"][0]: junction for junction in junctions}
+    for name, numbers in of_junctions.items():
+        if name not in at or not isinstance(numbers, dict):
+            raise ValueError(
+                f"{path}: # junctions.{name}: a junction has the name of the first vessel that flows in; "
+                f"write # junctions.NAME.k with one of {', '.join(at) or 'none'}."
+            )
+        at[name].update(numbers)
     settings["inlet"] = {"segment": first, **settings.get("inlet", {})}
     stem = names([Path(path).stem])[0]
     return {"name": stem, **settings, "segments": segments, "junctions": junctions, "outlets": outlets}
@@ -77,6 +87,13 @@ def _edges(table: Table, rows: list[tuple[int, dict[str, str]]], own: dict[str, 
         start, end = (row["from"], row["to"]) if by_nodes else (row["parent"], row[label])
         edges.append(Edge(own[row[label]], start, end, row[label]))
     return edges
+
+
+def _check_settings(table: Table) -> None:
+    """Raise ValueError for a line that looks like a setting, # fluids.rho = …, and is none."""
+    for line in table.comments:
+        if _LIKE_A_SETTING.match(line) and not _SETTING.match(line):
+            raise ValueError(f"{table.path}: # {line}: no such setting; correct its name, or write it without =.")
 
 
 def _settings(table: Table) -> Sections:
@@ -111,13 +128,15 @@ def to_sheet(network: Network) -> str:
     data = tomllib.loads(dumps(network))
     texts: list[tuple[str, Any]] = [(key, each) for key, each in data.items() if isinstance(each, str)]
     texts += [(f"{key}.{k}", each) for key in ("network", "fluid", "inlet") for k, each in data[key].items()]
+    texts += [(f"inlets.{name}", each) for name, each in data.get("inlets", {}).items()]
     own = {j["in"][0]: {k: v for k, v in j.items() if k not in ("in", "out")} for j in data.get("junctions", [])}
     texts += [(f"junctions.{name}", numbers) for name, numbers in own.items() if any(numbers.values())]
     sites = data["sites"]
     texts += [(f"sites.{name}", each) for name, each in sites.items()] or [("sites", {})]
     texts += [(f'channels."{name}"', each) for name, each in data.get("channels", {}).items()]
     head = [f"# {key} = {value(each)}" for key, each in texts if key != "inlet.segment"]
-    start, end = {data["inlet"]["segment"]: "0"}, dict[str, str]()
+    start = {data["inlet"]["segment"]: "0"} | {name: f"0{name}" for name in data.get("inlets", {})}
+    end = dict[str, str]()
     for n, junction in enumerate(data.get("junctions", []), 1):
         end |= dict.fromkeys(junction["in"], str(n))
         start |= dict.fromkeys(junction["out"], str(n))

@@ -58,11 +58,6 @@ class Grid:
         """How the system of the nodes is solved."""
         return eliminate(self.nodes.T, self.topology.n_nodes)
 
-    @cached_property
-    def inlet_segment(self) -> int:
-        """The segment that starts at the inlet."""
-        return int(np.flatnonzero(self.nodes[0] == 0)[0])
-
     def same_as(self, other: object) -> bool:
         """Whether a state on this grid means the same on the other."""
         return isinstance(other, Grid) and np.array_equal(self.count, other.count)

@@ -41,10 +41,10 @@ class Solved:
 
 @dataclass(frozen=True)
 class Nodes:
-    """What stands at the nodes besides ΣQ. drive : (B,) [m³/s] or [Pa]; kinds : outlets, load; behind : (B, n_outlets)
-    [Pa] the pressures behind the outlets; H : (B, n_nodes) [Pa], about which loads are linearised."""
+    """What stands at the nodes besides ΣQ. drives : (n_inlets, B) [m³/s] or [Pa]; kinds : outlets, load; behind : (B,
+    n_outlets) [Pa] the pressures behind the outlets; H : (B, n_nodes) [Pa], about which loads are linearised."""
 
-    drive: Array
+    drives: Array
     kinds: tuple[tuple[Array, Load], ...]
     behind: Array
     H: Array
@@ -123,10 +123,11 @@ def _meet(model: Model, H: Array, nodes: Nodes) -> tuple[Array, Array]:
     at_rest = -(inverse * H[0][:, None]).sum(axis=2)  # what flows at zero pressure in the nodes
     net = _summed(_OUT * at_rest, grid.nodes, grid.topology.n_nodes)
     scale, less = np.ones_like(net), np.zeros_like(net)
-    if model.network.inlet.causality == "flow":
-        net[:, 0] += nodes.drive
-    else:
-        scale[:, 0], less[:, 0], net[:, 0] = 0.0, 1.0, nodes.drive
+    for node, (inlet, drive) in enumerate(zip(model.network.inlets, nodes.drives, strict=True)):
+        if inlet.causality == "flow":
+            net[:, node] += drive
+        else:
+            scale[:, node], less[:, node], net[:, node] = 0.0, 1.0, drive
     for index, load in nodes.kinds:
         at = first + index
         P = nodes.H[:, at] - nodes.behind[:, index]

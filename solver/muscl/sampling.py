@@ -22,20 +22,21 @@ def reporter(model: Model) -> Reporter[State]:
     cells, value, slope = grid.samples(segment, position)
     around = model.wall.at(cells.ravel())
     wall, L, n = model.coefficients.wall_at(segment, position), model.coefficients.L[:, segment], len(segment)
-    units, outlets = network.output_units(), grid.topology
-    by_flow = network.inlet.causality == "flow"
+    units, nodes = network.output_units(), grid.topology
+    by_flow, first = [inlet.causality == "flow" for inlet in network.inlets], len(network.inlets)
 
     def report(state: State) -> Array:
         solved = state.solved
         result = np.empty((len(state.A), len(units)))
-        result[:, 0] = solved.H[:, 0] if by_flow else solved.Q_end[:, 0, grid.inlet_segment]
+        at_inlets = solved.Q_end[:, 0, nodes.inlet_segment]
+        result[:, :first] = np.where(by_flow, solved.H[:, nodes.inlets], at_inlets)
         P = pressure_elastic(around, state.A[:, cells.ravel()]).reshape(len(state.A), *cells.shape)
         A, Q = wall.area((P * value).sum(axis=-1)), (state.Q[:, cells] * value).sum(axis=-1)
         A_t = -(state.Q[:, cells] * slope).sum(axis=-1) / L
         sites = (wall.pressure(A, A_t), Q, np.sqrt(A / np.pi))
-        result[:, 1 : 1 + 3 * n] = np.stack(sites, axis=-1).reshape(len(result), -1)
-        result[:, 1 + 3 * n :: 2] = solved.H[:, outlets.outlets]
-        result[:, 2 + 3 * n :: 2] = solved.Q_end[:, 1, outlets.outlet_segment]
+        result[:, first : first + 3 * n] = np.stack(sites, axis=-1).reshape(len(result), -1)
+        result[:, first + 3 * n :: 2] = solved.H[:, nodes.outlets]
+        result[:, first + 1 + 3 * n :: 2] = solved.Q_end[:, 1, nodes.outlet_segment]
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)

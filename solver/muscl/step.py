@@ -111,15 +111,19 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
     """Advance by dt [s].
 
     drive : (4,) or (4, B), the inflow [m³/s], or the pressure [Pa] of an inlet that is driven by it, at the times
-    t + INFLOW_TIMES dt. P_venous : (n_outlets,) or (B, n_outlets) [Pa] during the step, default the parameters'.
+    t + INFLOW_TIMES dt; of several inlets (n_inlets, 4) or (n_inlets, 4, B). P_venous : (n_outlets,) or (B, n_outlets)
+    [Pa] during the step, default the parameters'.
     Raises NonPhysicalState if the result is not physical.
     """
     c, start = model.coefficients, state.t
     with np.errstate(all="ignore"):
         venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
         n = _steps(model, state, dt)
-        for driven in lagrange(INFLOW_TIMES, np.arange(1, n + 1) / n) @ np.asarray(drive):
-            state = _advance(model, state, dt / n, np.broadcast_to(driven, (c.B,)), venous)
+        between, inlets = lagrange(INFLOW_TIMES, np.arange(1, n + 1) / n), len(model.network.inlets)
+        given = [drive] if inlets == 1 else drive
+        for driven in zip(*(between @ np.asarray(each) for each in given), strict=True):
+            drives = np.array([np.broadcast_to(each, (c.B,)) for each in driven])
+            state = _advance(model, state, dt / n, drives, venous)
         _check(model, state, start + dt)
     return replace(state, t=start + dt)
 
@@ -133,8 +137,9 @@ def _steps(model: Model, state: State, dt: float) -> int:
     return max(n, 1)
 
 
-def _advance(model: Model, s: State, dt: float, drive: Array, venous: Array) -> State:
-    """One step: (3/2 y - 2 y_1 + 1/2 y_2)/dt = 2 f_1 - f_2 + g for equal ones, f the hyperbolic, g the implicit part.
+def _advance(model: Model, s: State, dt: float, drives: Array, venous: Array) -> State:
+    """One step, with drives : (n_inlets, B) at its end: (3/2 y - 2 y_1 + 1/2 y_2)/dt = 2 f_1 - f_2 + g for equal ones,
+    f the hyperbolic, g the implicit part.
 
     r is the length of the step over that of the one before; the first step is Euler's, r = 0.
     """
@@ -151,7 +156,7 @@ def _advance(model: Model, s: State, dt: float, drive: Array, venous: Array) -> 
         kinds.append((ends.index, load))
         behind[:, ends.index] = load.keep * P_C[:, ends.index] + load.give * venous[:, ends.index]
         charge[:, ends.index] = load.charge
-    solved = solve(model, A, s.Q, Q / dt, lead / dt, Nodes(drive, tuple(kinds), behind, s.solved.H))
+    solved = solve(model, A, s.Q, Q / dt, lead / dt, Nodes(drives, tuple(kinds), behind, s.solved.H))
     outflow = solved.Q_end[:, 1, model.mesh.topology.outlet_segment]
     return State(s.t + dt, A, solved, behind + charge * outflow, now, dt)
 

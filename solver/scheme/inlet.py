@@ -1,4 +1,4 @@
-"""What drives the network at its inlet, node 0: a given flow, or a given pressure."""
+"""What drives the network at an inlet: a given flow, or a given pressure."""
 
 from __future__ import annotations
 

@@ -21,15 +21,21 @@ _LARGEST_MESH = 200_000  # elements: more are a mistake in a length
 
 @dataclass(frozen=True)
 class Topology:
-    """Nodes are the points where segments end: node 0 is the inlet; then one per junction, then one per outlet.
+    """Nodes are the points where segments end: first the inlets; then one per junction, then one per outlet.
 
-    start, end : (n_segments,) node at each end. outlet_segment : (n_outlets,).
+    start, end : (n_segments,) node at each end. inlet_segment : (n_inlets,). outlet_segment : (n_outlets,).
     """
 
     start: Array
     end: Array
+    inlet_segment: Array
     outlet_segment: Array
     n_nodes: int
+
+    @property
+    def inlets(self) -> slice:
+        """The nodes of the inlets."""
+        return slice(0, len(self.inlet_segment))
 
     @property
     def outlets(self) -> slice:
@@ -39,7 +45,7 @@ class Topology:
     @property
     def junctions(self) -> slice:
         """The nodes of the junctions."""
-        return slice(1, self.n_nodes - len(self.outlet_segment))
+        return slice(len(self.inlet_segment), self.n_nodes - len(self.outlet_segment))
 
 
 def topology(network: Network) -> Topology:
@@ -47,12 +53,15 @@ def topology(network: Network) -> Topology:
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     start = np.zeros(len(index), int)
     end = np.zeros(len(index), int)
-    for node, junction in enumerate(network.junctions, start=1):
+    inlet_segment = np.array([index[inlet.segment] for inlet in network.inlets], int)
+    start[inlet_segment] = np.arange(len(inlet_segment))
+    for node, junction in enumerate(network.junctions, start=len(inlet_segment)):
         end[[index[name] for name in junction.inflow]] = node
         start[[index[name] for name in junction.outflow]] = node
     outlet_segment = np.array([index[outlet.segment] for outlet in network.outlets], int)
-    end[outlet_segment] = 1 + len(network.junctions) + np.arange(len(outlet_segment))
-    return Topology(start, end, outlet_segment, 1 + len(network.junctions) + len(network.outlets))
+    inner = len(inlet_segment) + len(network.junctions)
+    end[outlet_segment] = inner + np.arange(len(outlet_segment))
+    return Topology(start, end, inlet_segment, outlet_segment, inner + len(outlet_segment))
 
 
 class Samples(NamedTuple):
@@ -102,9 +111,9 @@ class Mesh:
         return len(self.segment)
 
     @cached_property
-    def inlet_element(self) -> int:
-        """The element that starts at the inlet."""
-        return int(np.flatnonzero(self.ends[:, 0] == 0)[0])
+    def inlet_element(self) -> Array:
+        """(n_inlets,) first element of each inlet's segment."""
+        return self.first[self.topology.inlet_segment]
 
     @cached_property
     def elimination(self) -> Elimination:

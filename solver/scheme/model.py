@@ -75,7 +75,7 @@ class Model:
     end_kinetic: Array
     force: Force
     storage: Storage
-    inlet: Inlet
+    inlets: tuple[Inlet, ...]
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array
@@ -142,7 +142,7 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         end_kinetic=node_kinetic[:, mesh.ends],
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
-        inlet=_inlet(network, wall, mesh),
+        inlets=_inlets(network, wall, mesh),
         A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
@@ -152,11 +152,14 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
     return model
 
 
-def _inlet(network: Network, wall: Wall, mesh: Mesh) -> Inlet:
-    if network.inlet.causality == "flow":
-        return FlowInlet()
-    first = (..., mesh.inlet_element, 0)
-    return PressureInlet(wall.A0[first] / (wall.rho[first] * wall.c0[first]))
+def _inlets(network: Network, wall: Wall, mesh: Mesh) -> tuple[Inlet, ...]:
+    """What stands at the first nodes."""
+    found = list[Inlet]()
+    for inlet, element in zip(network.inlets, mesh.inlet_element.tolist(), strict=True):
+        at = (..., element, 0)
+        by_flow = inlet.causality == "flow"
+        found.append(FlowInlet() if by_flow else PressureInlet(wall.A0[at] / (wall.rho[at] * wall.c0[at])))
+    return tuple(found)
 
 
 def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:

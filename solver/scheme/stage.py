@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,7 +30,7 @@ _KEPT = 16  # lengths of step whose operators a model keeps
 class Loads:
     """What the outlets put on the nodes at the end of a stage: :class:`~solver.outlets.Load`, scale ΣQ = flow(P - P_b).
 
-    scale : (B, n_nodes), 1 but at outlets and at an inlet whose pressure is given. signs : what the flows at element
+    scale : (B, n_nodes), 1 but at outlets and at inlets whose pressure is given. signs : what the flows at element
     ends count then. keep, give, charge : (B, n_outlets). kinds : nodes, outlets, load of each.
     """
 
@@ -135,7 +136,8 @@ def _loads(model: Model, tau: float) -> Loads:
     scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
     scale = scale.astype(type(tau))
     keep, give, charge = (np.zeros((c.B, len(outlet_nodes)), type(tau)) for _ in range(3))
-    scale[:, 0] *= model.inlet.scale
+    for node, inlet in enumerate(model.inlets):
+        scale[:, node] *= inlet.scale
     kinds = []
     for ends in c.outlets:
         load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
@@ -162,7 +164,8 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
     less = np.zeros((len(K), mesh.n_nodes), loads.scale.dtype)  # several states may have one parameter set
-    less[:, 0] += model.inlet.slope
+    for node, inlet in enumerate(model.inlets):
+        less[:, node] += inlet.slope
     for nodes, outlets, load in loads.kinds:
         less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])
     nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
@@ -172,22 +175,22 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
 class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
-    behind : (B, n_outlets) [Pa] the pressures behind the outlets. drive : the inflow [m³/s], or the pressure at the
-    inlet [Pa]. P_venous : (B, n_outlets) [Pa].
+    behind : (B, n_outlets) [Pa] the pressures behind the outlets. drives : for each inlet the inflow [m³/s], or the
+    pressure [Pa]. P_venous : (B, n_outlets) [Pa].
     """
 
     start: Start
     operators: Operators
     behind: Array
-    drive: Array
+    drives: Sequence[Array]
     P_venous: Array
     t: float
 
     @staticmethod
-    def of(model: Model, o: Operators, y: Array, drive: Array, P_venous: Array, t: float) -> Stage:
+    def of(model: Model, o: Operators, y: Array, drives: Sequence[Array], P_venous: Array, t: float) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
         s, behind = start(model, o.tau, o.inertia, o.memory, o.loads, y, P_venous)
-        return Stage(s, o, behind, drive, P_venous, t)
+        return Stage(s, o, behind, drives, P_venous, t)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
@@ -243,10 +246,11 @@ class Stage(NamedTuple):
         return Q_free, H + dH
 
     def node_residual(self, Q: Array, H: Array) -> Array:
-        """ΣQ at the nodes; what drives the inlet; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
+        """ΣQ at the nodes; what drives the inlets; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
         mesh, loads = self.start.model.mesh, self.operators.loads
         net = mesh.net_inflow(Q, loads.signs)
-        net[:, 0] += self.start.model.inlet.surplus(self.drive, H[:, 0])
+        for node, (inlet, drive) in enumerate(zip(self.start.model.inlets, self.drives, strict=True)):
+            net[:, node] += inlet.surplus(drive, H[:, node])
         for nodes, outlets, load in loads.kinds:
             net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])
         return net

@@ -16,6 +16,7 @@ alike, so the answer is continuous as φ0 → 0, and it does not ring when an in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,8 +123,9 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
     """Advance by dt [s]; where that does not converge, by shorter steps: ``halved`` of the state counts how often.
 
     drive : (4,) or (4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa] of an inlet that
-    is driven by it. P_venous : (n_outlets,) or (B, n_outlets) [Pa] during the step, default the parameters'. A model
-    of one parameter set steps B states as well; all of them are halved where one is.
+    is driven by it; of several inlets (n_inlets, 4) or (n_inlets, 4, B). P_venous : (n_outlets,) or (B, n_outlets) [Pa]
+    during the step, default the parameters'. A model of one parameter set steps B states as well; all of them are
+    halved where one is.
     Raises NonPhysicalState if the result is not physical.
     """
     return parts(model, state, dt, drive, P_venous)[-1]
@@ -144,7 +146,8 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
         end, found = state.t + dt, [replace(state, halved=state.halved + 1)]
         try:
             for half in HALVES:
-                found += _parts(model, found[-1], 0.5 * dt, half @ drive, P_venous, halvings - 1)
+                halved = half @ drive if len(model.inlets) == 1 else np.array([half @ each for each in drive])
+                found += _parts(model, found[-1], 0.5 * dt, halved, P_venous, halvings - 1)
         except NonPhysicalState:
             raise error from None
     return [*found[1:-1], replace(found[-1], t=end)]
@@ -153,11 +156,13 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
 def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None) -> State:
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
-    drives = model.inlet.at_stages @ drive
+    given = drives_of(model, drive)
+    drives = zip(*(inlet.at_stages @ each for inlet, each in zip(model.inlets, given, strict=True)), strict=True)
     venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
-    small = _tolerances(model, state, drives[-1])
+    small = _tolerances(model, state, [each[-1] for each in given])
     y = state.y.copy()
-    model.inlet.begin(layout.part(y, "Q")[:, model.mesh.inlet_element, 0], drive[0])
+    for inlet, element, each in zip(model.inlets, model.mesh.inlet_element, given, strict=True):
+        inlet.begin(layout.part(y, "Q")[:, element, 0], each[0])
     # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
     last, before = _at_stages_of(state, dt)
     guesses = 2.0 * last - before
@@ -179,6 +184,11 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt, state.halved)
 
 
+def drives_of(model: Model, drive: Array) -> Sequence[Array]:
+    """What drives each inlet, of what drives them all: that of a single one has no axis for it."""
+    return [drive] if len(model.inlets) == 1 else list(drive)
+
+
 def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     """The unknowns of the last two steps, as if these had been of length dt [s].
 
@@ -196,10 +206,11 @@ def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
 
 
-def _tolerances(model: Model, state: State, drive: Array) -> tuple[Array, Array]:
+def _tolerances(model: Model, state: State, drives: Sequence[Array]) -> tuple[Array, Array]:
     """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
-    driven = model.inlet.flow(drive, state.H[:, 0])
-    flow = np.maximum(np.abs(state.y[:, state.layout.places["Q"]]).max(axis=1), driven)
+    flow = np.abs(state.y[:, state.layout.places["Q"]]).max(axis=1)
+    for node, (inlet, drive) in enumerate(zip(model.inlets, drives, strict=True)):
+        flow = np.maximum(flow, inlet.flow(drive, state.H[:, node]))
     pressure = np.abs(state.H - model.coefficients.P_0).max(axis=1)
     tolerance = model.settings.tolerance
     return (

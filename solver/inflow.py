@@ -1,0 +1,80 @@
+"""What drives the inlets of a run: functions of time, sampled as the schemes take them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .network import Network
+
+Array = np.ndarray
+Inflow = Callable[[Array], Array]
+Inflows = Inflow | Mapping[str, Inflow]
+
+
+def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
+    """The piecewise linear inflow through samples Q [m³/s] at times t [s] : (n,); repeated if a period [s] is given.
+
+    Raises ValueError unless both are finite, of one length, with increasing t.
+    """
+    t, Q = np.asarray(t, float), np.asarray(Q, float)
+    if t.ndim != 1 or t.shape != Q.shape or len(t) < 2:
+        raise ValueError(
+            f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}."
+        )
+    if period is not None and not (np.isfinite(period) and period >= t[-1] - t[0] > 0.0):
+        raise ValueError(f"inflow samples: period = {period!r} s must be finite and no shorter than the samples.")
+    if not (np.isfinite(t).all() and np.isfinite(Q).all() and (np.diff(t) > 0).all()):
+        raise ValueError("inflow samples: t must increase and all values must be finite; remove gaps first.")
+    return lambda at: np.interp(at, t, Q, period=period)
+
+
+def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
+    """What drives the inlets of a batch of B: what is given, that of the first inlet without its name, else the
+    network's own. Raises ValueError where there is none, or for a name that drives nothing."""
+    given = inflow if isinstance(inflow, Mapping) else {network.inlet.drive: inflow} if inflow else {}
+    own = {inlet.drive: inlet.given for inlet in network.inlets}
+    for name in given:
+        if name not in own:
+            raise ValueError(f"inflow: {name} does not drive an inlet of network {network.name}; use {', '.join(own)}.")
+    found = {name: given.get(name, default) for name, default in own.items()}
+    for name, drive in found.items():
+        if drive is None:
+            place = "its inlet" if len(own) == 1 else name
+            raise ValueError(f"network {network.name}: {place} is driven by a pressure; give it as inflow, P(t) in Pa.")
+    return Drives({name: drive for name, drive in found.items() if drive}, B)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Q(t) [m³/s] or P(t) [Pa] of each inlet by the name of what drives it, for a batch of B."""
+
+    inflows: Mapping[str, Inflow]
+    B: int
+
+    def __call__(self, t: Array) -> Array:
+        """What the steps of the scheme take at times t [s] : t.shape or t.shape + (B,), with an axis for several
+        inlets behind the first."""
+        values = [self.values(name, t) for name in self.inflows]
+        if len(values) == 1:
+            return values[0]
+        if any(each.ndim > t.ndim for each in values):
+            values = [x if x.ndim > t.ndim else np.repeat(x[..., None], self.B, axis=-1) for x in values]
+        return np.stack(values, axis=1)
+
+    def values(self, name: str, t: Array) -> Array:
+        """The flow [m³/s] or pressure [Pa] that drives an inlet at times t [s] : t.shape, or t.shape + (B,)."""
+        Q, B = np.asarray(self.inflows[name](t.ravel()), float), self.B
+        which = "inflow" if len(self.inflows) == 1 else f"inflow {name}"
+        if Q.shape not in (t.ravel().shape, (t.size, B)):
+            raise ValueError(
+                f"{which}: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or one for "
+                f"each of the {B} parameter sets, {(t.size, B)}."
+            )
+        bad = np.argwhere(~np.isfinite(Q))
+        if len(bad):
+            first = tuple(bad[0])
+            raise ValueError(f"{which}: Q = {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
+        return Q.reshape(t.shape + Q.shape[1:])
