@@ -16,6 +16,8 @@ from solver.quantity import Quantity
 
 from .outcome import OwnNumber, Walls
 
+_TOLD = 3  # odd numbers with a sentence of their own
+
 
 def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     """What a fit says of every artery and outlet; only of the kind where all have it in common.
@@ -58,17 +60,22 @@ def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, floa
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:
-    """A sentence for every number beyond the stated spread."""
-    known, said = network.parameter_quantities(), []
-    for name, own in walls.arteries.items():
-        if own.beyond:
-            more = own.now.value - own.file
-            scaled = known[name].low >= 0.0 and own.file > 0.0
-            by = f"{100.0 * abs(more) / own.file:.0f} %" if scaled else f"{abs(more):.2g}"
-            side = "above" if more > 0.0 else "below"
-            said.append(
-                f"{name}: the {known[name].description} is {by} {side} the {own.source}'s, "
-                f"{abs(own.deviation):.1f} stated spreads from what all have in common: this animal's own, not counted "
-                f"as an effect."
-            )
+    """A sentence for each of the numbers farthest beyond the stated spread, and one for all the others."""
+    odd = sorted((name for name, own in walls.arteries.items() if own.beyond),
+                 key=lambda name: -abs(walls.arteries[name].deviation))  # fmt: skip
+    told, rest = odd[:_TOLD], odd[_TOLD:]
+    said = [_odd(name, walls.arteries[name], network) for name in told]
+    if rest:
+        said.append(f"Beyond their stated spreads, and this animal's own, are also {', '.join(rest)}; see its walls.")
     return said
+
+
+def _odd(name: str, own: OwnNumber, network: Network) -> str:
+    quantity, more = network.parameter_quantities()[name], own.now.value - own.file
+    scaled = quantity.low >= 0.0 and own.file > 0.0
+    by = f"{100.0 * abs(more) / own.file:.0f} %" if scaled else f"{abs(more):.2g}"
+    side = "above" if more > 0.0 else "below"
+    return (
+        f"{name}: the {quantity.description} is {by} {side} the {own.source}'s, {abs(own.deviation):.1f} stated "
+        "spreads from what all have in common: this animal's own, not counted as an effect."
+    )

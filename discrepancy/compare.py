@@ -133,6 +133,12 @@ def rewirings(found: Compared) -> list[tuple[Term, ...]]:
     return [(t,) for t in found.terms if t.rewires and (t.place in near or not found.best.explains)]
 
 
+def hopeless(found: Compared) -> bool:
+    """Whether the best effect leaves so much that nothing more beside it would explain the record."""
+    fit = found.best.fit
+    return bool(fit.terms) and fit.chi2 > at.HOPELESS * len(fit.z)
+
+
 def along(found: Compared, runs: Runs) -> list[Fit]:
     """The best effects of a part of a segment, wherever along it they may lie: of the best alone if it explains all."""
     best = found.best.fit

@@ -15,7 +15,7 @@ from fitting.inference.jackknife import jackknife
 from fitting.inference.profile import reaches
 from fitting.inference.selection import conditioned
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term
+from fitting.inference.terms import Term, effect_of, rewired
 from fitting.inference.unknown import quantile
 from solver.network import Network
 
@@ -44,11 +44,19 @@ def profiled(naming: Naming, runs: Runs) -> Naming:
 
 
 def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
-    """Values and 95 % intervals of a term of a hypothesis, with the spread of walls that the record tells.
+    """Values and 95 % intervals, in their ranges, of a term of a hypothesis, with the spread of walls that the record
+    tells.
 
     Averaged over walls that have all in common and walls that differ, where the record does not tell; and given that
     the effect was found, which near the limit of detection says that it is smaller than it looks.
     """
+    whole = rewired(network, named.fit.terms)
+    known = whole.parameter_quantities() | {f"{term.place}.{k}": q for k, q in effect_of(term).terms.items()}
+    found = _stated(network, naming, named, term)
+    return {key: e.within(known[key].low, known[key].high) if key in known else e for key, e in found.items()}
+
+
+def _stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:
     half, fit = quantile(naming.problem.dof_of_noise), with_widths(named.fit)
     found = estimates(network, fit, term, half, naming.reaches if named.key == naming.best.key else None)
     if naming.verdict == "partial":

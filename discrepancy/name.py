@@ -5,9 +5,9 @@
 2. Walls that differ (:mod:`discrepancy.walls`), where more than the model without effect is needed: every artery with
    deviations of its own, whose spread the record tells; the same again.
 3. All are compared by evidence (:mod:`discrepancy.weigh`), exact and with an error of the model beside them.
-4. The class holds all that the data cannot rule out (:mod:`discrepancy.verdict`). A name is given only if the class has
-   one member; where more than noise remains beside the best, the answer is partial, and unknown if nothing of the
-   catalogue earns its place.
+4. The class holds all that the data cannot rule out (:mod:`discrepancy.verdict`). One effect is named only if the class
+   has one member; of two together the best pair is, with the class beside it. Where more than noise remains beside the
+   best, the answer is partial, and unknown if nothing of the catalogue earns its place.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 
 from . import thresholds as at
-from .compare import Compared, further, rewirings
+from .compare import Compared, along, further, hopeless, rewirings
 from .intervals import profiled
 from .verdict import Naming, decided
 from .walls import with_own_walls
@@ -76,12 +76,16 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     """Walls with all in common and, where something is missing, walls that differ; then more effects with both.
 
     Two effects of walls with all in common are tried even where an effect of walls that differ explains the record:
-    they are fewer numbers. Raises OutOfTime, at the end, where walls with all in common had no time to be compared.
+    they are fewer numbers; not where the best is hopeless. Raises OutOfTime, at the end, where walls with all in common
+    had no time to be compared.
     """
     common, late = None, None
     try:
-        for common in _with_common_walls(problem, terms, runs.part(at.IN_COMMON)):
+        # an animal farther off is left to walls that differ, which have the whole range
+        for common in _with_common_walls(problem.within(at.FARTHEST), terms, runs.part(at.IN_COMMON)):
             yield common
+            if hopeless(common):
+                break
     except OutOfTime as error:  # far from any animal simulations are slow; walls that differ may still explain it
         runs.check()
         late = error
@@ -98,17 +102,18 @@ def _beside(common: Compared, individual: Forward, terms: tuple[Term, ...], runs
     if not common.best.fit.terms and common.none.explains:
         return
     found, own = common, None
-    rival = common if common.best.explains else None
-    for own in with_own_walls(individual, terms, runs, rival):
+    for own in with_own_walls(individual, terms, runs, common):
         yield (found := common.joined(own))
     if not found.best.fit.terms and found.best.explains:
         return
-    if not common.best.explains:
+    if not (common.best.explains or hopeless(common)):
         for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
             yield (found := found.joined(more))
     if own is not None and not found.best.explains:
         for more in further(own, runs):
             yield (found := found.joined(more))
+    if found.best.explains and (elsewhere := along(found, runs)):
+        yield found.joined_by(elsewhere)
 
 
 def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -123,7 +128,7 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     columns = problem.columns(base, terms, runs)
     plain = shortlist(scores(base, columns, terms), at.SHORTLIST)
     fits = [f for f in problem.refit([(t,) for t in plain], base, runs, columns) if f is not None]
-    found = Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms)
+    yield (found := Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms))
     yield (found := _polished(found, runs))
     if rewiring := rewirings(found):
         problem, base = found.problem, found.none.fit

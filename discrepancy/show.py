@@ -15,6 +15,7 @@ import numpy as np
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
+from fitting.records.noise import check_flow_driven
 from fitting.records.spectral import shift
 from solver import Settings, simulate, simulate_periodic
 from solver.network import Network
@@ -110,8 +111,10 @@ def own_parity(fmu: Path, network: Network) -> float:
     """Largest difference of an FMU from the direct solver over two beats from rest under the network's own inflow.
 
     Of an output's pulse; for an FMU that no record drives: that of a network of which one artery was on the bench.
-    Raises RunFailed with the FMU's sentence, NonPhysicalState if the solution breaks down.
+    Raises RunFailed with the FMU's sentence, NonPhysicalState if the solution breaks down, ValueError where a pressure
+    drives the inlet.
     """
+    check_flow_driven(network)
     described, T = read_fmu(fmu), network.inlet.T
     n = steps_per_beat(described, T)
     time = np.arange(n) * (T / n)

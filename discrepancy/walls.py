@@ -27,16 +27,17 @@ Array = np.ndarray
 
 
 def with_own_walls(
-    problem: Forward, terms: tuple[Term, ...], runs: Runs, rival: Compared | None = None
+    problem: Forward, terms: tuple[Term, ...], runs: Runs, common: Compared | None = None
 ) -> Iterator[Compared]:
     """What is known after every stage. problem : with deviations.
 
-    rival : what explains the record with walls that have all in common: where an animal without effect is less
-    probable, no effect of walls that differ is looked for.
+    common : what is known of walls that have all in common. Where it explains the record, and an animal without effect
+    whose walls differ is less probable, no effect of walls that differ is looked for.
     """
     terms = tuple(t for t in terms if not of_animal(problem.network, t))
+    rival = common if common is not None and common.best.explains else None
     afar = _seen(problem, at.AFAR)
-    (base,) = afar.refit([()], runs=runs)
+    base = _from_afar(afar, common, runs)
     if base is None:
         return
     yield Compared.of(problem, [settled(f) for f in problem.restated([base], afar)], {}, terms)
@@ -66,16 +67,40 @@ def with_own_walls(
         found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
         if found.best.fit.terms and not found.none.explains:  # walls may have stuck where an effect freed them
-            stuck = [n.fit.terms for n in found.ranked if not n.fit.converged]
-            again = found.problem.refit([(), *stuck[: at.STUCK]], found.best.fit, runs)
-            yield (found := found.joined_by([f for f in again if f is not None]))
+            again = [(), *_stuck(found), *_beside(found)]
+            fits = [f for f in found.problem.refit(again, found.best.fit, runs) if f is not None]
+            yield (found := found.joined_by(fits))
     if rewiring := rewirings(found):
-        near = _seen(found.problem, at.CLOSER[-1])
-        (base,) = near.restated([found.none.fit], found.problem)
-        lowest = min(f.cost for f in near.restated(found.fits, found.problem))
-        fits = [base, *(f for f in near.refit(rewiring, base, runs, known=lowest) if f is not None)]
-        columns = near.rewhitened(found.columns, found.problem)
-        yield (found := found.joined(_exact(found.problem, near, fits, columns, terms, runs)))
+        # from the walls of the file: those found without the outlet are bent for want of it
+        afar = _seen(found.problem, at.AFAR)
+        fits = [f for f in afar.refit(rewiring, runs=runs) if f is not None]
+        seen = afar.restated([found.none.fit], found.problem)
+        columns = afar.rewhitened(found.columns, found.problem)
+        yield (found := found.joined(_exact(found.problem, afar, [*seen, *fits], columns, terms, runs)))
+
+
+def _from_afar(afar: Forward, common: Compared | None, runs: Runs) -> Fit | None:
+    """Walls without effect; begun again from what all arteries have in common where they end far from the record."""
+    (base,) = afar.refit([()], runs=runs)
+    if common is None or (base is not None and base.chi2 < at.STALLED * len(base.z)):
+        return base
+    (again,) = afar.refit([()], common.none.fit, runs)
+    return min((f for f in (base, again) if f is not None), key=lambda f: f.cost, default=None)
+
+
+def _stuck(found: Compared) -> list[tuple[Term, ...]]:
+    """The best hypotheses whose search had no end."""
+    return [n.fit.terms for n in found.ranked if not n.fit.converged][: at.STUCK]
+
+
+def _beside(found: Compared) -> list[tuple[Term, ...]]:
+    """The other effects at the place of the best, where that leaves something: from walls bent for want of any effect
+    they may have promised little."""
+    if found.best.explains:
+        return []
+    (best,) = found.best.fit.terms
+    tried = {n.label for n in found.ranked}
+    return [(t,) for t in found.terms if t.place == best.place and not t.rewires and t.label not in tried]
 
 
 def _seen(problem: Forward, part: float) -> Forward:

@@ -254,7 +254,7 @@ class _Work:
             archive = fmu.read_bytes()
             try:
                 difference = own_parity(fmu, network)
-            except (RunFailed, NonPhysicalState) as error:
+            except (RunFailed, NonPhysicalState, ValueError) as error:
                 failure = str(error)
         rounds = self._rounds(study, naming, shown.before, after)
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds)

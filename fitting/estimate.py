@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from solver.units import readable
@@ -21,6 +21,11 @@ class Estimate:
         unit, factor = readable(self.unit)
         low, high = self.ci95
         return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
+
+    def within(self, low: float, high: float) -> Estimate:
+        """The same with its interval in the range of what it is a number of."""
+        below, above = (min(max(end, low), high) for end in self.ci95)
+        return replace(self, ci95=(below, above))
 
     @property
     def plain(self) -> dict[str, Any]:

@@ -62,6 +62,10 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
         here = found.apply(network)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+    values = here.parameters()
+    flat = [v for c in coordinates if c.kind == SCALE for v, _ in c.moves if not values[v] > 0.0]
+    if flat:
+        raise ValueError(f"{path}: {flat[0]} = {values[flat[0]]:g} has no logarithm to be uncertain by; {_AGAIN}.")
     return Prior(here, along(coordinates, covariance, here))
 
 

@@ -75,8 +75,12 @@ def reporter(model: Model) -> Reporter[State]:
 
 def inlet_answers(model: Model, state: State) -> Array:
     """Of inlets with a given flow the pressure [Pa], of those with a given pressure the flow [m³/s] : (B, n_inlets)."""
-    by_flow = [inlet.causality == "flow" for inlet in model.network.inlets]
-    return np.where(by_flow, state.H[:, model.mesh.topology.inlets], state.Q[:, model.mesh.inlet_element, 0])
+    found = state.H[:, model.mesh.topology.inlets]
+    for i, inlet in enumerate(model.network.inlets):
+        if inlet.causality == "pressure":
+            found = found.copy()
+            found[:, i] = state.Q[:, model.mesh.inlet_element[i], 0]
+    return found
 
 
 def volume_entered(model: Model, before: State, after: State) -> Array:

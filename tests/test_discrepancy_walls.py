@@ -81,6 +81,17 @@ def test_the_calibrations_number_is_not_called_the_files() -> None:
     assert C.startswith("C.E: ") and "above the file's" in C
 
 
+def test_many_odd_numbers_are_told_together() -> None:
+    """Five numbers beyond two stated spreads: the three farthest first, then the rest in one sentence."""
+    problem = network_problem(record(clean()), NETWORK).individual()
+    fit = at(problem, [0.0] * len(problem.hypothesis(())))
+    own = {"A.E": 3.0, "B.E": 4.0, "C.E": -5.0, "A.R0": 6.0, "B.R0": -7.0}
+    x = np.array([own.get(u.name.removesuffix(" of its own"), 0.0) for u in fit.unknowns])
+    said = odd_ones(walls_of(NETWORK, replace(fit, x=x, z=np.zeros(len(x)), J=np.eye(len(x))), 2.0), NETWORK)
+    assert [text.partition(":")[0] for text in said[:3]] == ["B.R0", "A.R0", "C.E"]
+    assert len(said) == 4 and said[3].endswith("are also B.E, A.E; see its walls.")
+
+
 def test_deviations_are_counted_beside_what_is_common() -> None:
     """All.E up by two of its spreads, C down by three of its own: C.E = E exp(0.4 - 0.24), deviation -3."""
     problem = network_problem(record(clean()), NETWORK).individual()
@@ -167,7 +178,7 @@ def test_the_best_so_far_when_time_is_over() -> None:
 
     whole = name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=clock))
     assert whole.complete and looks[0] > 20
-    part = name(problem, terms("terminal_reflection"), Runs(deadline=0.5 * looks[0], clock=ticking(1.0)))
+    part = name(problem, terms("terminal_reflection"), Runs(deadline=0.8 * looks[0], clock=ticking(1.0)))
     assert not part.complete and part.confidence <= 0.5
     with pytest.raises(OutOfTime):
         name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=ticking(1.0)))
@@ -176,11 +187,10 @@ def test_the_best_so_far_when_time_is_over() -> None:
 def test_walls_that_differ_have_time_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Walls in common use up their part of the time limit: those that differ explain the record, said not complete."""
     module = sys.modules["discrepancy.name"]
-    in_common = module._with_common_walls
 
     def slow(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
         assert runs.left == pytest.approx(30.0, abs=1e-9)  # of 100 s
-        yield next(in_common(problem, terms, runs))
+        yield from ()
         raise OutOfTime
 
     monkeypatch.setattr(module, "_with_common_walls", slow)

@@ -189,6 +189,9 @@ def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
     assert "over two beats under the network’s own inflow" in page
     other = own_parity(study.folder / "out" / "model.fmu", study.made.base)
     assert other > 1e-3
+    pressed = replace(study.made.base, inlet=replace(study.made.base.inlet, causality="pressure"))
+    with pytest.raises(ValueError, match="driven by a pressure"):
+        own_parity(study.folder / "out" / "model.fmu", pressed)
     run = Run(np.zeros((1, 1)), {}, Gap((1.0, 1.0), {}))
     assert "differs from the direct solver by" in fmu_warnings(Shown(run, run, parity=other))[0]
     assert fmu_warnings(Shown(run, run, parity=1e-9)) == fmu_warnings(Shown(run, run)) == ()

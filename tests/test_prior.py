@@ -126,11 +126,14 @@ def test_wrong_files(tmp_path: Path, changes: dict[str, Any], said: str) -> None
 
 
 def test_wrong_parameters(tmp_path: Path) -> None:
-    """A parameter that the network has not; a covariance of one without value; no parameter set at all."""
+    """A parameter that the network has not; a covariance of one without value, or of the logarithm of 0; no parameter
+    set at all."""
     with pytest.raises(ValueError, match=r"D\.E is no parameter of network fork"):
         read_prior(written(tmp_path, {**MOVED, "D.E": 1e6}), NETWORK)
     with pytest.raises(ValueError, match=r"covariance is of B\.phi0, which has no value"):
         read_prior(written(tmp_path, {n: v for n, v in MOVED.items() if n != "B.phi0"}), NETWORK)
+    with pytest.raises(ValueError, match=r"B\.phi0 = 0 has no logarithm"):
+        read_prior(written(tmp_path, {**MOVED, "B.phi0": 0.0}), NETWORK)
     (tmp_path / "other.json").write_text(json.dumps({"values": {}}), encoding="utf-8")
     with pytest.raises(ValueError, match="not a parameter set"):
         read_prior(tmp_path / "other.json", NETWORK)

@@ -111,6 +111,17 @@ def test_an_interval_holds_both_kinds_of_walls() -> None:
     assert told.value == one.value and told.ci95[0] < one.ci95[0] and told.ci95[1] > other.value
 
 
+def test_an_interval_keeps_to_its_range() -> None:
+    """Even odds, and with walls that differ next to no stiffness: the mixture would reach below a modulus of zero."""
+    found, common = naming(50.0, -2000.0, 1.0)
+    (stiff,), half = found.terms, quantile(found.problem.dof_of_noise)
+    one, other = (estimates(NETWORK, n.fit, stiff, half)["B.E_scale"] for n in (common, found.ranked[1]))
+    assert one.value - half * math.sqrt(0.5) * (one.value - other.value) < 0.0
+    lowest = NETWORK.with_terms({"B.E_scale": 1.0}).parameter_quantities()["B.E_scale"].low
+    (told,) = stated(NETWORK, found, common, stiff).values()
+    assert told.ci95[0] == lowest > 0.0
+
+
 def test_an_interval_near_the_threshold_reaches_toward_none() -> None:
     """Just found: below the fit's interval, toward a factor of 1."""
     limit = found_from(naming(50.0)[0].terms, term("wall_stiffness", "B"))

@@ -19,6 +19,7 @@ from solver import (
     NonPhysicalState,
     NotPeriodic,
     Settings,
+    Waveforms,
     Windkessel,
     repeating_beat,
     sampled_inflow,
@@ -95,6 +96,11 @@ def test_sampled_inflow_equals_the_function(sheep: Network) -> None:
     assert max(relative_error(name, sampled[name], exact[name]) for name in exact if "inlet" not in name) <= 1e-6
 
 
+def _short(network: Network) -> Waveforms:
+    """The end of two steps."""
+    return simulate(network, duration=2e-3, settings=QUICK)
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -104,7 +110,8 @@ def test_sampled_inflow_equals_the_function(sheep: Network) -> None:
             lambda n: sampled_inflow(np.arange(3), np.zeros(3), period=1.0),
             "period = 1.0 s must be finite and no shorter",
         ),
-        (lambda n: simulate_periodic(n, max_beats=1), "max_beats = 1 must be at least 2"),
+        (lambda n: simulate_periodic(n, max_beats=1), "max_beats = 1 must be a whole number of at least 2"),
+        (lambda n: simulate_periodic(n, max_beats=3.5), "max_beats = 3.5 must be a whole number"),
         (lambda n: simulate(n, duration=-1.0), "duration = -1.0 s: must be a positive"),
         (lambda n: simulate(n, duration=float("nan")), "duration = nan"),
         (lambda n: simulate(n, duration=1e9), r"1e\+09 s in steps of 0.001 s: the outputs would take"),
@@ -121,7 +128,11 @@ def test_sampled_inflow_equals_the_function(sheep: Network) -> None:
             lambda n: simulate(n, parameters={"CA.E": np.full(2, 1e6), "CA.h": np.full(3, 1e-3)}),
             r"CA\.h: batch of shape \(3,\) does not fit CA\.E of shape \(2,\)",
         ),
-        (lambda n: simulate_periodic(n, tolerance=0.0), "tolerance = 0.0 must be positive"),
+        (lambda n: simulate_periodic(n, tolerance=0.0), "tolerance = 0.0 must be a positive number"),
+        (lambda n: simulate_periodic(n, tolerance="a"), "tolerance = 'a' must be a positive number"),
+        (lambda n: simulate(n, start=_short(n)), "an earlier result is a start of simulate_periodic"),
+        (lambda n: simulate(n, scheme="muscl", start="anywhere"), "must be 'rest' or 'periodic'"),
+        (lambda n: simulate_periodic(n, start=_short(n), scheme="muscl"), "another mesh"),
         (lambda n: simulate_periodic(n, period=1e-5), "period = 1e-05 s: must be a finite number of at least one"),
         (lambda n: sampled_inflow(np.arange(3), np.zeros(2)), "of one length"),
         (lambda n: sampled_inflow(np.array([0, 0, 1]), np.zeros(3)), "t must increase"),

@@ -19,7 +19,7 @@ from small_network import term, terms
 from test_discrepancy_network import beats
 
 from discrepancy.name import name
-from fitting.inference.batches import simulated
+from fitting.inference.batches import _elsewhere, simulated
 from fitting.inference.fit import Member
 from fitting.inference.network import NetworkProblem, network_problem
 from fitting.inference.simulator import Meter, OutOfTime, Runs
@@ -120,13 +120,16 @@ def test_the_same_name(two: Counting) -> None:
 
 
 def test_time_is_over_everywhere(problem: NetworkProblem, two: Counting) -> None:
-    """A deadline that is over: no simulation in either process, the same exception as of one."""
+    """A deadline that is over: no simulation in either process, the same exception as of one; the other process lives,
+    for there may be more to do by a later deadline."""
     members, late = asked(problem), time.monotonic() - 1.0
     for workers in (Workers(1), two):
         runs = Runs(deadline=late, workers=workers)
         with pytest.raises(OutOfTime, match="allow more time"):
             simulated([(problem.simulator, members)], runs)
         assert runs.meter.simulations == 0
+    assert _elsewhere((problem.simulator, members, late)) == (None, 0)
+    assert two.jobs == 2
 
 
 # --- processes --------------------------------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic
 
 from .fit import Member
-from .observation import driven, inlet_sensor
-from .simulator import Runs, Simulator
+from .observation import driven, inlet_sensor, sense
+from .simulator import TIME_IS_OVER, OutOfTime, Runs, Simulator
 from .terms import Term, rewired
 from .unknown import parameter_values
 
@@ -21,10 +21,11 @@ _LARGEST = 64  # members at once
 _FEWEST = 16  # of them in a process of its own: a batch costs ten members more than it has (measured)
 
 Batch = tuple[Simulator, list[Member], float]  # and until when it may run, [s] of time.monotonic
+Answer = tuple[list[Array | None] | None, int]  # X of a batch, and how many were simulated
 
 
 def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
-    """X : (K+1, m) of the outputs, without what their sensors make of them, of every member of some sets.
+    """X : (K+1, m) as the sensors show it, of every member of some sets.
 
     None where the simulation broke down.
     """
@@ -36,13 +37,23 @@ def simulated(sets: Sequence[tuple[Simulator, Sequence[Member]]], runs: Runs) ->
     until = time.monotonic() + runs.left if runs.workers.jobs > 1 else np.inf  # a clock of all processes
     batches: list[Batch] = [(sets[s][0], [sets[s][1][i] for i in part], until) for s, part in parts]
 
-    def counted(found: tuple[list[Array | None], int]) -> list[Array | None]:
-        runs.meter.add(found[1])
-        return found[0]
+    def counted(found: Answer) -> list[Array | None]:
+        X, members = found
+        runs.meter.add(members)
+        if X is None:
+            raise OutOfTime(TIME_IS_OVER)
+        return X
 
     found = runs.workers.share(batches, _elsewhere, counted, lambda batch: _batch(*batch[:2], runs))
     X = {(s, i): x for (s, part), own in zip(parts, found, strict=True) for i, x in zip(part, own, strict=True)}
-    return [[X[s, i] for i in range(len(members))] for s, (_, members) in enumerate(sets)]
+    return [
+        [_shown(simulator, m, X[s, i]) for i, m in enumerate(members)] for s, (simulator, members) in enumerate(sets)
+    ]
+
+
+def _shown(simulator: Simulator, member: Member, X: Array | None) -> Array | None:
+    """The outputs as the sensors of a hypothesis show them."""
+    return None if X is None else sense(member, simulator.names, X, simulator.T)
 
 
 def _cut(there: list[int], jobs: int) -> list[list[int]]:
@@ -54,11 +65,15 @@ def _cut(there: list[int], jobs: int) -> list[list[int]]:
     return [there[len(there) * i // parts : len(there) * (i + 1) // parts] for i in range(parts)]
 
 
-def _elsewhere(batch: Batch) -> tuple[list[Array | None], int]:
-    """A batch in another process, and what it simulated."""
+def _elsewhere(batch: Batch) -> Answer:
+    """A batch in another process, and what it simulated. None after the deadline: an exception would end the process,
+    and there may be more to do by a later one."""
     simulator, members, until = batch
     runs = Runs(deadline=until)
-    return _batch(simulator, members, runs), runs.meter.simulations
+    try:
+        return _batch(simulator, members, runs), runs.meter.simulations
+    except OutOfTime:
+        return None, runs.meter.simulations
 
 
 def kind_of(terms: Sequence[Term]) -> str:

@@ -53,6 +53,7 @@ _FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
 _CHEAP = 16  # members that cost hardly more than one
 _SHARPER = 2  # times that the step is halved at most
+_REPEATS = 3.0  # of the tolerance of a step: what beats need not repeat better than where they take more than two
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
 
 
@@ -63,7 +64,7 @@ class NetworkProblem(Forward):
     error : (K+1, m) standard deviation of errors that more beats do not lower: of the solver, and of the model as far
     as the covariance allows for them. response : (K+1, m) of the channels to the inflow.
     felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
-    have it in common. possible : what it may have.
+    have it in common. possible : what it may have. farthest : by how many spreads what all have in common may be off.
     """
 
     kind = "network"
@@ -80,6 +81,7 @@ class NetworkProblem(Forward):
     felt: Felt | None = None
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
+    farthest: float = np.inf
 
     @property
     def dof_of_noise(self) -> float:
@@ -145,17 +147,21 @@ class NetworkProblem(Forward):
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
+        nuisance = [u if u.group else u.within(self.farthest) for u in nuisance]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
     def individual(self) -> NetworkProblem:
-        return replace(self, deviations=self.possible)
+        return replace(self, deviations=self.possible, farthest=np.inf)
+
+    def within(self, spreads: float) -> NetworkProblem:
+        return replace(self, farthest=spreads)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
 
         runs : counts them, and ends them in time.
         """
-        return _observed([(self, members)], runs or Runs())[0]
+        return simulated([(self.simulator, members)], runs or Runs())[0]
 
     def residual(self, X: Array) -> Array:
         """(n,) whitened."""
@@ -175,11 +181,10 @@ class NetworkProblem(Forward):
         ]
         everything = [replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x]
         coarse, many = self._stepping(SCREEN_DT), sum(map(len, by)) > _CHEAP
-        coarser = (
-            many and self.simulator.settings.dt < coarse.simulator.settings.dt
-        )  # derivatives need no shorter steps
+        # derivatives need no shorter steps
+        coarser = many and self.simulator.settings.dt < coarse.simulator.settings.dt
         asked = [(coarse, everything), (self, members)] if coarser else [(self, everything)]
-        X, *others = _observed(asked, runs)
+        X, *others = simulated([(p.simulator, each) for p, each in asked], runs)
         exact = [None if x is None else self.residual(x) for other in others for x in other]
         result: list[tuple[Array, Array] | None] = []
         for i, step in enumerate(steps):
@@ -277,7 +282,7 @@ class NetworkProblem(Forward):
         member, problem, runs = fit.member, self, runs or Runs()
         for _ in range(_SHARPER):
             finer = replace(problem, simulator=problem.simulator.finer())
-            (X,), (X_finer,) = _observed([(problem, [member]), (finer, [member])], runs)
+            (X,), (X_finer,) = simulated([(p.simulator, [member]) for p in (problem, finer)], runs)
             if X is None or X_finer is None:
                 return self
             error = solver_error(X, X_finer, pulses(self.beats, self.signals))
@@ -366,15 +371,6 @@ class NetworkProblem(Forward):
         return found if allowed(self.network, found) else None
 
 
-def _observed(asked: Sequence[tuple[NetworkProblem, Sequence[Member]]], runs: Runs) -> list[list[Array | None]]:
-    """X of members of several problems, simulated side by side."""
-    X = simulated([(problem.simulator, members) for problem, members in asked], runs)
-    return [
-        [None if x is None else sense(m, p.signals, x, p.simulator.T) for m, x in zip(members, own, strict=True)]
-        for (p, members), own in zip(asked, X, strict=True)
-    ]
-
-
 def network_problem(
     beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
     prior: Calibrated | None = None,
@@ -391,7 +387,8 @@ def network_problem(
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
-    simulator, X = started(Simulator(network, drive, beats.T, chosen, K, settings, start), runs)
+    simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance)
+    simulator, X = started(simulator, runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     felt = varying(beats, network, chosen, K)

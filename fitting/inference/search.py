@@ -21,6 +21,7 @@ _LARGEST = 2.0  # of a step in x
 _ROUNDS = 14  # simulations of a hypothesis at most
 _FRESH = (4, 8)  # of them before which derivatives are simulated anew: the updated ones are too far off by then
 _ALL_FRESH = 8  # from which on also those of what every artery has of its own, which are many and hardly change
+_FEW = 100  # of which all are fresh at once
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
@@ -139,7 +140,8 @@ def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: flo
         if not active:
             break
         if turn in _FRESH:
-            _derive(problem, active, runs, everything=turn >= _ALL_FRESH)
+            few = sum(len(s.x) for s in active) <= _FEW
+            _derive(problem, active, runs, everything=few or turn >= _ALL_FRESH)
             active = [s for s in active if s.proposes()]
         X = problem.observe([s.trial() for s in active], runs)
         for s, x in zip(active, X, strict=True):

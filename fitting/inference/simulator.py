@@ -20,6 +20,8 @@ from ..workers import Workers
 
 Array = np.ndarray
 
+TIME_IS_OVER = "the time limit is over before the search was complete; allow more time."
+
 _BEATS = 30  # without repeating, after which a hypothesis has broken down
 _SHORTER = 2  # times that the step is halved where the model as given breaks down
 
@@ -67,7 +69,7 @@ class Runs:
     def check(self) -> None:
         """Raise OutOfTime after the deadline."""
         if self.deadline is not None and self.clock() > self.deadline:
-            raise OutOfTime("the time limit is over before the search was complete; allow more time.")
+            raise OutOfTime(TIME_IS_OVER)
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
     start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a
-    flow that sets in at once would strain the walls as no heart does. tolerance : of the periodic beat.
+    flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
     """
 
     network: Network
@@ -86,6 +88,7 @@ class Simulator:
     settings: Settings
     start: float = 0.0
     tolerance: float = 1e-5
+    resolved: float = 0.0
 
     def halved(self) -> Simulator:
         """The same with half the step."""
@@ -110,7 +113,8 @@ class Simulator:
             return inflow(t + self.start)
 
         beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
-                              tolerance=self.tolerance, max_beats=_BEATS, progress=lambda *_: runs.check())  # fmt: skip
+                              tolerance=self.tolerance, resolved=self.resolved, max_beats=_BEATS,
+                              progress=lambda *_: runs.check())  # fmt: skip
         runs.meter.add(next((np.size(value) for value in parameters.values()), 1))
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
         turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as t_distribution
@@ -40,6 +40,13 @@ class Unknown(Coordinate):
     typical_sd: float = 1.0
     group: str = ""
     of_size: bool = False
+
+    def within(self, spreads: float) -> Unknown:
+        """The same in no wider range than so many standard deviations of its prior."""
+        if self.prior_sd is None or not math.isfinite(spreads):
+            return self
+        most = spreads * self.prior_sd
+        return replace(self, low=max(self.low, -most), high=min(self.high, most))
 
     @property
     def variables(self) -> tuple[str, ...]:

@@ -157,8 +157,10 @@ class Mesh:
         """x/L : (n_e, len(xi)) of points ξ in [-1, 1] of every element."""
         return self.left[:, None] + (xi + 1.0) / 2.0 / self.parts[:, None]
 
-    def same_as(self, other: Mesh) -> bool:
+    def same_as(self, other: object) -> bool:
         """Whether a state on this mesh means the same on the other."""
+        if not isinstance(other, Mesh):
+            return False
         mine, others = (self.segment, self.parts, self.ends), (other.segment, other.parts, other.ends)
         return self.element.N == other.element.N and all(map(np.array_equal, mine, others))
 

@@ -68,14 +68,15 @@ class Operators:
 
 
 def operators(model: Model, dt: float) -> Operators:
-    """The operators for steps of length dt [s]; made once per dt and kept."""
-    if dt not in model.memo:
+    """The operators for steps of length dt [s]; made once per dt, and the last used are kept."""
+    made: Operators | None = model.memo.pop(dt, None)
+    if made is None:
         if len(model.memo) >= _KEPT:
             model.memo.pop(next(iter(model.memo)))
         c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
-        model.memo[dt] = operators_about(model, GAMMA * dt, model.at_rest(), H)
-    made: Operators = model.memo[dt]
+        made = operators_about(model, GAMMA * dt, model.at_rest(), H)
+    model.memo[dt] = made
     return made
 
 
