@@ -173,6 +173,11 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
     curve = inlet_curves.read(table, where, folder, numbers.get("T"))
     given = "flow" if curve is None else CAUSALITY[curve.signal]
     causality = _text({"causality": given, **table}, "causality", where)
+    if curve is not None and causality != given:
+        raise ValueError(
+            f'{where}.causality = "{causality}": {curve.signal} is given, which is a {given}; leave causality out, or '
+            "give the other one."
+        )
     return Inlet(segment, causality=causality, curve=curve, **({} if curve else numbers))
 
 

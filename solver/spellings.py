@@ -76,9 +76,10 @@ def segment(
         at["E"] = at.pop("beta") * plate * math.sqrt(math.pi) * R0**2 / h
     if "C_v" in at:
         R0, h = needed("R0", "C_v"), needed("h", "C_v")
-        middle = (x.mean() for x in (at.pop("C_v"), R0, h))
-        C_v, R, thickness = middle
-        at["phi0"] = np.full(2, 2.0 * plate * rho * R * C_v / thickness)
+        C_v = at.pop("C_v")
+        if C_v[0] != C_v[1]:
+            raise ValueError(f"{name}.C_v = {table['C_v']}: phi0 is constant along a segment; give one number.")
+        at["phi0"] = np.full(2, 2.0 * plate * rho * R0.mean() * C_v[0] / h.mean())
     for key, (a, b) in at.items():
         left[key] = float(a) if a == b else 0.5 * float(a + b)
         if a != b:

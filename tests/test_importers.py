@@ -159,6 +159,8 @@ def test_names() -> None:
     """Labels become names; those that would be equal without their number keep it."""
     labels = ["1-Ascending aorta", "2-ACA", "3-ACA", "7", "L. carotid", "v1"]
     assert names(labels) == ["Ascending_aorta", "v2_ACA", "v3_ACA", "v7", "L_carotid", "v1"]
+    with pytest.raises(ValueError, match="'A-B' and 'A_B': both would be called A_B; rename one"):
+        names(["A-B", "C", "A_B"])
 
 
 # --- tables of vessels --------------------------------------------------------------------------------------------

@@ -90,6 +90,7 @@ BAD = {
     "negative area": ("R0", "A0 = -1.0", ["AA.A0 = -1 m^2 is not allowed", "check the value"]),
     "taper twice": ("R0", "R0 = [1e-2, 9e-3]\ntaper = 0.1", ["AA: R0 and taper", "keep one"]),
     "unknown key": ("R0", "R_0 = 1e-2", ["AA: unknown key 'R_0'", "did you mean R0?"]),
+    "two C_v": ("R0", 'R0 = 9e-3\nC_v = ["0.3 m^2/s", "0.6 m^2/s"]', ["AA.C_v = ['0.3 m^2/s'", "give one number"]),
     "too much taper": ("R0", "R0 = [1e-2, 1e-3]", ["AA.taper = ", "taper s of R0", "must lie in [-1.5, 1.5]"]),
 }
 

@@ -27,17 +27,22 @@ class Edge:
 def names(labels: Sequence[str]) -> list[str]:
     """Names that a network may hold, of labels: "1-Ascending aorta" is Ascending_aorta, or v1_… where that is taken.
 
-    Raises ValueError for a label without a letter or digit.
+    Raises ValueError for a label without a letter or digit, or for two that would have one name.
     """
     for label in labels:
         if not re.search("[A-Za-z0-9]", label):
             raise ValueError(f"{label!r}: a name needs a letter from A to Z or a digit; rename it.")
     plain = [re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_") for label in labels]
     short = [re.sub(r"^[\d_]+", "", name) for name in plain]
-    return [
+    found = [
         s if s and short.count(s) == 1 else (p if p[:1].isalpha() else f"v{p}")
         for s, p in zip(short, plain, strict=True)
     ]
+    for name, label in zip(found, labels, strict=True):
+        other = labels[found.index(name)]
+        if other != label:  # one label given twice is for the caller to say
+            raise ValueError(f"{other!r} and {label!r}: both would be called {name}; rename one of them.")
+    return found
 
 
 def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, list[dict[str, Any]], list[str]]:
