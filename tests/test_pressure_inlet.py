@@ -149,7 +149,9 @@ def test_file() -> None:
 def test_a_table_of_the_other_kind() -> None:
     """A table of P under causality = "flow": refused, not passed over for the default flow."""
     table = 'segment = "A"\ncausality = "flow"\nt = [0.0, 0.2, 0.4, 0.5]\nP = [1e4, 1.1e4, 1e4, 1e4]'
-    text = f"[inlet]\n{table}\n[segments.A]\nL = 0.1\nR0 = 4e-3\nh = 1e-3\nE = 4e5\n[outlets.A]\nR_t = 0.5\n"
+    text = (
+        f"name = 'one'\n[inlet]\n{table}\n[segments.A]\nL = 0.1\nR0 = 4e-3\nh = 1e-3\nE = 4e5\n[outlets.A]\nR_t = 0.5\n"
+    )
     with pytest.raises(ValueError, match='inlet.causality = "flow": P is given, which is a pressure; leave causality'):
         loads(text, "text")
     assert loads(text.replace('"flow"', '"pressure"'), "text").inlet.causality == "pressure"
