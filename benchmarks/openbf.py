@@ -184,25 +184,28 @@ def _draw(drawn: list[tuple[str, Waveforms, Reference, Waveforms]], path: Path) 
     panels = [
         (name, r, f, s, key) for name, r, f, s in drawn for key in f if "_50." in key and not key.startswith("d2")
     ]
-    figure, axes = plt.subplots(2, len(panels) // 2, figsize=(3.4 * len(panels) / 2, 5.0), squeeze=False, sharex="col")
+    figure, axes = plt.subplots(
+        2, len(panels) // 2, figsize=(3.4 * len(panels) / 2, 5.0), squeeze=False, sharex="col", layout="constrained"
+    )
     for i, (name, result, found, same, key) in enumerate(panels):
         axis = axes[i % 2][i // 2]
         factor, unit = {"P": (1e-3, "kPa"), "Q": (1e6, "mL/s")}[key[-1]]
         t, wanted = found[key]
         at = np.mod(t, result.time[-1])
         order = np.argsort(at)
-        axis.plot(result.time, factor * result[key], color="C0", label="here")
+        axis.plot(at[order], factor * wanted[order], "o", color="0.5", markersize=4, mfc="none", label="openBF")
+        axis.plot(result.time, factor * result[key], color="#0072B2", label="this solver, periodic beat")
         beat = np.mod(same.time, result.time[-1])
         turn = np.argsort(beat)
-        axis.plot(beat[turn], factor * same[key][turn], "--", color="C1", label="here, as many beats")
-        axis.plot(at[order], factor * wanted[order], "k.", markersize=3, label="openBF")
+        axis.plot(
+            beat[turn], factor * same[key][turn], "--", color="#D55E00", label="this solver, as many beats as openBF"
+        )
         axis.set_ylabel(f"{key[-1]} [{unit}]")
         if i % 2 == 0:
-            axis.set_title(f"{name}, {key[:-5]}".replace("_", " "), fontsize=9)
+            axis.set_title(f"{name}, {key[:-5]}".replace("_", " ").replace(" d1", " daughter d1"), fontsize=10)
         else:
             axis.set_xlabel("t [s]")
-    axes[0][0].legend(fontsize=8)
-    figure.tight_layout()
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
     figure.savefig(path, dpi=110)
 
 

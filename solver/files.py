@@ -182,7 +182,10 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
 
 
 def _inlet_out(inlet: Inlet) -> list[str]:
-    return _numbers_out(inlet) if inlet.curve is None else inlet_curves.lines(inlet.curve)
+    """Its numbers, or what drives it; a flow that a given pressure took the place of is not written."""
+    curve = inlet.curve
+    drives = curve is not None and CAUSALITY[curve.signal] == inlet.causality
+    return inlet_curves.lines(curve) if curve is not None and drives else _numbers_out(inlet)
 
 
 def _sites(data: Mapping[str, Any]) -> tuple[Site, ...]:

@@ -187,9 +187,11 @@ def simulate_periodic(
             state, resort, beats = resort, None, Beats(beats.outlets)
             continue
         if before is not None:
-            change = change_of(table, before, run.report.names)
+            last, change = change, change_of(table, before, run.report.names)
             if change <= tolerance:
                 return run.waveforms(table, beat, change, state)
+            if change >= last:
+                run = run.iterated_to(0.1 * tolerance)
         before, resort, gap = table, None, gap_of(table, run.report.names)
         beats = beats.followed(begun, state, gap)
         mixed = beats.mixed() if accelerate and gap > tolerance else None
@@ -295,6 +297,13 @@ class _Run:
         if start is None and near and fills_slowly(self.model, period):
             return self.near(period), self.begin("rest", period)
         return self.begin(start, period), None
+
+    def iterated_to(self, tolerance: float) -> _Run:
+        """The same whose iterations end no sooner: what they leave over differs from beat to beat."""
+        settings = self.model.settings
+        if not getattr(settings, "tolerance", 0.0) > tolerance:
+            return self
+        return replace(self, model=replace(self.model, settings=replace(settings, tolerance=tolerance)))
 
     def near(self, period: float) -> Any:
         """A state near the periodic one, or rest."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,14 @@ def test_fourier_series() -> None:
     np.testing.assert_allclose(Curve.series("Q", mean, cos, sin, T).at(fine / T), f(fine), rtol=0.0, atol=1e-12)
     shorter = Curve.through("Q", even, f(even), "fourier", harmonics=3)
     np.testing.assert_allclose(shorter.at(fine / T), f(fine, 3), rtol=0.0, atol=1e-12)
+
+
+def test_turned_round(tmp_path: Path) -> None:
+    """A network with a table of its inflow, built to be driven by pressure: what its FMU carries reads back, T kept."""
+    network = fork(tmp_path)
+    turned = replace(network, inlet=replace(network.inlet, causality="pressure"))
+    again = loads(dumps(turned), "again.toml").inlet
+    assert (again.drive, again.curve, again.T, again.Q_max) == ("inlet.P", None, 0.8, 60e-6)
 
 
 FOURIER = 'Q = "inflow.csv"\ninterpolation = "fourier"\nharmonics = {}'
