@@ -126,7 +126,9 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     yield found
     problem, base = found.problem, found.none.fit
     columns = problem.columns(base, terms, runs)
-    plain = shortlist(scores(base, columns, terms), at.SHORTLIST)
+    # on a bench, every refit is cheaper than a wrong guess: a strong relaxation promises nothing where it begins
+    most = at.SHORTLIST if problem.site is None else len(terms)
+    plain = shortlist(scores(base, columns, terms), most)
     fits = [f for f in problem.refit([(t,) for t in plain], base, runs, columns) if f is not None]
     yield (found := Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms))
     yield (found := _polished(found, runs))
