@@ -37,11 +37,13 @@ def main(
         str | None, typer.Option(help="rest, or periodic: near the beats that repeat. Default: what is sooner done.")
     ] = None,
     dt: Annotated[str, typer.Option(help="Time step.")] = "1 ms",
-    element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
+    element_length: Annotated[str | None, typer.Option(help="Longest element; default: 5 cm.")] = None,
     scheme: Annotated[str, typer.Option(help="staggered, or muscl: the paper's finite volumes.")] = "staggered",
-    cell: Annotated[str, typer.Option(help="Longest cell of muscl.")] = "5 mm",
-    cfl: Annotated[float, typer.Option(help="CFL number of muscl, at most 0.45.")] = 0.45,
-    ends: Annotated[str, typer.Option(help="Viscous pressure at the ends, of muscl: coupled or neumann.")] = "coupled",
+    cell: Annotated[str | None, typer.Option(help="Longest cell of muscl; default: 5 mm.")] = None,
+    cfl: Annotated[float | None, typer.Option(help="CFL number of muscl, 0.45 at most; default: 0.45.")] = None,
+    ends: Annotated[
+        str | None, typer.Option(help="Viscous pressure at the ends, of muscl: coupled (default) or neumann.")
+    ] = None,
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no table.")] = False,
@@ -53,9 +55,7 @@ def main(
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
-        settings: AnySettings = Settings(seconds, parse_quantity(element_length, "m", "--element-length"))
-        if scheme == "muscl":
-            settings = MusclSettings(seconds, parse_quantity(cell, "m", "--cell"), cfl, ends)
+        settings = _settings(scheme, seconds, element_length, cell, cfl, ends)
         model = model.with_parameters(_assignments(model, set_ or []))
         result = _run(model, scheme, settings, duration, start, tolerance, max_beats, quiet)
         if out is not None:
@@ -64,6 +64,21 @@ def main(
         _show(model, result)
         say_notes(result.notes)
         say_written(out)
+
+
+def _settings(
+    scheme: str, dt: float, element_length: str | None, cell: str | None, cfl: float | None, ends: str | None
+) -> AnySettings:
+    """Of a scheme; an option of the other one is refused."""
+    mine, others = {"--element-length": element_length}, {"--cell": cell, "--cfl": cfl, "--ends": ends}
+    muscl = scheme == "muscl"
+    for option, value in (mine if muscl else others).items():
+        if value is not None:
+            whose = "staggered" if muscl else "muscl"
+            raise ValueError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
+    if not muscl:
+        return Settings(dt, parse_quantity(element_length or "5 cm", "m", "--element-length"))
+    return MusclSettings(dt, parse_quantity(cell or "5 mm", "m", "--cell"), cfl or 0.45, ends or "coupled")
 
 
 def _assignments(network: Network, texts: list[str]) -> dict[str, float]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -58,12 +59,31 @@ def import_csv(
 ) -> None:
     """A table of vessels."""
     with sentences(ValueError):
-        _write(read_sheet(table), table, out)
+        sections = read_sheet(table)
+        if set(sections["inlet"]) == {"segment"}:
+            say("Note: the table says nothing of the inlet; its default is a half-sine of 55 mL/s in 0.5 s. "
+                "Add # inlet.Q_max and # inlet.T, or # inlet.Q.")  # fmt: skip
+        folder = (out or Path()).parent
+        _write(_seen_from(folder, sections, table.parent), table, out, folder)
 
 
-def _write(sections: written.Sections, source: Path, out: Path | None) -> None:
+def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.Sections:
+    """Sections whose files of inflow are found from another folder."""
+    if folder.resolve() == old.resolve():
+        return sections
+
+    def moved(inlet: dict[str, Any]) -> dict[str, Any]:
+        files = {key: inlet[key] for key in ("Q", "P") if isinstance(inlet.get(key), str)}
+        return inlet | {key: Path(os.path.relpath(old / file, folder)).as_posix() for key, file in files.items()}
+
+    further = {name: moved(inlet) for name, inlet in sections.get("inlets", {}).items()}
+    return sections | {"inlet": moved(sections["inlet"])} | ({"inlets": further} if further else {})
+
+
+def _write(sections: written.Sections, source: Path, out: Path | None, folder: Path | None = None) -> None:
+    """folder : where files that the sections name are looked for; default: beside the source."""
     try:
-        network = from_sections(sections, source.parent)
+        network = from_sections(sections, folder or source.parent)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
     say_written(*written.write(sections, out or Path(f"{network.name}.toml")))

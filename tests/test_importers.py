@@ -280,3 +280,18 @@ def test_commands(tmp_path: Path) -> None:
             2,
             "Error: nowhere: cannot be read (No such file or directory); check the path.\n",
         )
+
+
+def test_a_table_of_another_folder(tmp_path: Path) -> None:
+    """The network file lies elsewhere: its inflow is still found; of one without a word of the inlet a note says so."""
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "in" / "inflow.csv").write_text("t [s],Q [mL/s]\n0,5\n0.2,60\n0.4,20\n0.8,5\n", encoding="utf-8")
+    text = SHEET.replace('# inlet.Q_max = "500 cm^3/s"', '# inlet.Q = "inflow.csv"')
+    for name, lines in (("with", text), ("without", text.replace('# inlet.Q = "inflow.csv"\n', ""))):
+        (tmp_path / "in" / f"{name}.csv").write_text(lines, encoding="utf-8")
+        path = tmp_path / "out" / f"{name}.toml"
+        done = CliRunner().invoke(app, ["import", "csv", str(tmp_path / "in" / f"{name}.csv"), "--out", str(path)])
+        assert done.exit_code == 0, done.output
+        assert ("the table says nothing of the inlet" in " ".join(done.output.split())) == (name == "without")
+        assert read_network(path).inlet.T == pytest.approx(0.8 if name == "with" else 0.5)

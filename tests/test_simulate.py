@@ -188,6 +188,8 @@ def test_command_line(tmp_path: Path) -> None:
         (["sheep", "--set", "CA.phi=1"], "CA.phi: not a parameter"),
         (["sheep", "--set", "CA.phi0"], "must look like NAME=VALUE"),
         (["sheep", "--dt", "1 mm"], "does not convert"),
+        (["sheep", "--cell", "2cm"], "--cell belongs to --scheme muscl; ask for that"),
+        (["sheep", "--scheme", "muscl", "--element-length", "2cm"], "--element-length belongs to --scheme staggered"),
         (["sheep", "--duration", "soon"], "--duration"),
         (["sheep", "--max-beats", "2", "--dt", "5 ms"], "allow more beats"),
         (["sheep", "--dt", "5 ms", "--duration", "0.1 s", "--out", "/nowhere/beat.csv"], "cannot be written"),

@@ -61,8 +61,10 @@ def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, l
     starts, ends = [{getattr(e, side) for e in edges} for side in ("start", "end")]
     roots = [e for e in edges if e.start not in ends and e.name not in further]
     if len(roots) != 1:
-        who = f"{len(roots)} vessels begin" + (f" ({', '.join(e.where for e in roots[:5])})" if roots else "")
-        raise ValueError(f"{who} where no other ends; there must be one, the inlet.")
+        labels = ", ".join(e.where if e.where == e.name else f"{e.where}, here {e.name}" for e in roots[:5])
+        who = f"{len(roots)} vessels begin" + (f" ({labels})" if roots else "")
+        more = "; say inlets.NAME.Q_max or inlets.NAME.Q of each but the first" if len(roots) > 1 else ""
+        raise ValueError(f"{who} where no other ends; there must be one, the inlet{more}.")
     junctions = []
     for node in dict.fromkeys(e.end for e in edges):
         if node in starts:
