@@ -114,6 +114,7 @@ def virtual_command(
         write_cohort(made, out, progress)
     if not quiet:
         say_written(out / "cohort.csv")
+        say(f"and the recordings that it lists, {len(list(out.glob('virtual-*.csv')))} files")
 
 
 @app.command("cohort")

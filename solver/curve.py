@@ -66,9 +66,8 @@ class Curve:
             return
         most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
         if not 1 <= self.harmonics <= most:
-            raise ValueError(
-                f"harmonics = {self.harmonics}: must be at least 1, and with {len(self.t)} rows at most {most}."
-            )
+            given = f"harmonics = {self.harmonics}" if self.harmonics else "harmonics is missing"
+            raise ValueError(f"{given}: a Fourier series has at least 1, and with {len(self.t)} rows {most} at most.")
         size = np.linalg.svd(self._waves, compute_uv=False)
         if size[-1] < _TELLS * size[0]:
             raise ValueError(

@@ -166,12 +166,12 @@ BAD = {
     "no harmonics": (
         ROWS,
         'Q = "inflow.csv"\ninterpolation = "fourier"',
-        ["inlet.harmonics = 0", "at least 1"],
+        ["inlet.harmonics is missing: a Fourier series has at least 1"],
     ),
     "harmonics": (
         ROWS,
         'Q = "inflow.csv"\ninterpolation = "fourier"\nharmonics = 2',
-        ["inlet.harmonics = 2", "5 rows at most 1"],
+        ["inlet.harmonics = 2", "5 rows 1 at most"],
     ),
     "half a harmonic": (ROWS, 'Q = "inflow.csv"\nharmonics = 1.5', ["inlet.harmonics = 1.5", "whole number"]),
     "of a spline": (ROWS, 'Q = "inflow.csv"\nharmonics = 1', ["inlet.harmonics = 1", "only a Fourier series"]),
