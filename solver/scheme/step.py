@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .failure import NotConverged
+from .failure import NonPhysicalState, NotConverged
 from .guards import check
 from .mesh import Layout
 from .model import Model
@@ -148,7 +148,7 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
             for half in HALVES:
                 halved = half @ drive if len(model.inlets) == 1 else np.array([half @ each for each in drive])
                 found += _parts(model, found[-1], 0.5 * dt, halved, P_venous, halvings - 1)
-        except NotConverged:
+        except NonPhysicalState:
             raise error from None
     return [*found[1:-1], replace(found[-1], t=end)]
 
