@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def test_numbers(name: str) -> None:
     """Every network names where its numbers come from; its size, mean inflow and peripheral resistance."""
     network = load(name)
     segments, outlets, mean, resistance, T = FACTS[name]
-    assert "doi:" in network.reference
+    assert re.search(r"\(\d{4}\)", network.reference)
     assert network.species in {"human", "in vitro"}
     assert (len(network.segments), len(network.outlets)) == (segments, outlets)
     assert network.inlet.T == pytest.approx(T)
