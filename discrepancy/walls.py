@@ -67,7 +67,7 @@ def with_own_walls(
         found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
         if found.best.fit.terms and not found.none.explains:  # walls may have stuck where an effect freed them
-            again = [(), *_stuck(found), *_beside(found)]
+            again = [(), *_stuck(found), *_others_there(found)]
             fits = [f for f in found.problem.refit(again, found.best.fit, runs) if f is not None]
             yield (found := found.joined_by(fits))
     if rewiring := rewirings(found):
@@ -93,7 +93,7 @@ def _stuck(found: Compared) -> list[tuple[Term, ...]]:
     return [n.fit.terms for n in found.ranked if not n.fit.converged][: at.STUCK]
 
 
-def _beside(found: Compared) -> list[tuple[Term, ...]]:
+def _others_there(found: Compared) -> list[tuple[Term, ...]]:
     """The other effects at the place of the best, where that leaves something: from walls bent for want of any effect
     they may have promised little."""
     if found.best.explains:

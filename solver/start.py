@@ -28,7 +28,7 @@ from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.stage import Operators, Stage, operators, operators_about, start
-from .scheme.step import State, drives_of, initial_state
+from .scheme.step import State, initial_state, per_inlet
 from .units import SIGNAL_UNITS
 
 Array = np.ndarray
@@ -99,7 +99,7 @@ def _steady(model: Model, mean: Array) -> State:
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
     # the flow that passes, and the one that P_0 drives on the way
-    means = drives_of(model, mean)
+    means = per_inlet(model, mean)
     driven = sum(inlet.flow(each, c.P_0[:, 0]) for inlet, each in zip(model.inlets, means, strict=True))
     flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
@@ -196,7 +196,7 @@ def _left_over(model: Model, waves: _Waves, drive: Array) -> tuple[Array, Array]
     R, net = list[Array](), list[Array]()
     for y, rate, H, driven in zip(*map(_samples, (waves.y, rates, waves.H, drive)), strict=True):
         # an implicit step from where it would have come from at its present rate
-        stage = Stage.of(model, o, y - o.tau * rate, drives_of(model, driven), P_venous, 0.0)
+        stage = Stage.of(model, o, y - o.tau * rate, per_inlet(model, driven), P_venous, 0.0)
         Q = model.layout.part(y, "Q")
         R.append(terms.residual(stage.start, Q, H))
         net.append(stage.node_residual(Q, H))

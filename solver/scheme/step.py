@@ -156,7 +156,7 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
 def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None) -> State:
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
-    given = drives_of(model, drive)
+    given = per_inlet(model, drive)
     drives = zip(*(inlet.at_stages @ each for inlet, each in zip(model.inlets, given, strict=True)), strict=True)
     venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
     small = _tolerances(model, state, [each[-1] for each in given])
@@ -184,7 +184,7 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt, state.halved)
 
 
-def drives_of(model: Model, drive: Array) -> Sequence[Array]:
+def per_inlet(model: Model, drive: Array) -> Sequence[Array]:
     """What drives each inlet, of what drives them all: that of a single one has no axis for it."""
     return [drive] if len(model.inlets) == 1 else list(drive)
 
