@@ -29,6 +29,7 @@ from .stage import Stage, largest, operators
 
 Array = np.ndarray
 
+_BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # what earlier stages count for, as plain numbers
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
 _HALVINGS = 4  # a step that does not converge is cut into halves, quarters, … this often before it is given up
 _PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
@@ -163,13 +164,13 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     last, before = _at_stages_of(state, dt)
     guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
-    for a, guessed, found, driven in zip(SDIRK3, guesses, unknowns, drives, strict=True):
+    changes, heads = o.tau * guess.part(guesses, "rates"), guesses[..., guess.places["heads"]]
+    for a, change, head, found, given in zip(_BEFORE, changes, heads, unknowns, drives, strict=True):
         start = y
-        for a_j, k_j in zip(a, k, strict=False):
+        for a_j, k_j in zip(a, k, strict=True):
             start = start + (dt * a_j) * k_j
-        stage = Stage.of(model, o, start, driven, venous, state.t + dt)
-        Q_guess = stage.start.Q + o.tau * guess.part(guessed, "rates")
-        Q, H, A_t = stage.solve(Q_guess, guessed[:, guess.places["heads"]], small)
+        stage = Stage.of(model, o, start, given, venous, state.t + dt)
+        Q, H, A_t = stage.solve(stage.start.Q + change, head, small)
         end = stage.end(Q, A_t)
         k_i = end - start
         k_i /= o.tau
