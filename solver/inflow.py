@@ -66,8 +66,8 @@ class Drives:
         Q, B = np.asarray(self.inflows[name](t.ravel()), float), self.B
         if Q.shape not in (t.ravel().shape, (t.size, B)):
             raise ValueError(
-                f"inflow {name}: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or one for "
-                f"each of the {B} parameter sets, {(t.size, B)}."
+                f"inflow {name}: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or "
+                f"one for each of the {B} parameter sets, {(t.size, B)}."
             )
         bad = np.argwhere(~np.isfinite(Q))
         if len(bad):

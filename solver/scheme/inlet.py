@@ -15,10 +15,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Inlets:
-    """The condition at each inlet, 0 = scale ΣQ + gain drive - slope H, all (B, n_inlets) but ``by_flow`` : (n_inlets,).
+    """The condition at each inlet, 0 = scale ΣQ + gain drive - slope H, all (B, n_inlets).
 
     Where the flow is given it flows on: 0 = ΣQ + Q. Where the pressure is: 0 = (P - H)/Z, Z = ρ c0/A0 of the artery,
-    which makes it a flow as at the other nodes. first : columns of the state vector of the flow there, (n_inlets,).
+    which makes it a flow as at the other nodes. by_flow, first : (n_inlets,) which
+    they are, and the columns of the state vector of the flow there.
     """
 
     by_flow: Array

@@ -157,9 +157,7 @@ def _inlets(network: Network, wall: Wall, mesh: Mesh, layout: Layout) -> Inlets:
     """What stands at the first nodes."""
     at = (..., mesh.inlet_element, 0)
     by_flow = np.array([inlet.causality == "flow" for inlet in network.inlets])
-    return Inlets.of(
-        by_flow, wall.A0[at] / (wall.rho[at] * wall.c0[at]), layout.columns("Q")[mesh.inlet_element, 0]
-    )
+    return Inlets.of(by_flow, wall.A0[at] / (wall.rho[at] * wall.c0[at]), layout.columns("Q")[mesh.inlet_element, 0])
 
 
 def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:

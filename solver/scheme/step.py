@@ -123,9 +123,9 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
     """Advance by dt [s]; where that does not converge, by shorter steps: ``halved`` of the state counts how often.
 
     drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa]
-    of an inlet that is driven by it; the axis of a single inlet may lack. P_venous : (n_outlets,) or (B, n_outlets) [Pa]
-    during the step, default the parameters'. A model of one parameter set steps B states as well; all of them are
-    halved where one is.
+    of an inlet that is driven by it; the axis of a single inlet may lack. P_venous : (n_outlets,) or (B, n_outlets)
+    [Pa] during the step, default the parameters'. A model of one parameter set steps B states as well; all of them
+    are halved where one is.
     Raises NonPhysicalState if the result is not physical.
     """
     return parts(model, state, dt, drive, P_venous)[-1]
