@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +54,10 @@ class Condensed:
     nodal: Factor
     end_nodes: Array
 
+    def for_long(self) -> Condensed:
+        """The same, made faster for many uses."""
+        return replace(self, nodal=self.nodal.whole())
+
     def add_to(self, Q: Array, H: Array) -> None:
         """Add to Q : (B, n_e, N+1) what flows by pressures H : (B, n_nodes)."""
         flows = self.by_ends * H.take(self.end_nodes, 1)
@@ -81,6 +85,7 @@ def operators(model: Model, dt: float) -> Operators:
         c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         made = operators_about(model, GAMMA * dt, model.at_rest(), H)
+        made = replace(made, at_rest=made.at_rest.for_long())
     model.memo[dt] = made
     return made
 
@@ -113,14 +118,16 @@ class Memory:
     def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
         _, _, P_C, stress, history = model.layout.split(y)
         behind = loads.keep * P_C + loads.give * P_venous
-        return model.wall.remembering(np.moveaxis(stress, 1, 0), tau), model.force.since(history, tau), behind
+        return model.wall.remembering(stress.swapaxes(0, 1), tau), model.force.since(history, tau), behind
 
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         s, layout = stage.start, stage.start.model.layout
         _, _, P_C, stress, history = layout.split(end)
         P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
-        stress[:] = np.moveaxis(s.wall.carried(A, A_t), 0, 1)
-        history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
+        if stress.size:
+            stress[:] = s.wall.carried(A, A_t).swapaxes(0, 1)
+        if history.size:
+            history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
 
 
 def memory_of(model: Model) -> Memory | NoMemory:
@@ -158,7 +165,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     mesh = model.mesh
     K_inverse = np.linalg.inv(K)
     by_ends = np.stack([K_inverse[..., 0], -K_inverse[..., -1]], axis=1)
-    by_left, by_right = np.moveaxis(by_ends[..., mesh.element.both_ends], 1, 0)
+    by_left, by_right = by_ends[..., mesh.element.both_ends].swapaxes(0, 1)
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
     less = np.zeros((len(K), mesh.n_nodes), loads.scale.dtype)  # several states may have one parameter set
