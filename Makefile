@@ -58,7 +58,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
-	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy build_fmu
+	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy arterial_fmu build_fmu
 	@echo "Open build/docs/index.html"
 
 clean:

@@ -29,13 +29,21 @@ from xml.etree import ElementTree
 import typer
 from rich.table import Table
 
-from solver.console import say, show
+from solver.console import put, say, show
+from solver.exit_codes import ExitCode
+from solver.options import Json, files_for, one_command
+from solver.progress import bar
 
 from . import content, trial
 from .interpreter import TESTED, Interpreter, interpreter
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
-EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
+EXIT = {
+    OK: ExitCode.DONE,
+    NOTE: ExitCode.DONE,
+    PROBLEM: ExitCode.DOES_NOT_RUN,
+    FATAL: ExitCode.BAD_INPUT,
+}
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
 _ANEW = "build it anew with build_fmu.py, or copy it once more"
 _START, _INSTALL = "start them with: ", "install it with: "
@@ -309,14 +317,15 @@ def _told(output: bytes) -> list[dict[str, str]]:
 
 
 def main(
-    fmu: Annotated[Path, typer.Argument(help="The FMU.")],
+    fmu: Annotated[Path, typer.Argument(help="The FMU.", autocompletion=files_for)],
     python: Annotated[str, typer.Option(help="The Python that is to run it.")] = sys.executable,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Say whether an FMU runs here and what is missing: exit code 0 runs, 1 does not, 2 no FMU of this project."""
-    findings = examine(fmu, python)
+    with bar(False, f"{fmu.name}: one step of it"):
+        findings = examine(fmu, python)
     if as_json:
-        typer.echo(json.dumps({"state": state(findings), "findings": [asdict(finding) for finding in findings]}))
+        put({"state": state(findings), "findings": [asdict(finding) for finding in findings]})
     else:
         _print(fmu, findings)
     raise typer.Exit(EXIT[state(findings)])
@@ -347,4 +356,4 @@ def _plain(text: str) -> str:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    one_command(main)()
