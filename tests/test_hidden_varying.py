@@ -49,6 +49,7 @@ def test_alike_beats_are_the_beat(sheep: Network) -> None:
         assert np.abs(long[name][::4] - c).max() <= 1e-6 * pulsatile(c), name
 
 
+@pytest.mark.slow
 def test_a_varying_network_agrees_with_the_solver(sheep: Network) -> None:
     """Unlike beats as one period of the solver's time steps (1 ms): every site within 1e-5 of the pulse."""
     q, whole = ejection(np.random.default_rng(4), BEAT, sheep.inlet.Q_max), runs(2, 0.03, 0.05)
