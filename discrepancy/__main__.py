@@ -9,6 +9,8 @@ import typer
 from typer.core import TyperGroup
 
 import discrepancy
+from fitting.record_options import Columns, Decimal, Mapped
+from fitting.records.columns import Reading
 from solver import NonPhysicalState, NotPeriodic
 from solver.console import complain, put, say, say_notes, say_written, sentences, show
 from solver.exit_codes import ExitCode
@@ -46,7 +48,8 @@ app = typer.Typer(
 @app.command(_STUDY)
 def discover_command(
     record: Annotated[
-        Path, typer.Argument(help="CSV: `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site.")
+        Path,
+        typer.Argument(is_eager=True, help="File with `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site."),
     ],
     model: Annotated[
         str,
@@ -67,6 +70,9 @@ def discover_command(
     jobs: Annotated[
         int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
     ] = None,
+    mapped: Mapped = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -88,7 +94,7 @@ def discover_command(
         progress(0.0, "reading")
         outcome = discover(
             record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit,
-            jobs=cores() if jobs is None else jobs, progress=progress,
+            jobs=cores() if jobs is None else jobs, reading=Reading.asked(mapped, decimal), progress=progress,
         )  # fmt: skip
     if as_json:
         put(json_text(verdict_json(outcome)))

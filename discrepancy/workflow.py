@@ -26,7 +26,9 @@ from fitting.inference.simulator import Meter, OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
+from fitting.records.columns import Reading
 from fitting.records.record import Record, read_record
+from fitting.records.sensors import UnusableRecord
 from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
 from fitting.workers import Workers
@@ -66,12 +68,14 @@ def discover(
     prior: str | os.PathLike[str] | None = None,
     time_limit: float = TIME_LIMIT,
     jobs: int = 1,
+    reading: Reading | None = None,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
     added model.toml and model.fmu.
 
-    record : a CSV file. model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
+    record : a file, and ``reading`` which of its columns is what.
+    model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
     found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
     ``python -m fitting calibrate``, whose values and covariance stand for the network file's and its spreads.
     time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
@@ -79,14 +83,14 @@ def discover(
     among them; the others import this package and nothing of the calling script, which needs no
     ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
     it was.
-    Raises ValueError for a model or a prior that cannot be used and for a folder that cannot be written. A record that
-    cannot be used is a verdict.
+    Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
+    record that can be read and not be used is a verdict.
     """
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(period, walls, prior, time_limit, jobs)
     asked.check()
     network = read_model(model)
-    measured = _read(record)
+    measured = _read(record, reading)
     known = asked.known(network, measured) if isinstance(measured, Record) else None
     progress = _rising(progress)
     _check_folder(folder)
@@ -95,7 +99,7 @@ def discover(
         if isinstance(measured, Unusable):
             raise measured
         check_record(measured)
-        journal = Journal(folder, _key(measured, network, model, asked))
+        journal = Journal(folder, [*_key(measured, network, model, asked), (reading or Reading()).key])
         outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
     except Unusable as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
@@ -121,13 +125,11 @@ def _key(record: Record, network: Network, model: str | os.PathLike[str], asked:
     return [record.sha256, to_dict(network), os.fspath(model), *asked.key, decided(), software()]
 
 
-def _read(record: str | os.PathLike[str]) -> Record | Unusable:
-    """The record, or why its content cannot be used. Raises ValueError if there is no such file."""
+def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | Unusable:
+    """The record, or why its content cannot be used. Raises ValueError for a file that cannot be read."""
     try:
-        return read_record(record)
-    except ValueError as error:
-        if not Path(record).is_file():
-            raise
+        return read_record(record, reading)
+    except UnusableRecord as error:
         return Unusable(str(error))
 
 

@@ -22,7 +22,9 @@ from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
 from .parameter_set import ParameterSet, read_set, set_format, set_json, write_set
+from .record_options import Columns, Decimal, Mapped
 from .records.beats import Beats, align
+from .records.columns import Reading
 from .records.record import read_record
 from .wall import bootstrap, fit
 from .wall_fit import WallFit
@@ -38,7 +40,7 @@ Law = Annotated[str, typer.Option(help="Elastic law: regression (the paper's fit
 
 @app.command("fit")
 def fit_command(
-    record: Annotated[Path, typer.Argument(help="CSV with `time [s]`, `<site>.P` and `<site>.R`.")],
+    record: Annotated[Path, typer.Argument(is_eager=True, help="File with `time [s]`, `<site>.P` and `<site>.R`.")],
     site: Annotated[str, typer.Option(help="Name of the site: AA for AA.P and AA.R.")],
     h: Annotated[str, typer.Option("--h", help='Wall thickness, measured: "0.38 mm".')],
     R0: Annotated[
@@ -59,6 +61,9 @@ def fit_command(
     bench: Annotated[
         Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
     ] = None,
+    mapped: Mapped = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -70,7 +75,7 @@ def fit_command(
             raise ValueError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
             raise ValueError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
-        beats = align(read_record(record), _seconds(period, "--period"))
+        beats = align(read_record(record, Reading.asked(mapped, decimal)), _seconds(period, "--period"))
         chosen = model(wall, law)
         options: dict[str, Any] = {
             "R0": None if R0 is None else parse_quantity(R0, "m", "--R0"),
@@ -130,9 +135,12 @@ def virtual_command(
 
 @app.command("cohort")
 def cohort_command(
-    cohort: Annotated[Path, typer.Argument(help="CSV with animal, site, record, h [mm], R0 [mm].")],
+    cohort: Annotated[Path, typer.Argument(is_eager=True, help="CSV with animal, site, record, h [mm], R0 [mm].")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     law: Law = "regression",
+    mapped: Mapped = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -141,7 +149,7 @@ def cohort_command(
     from .cohort.fits import fit_cohort, read_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
+        found = fit_cohort(read_cohort(cohort), elastic=law, reading=Reading.asked(mapped, decimal), progress=progress)
         written = report.write(found, out)
     if as_json:
         put(report.to_json(found))
@@ -153,7 +161,9 @@ def cohort_command(
 
 @app.command("calibrate")
 def calibrate_command(
-    record: Annotated[Path, typer.Argument(help="CSV with `time [s]`, `inlet.Q` and P, Q or R at some sites.")],
+    record: Annotated[
+        Path, typer.Argument(is_eager=True, help="File with `time [s]`, `inlet.Q` and P, Q or R at some sites.")
+    ],
     network: NetworkName,
     free: Annotated[
         list[str],
@@ -166,6 +176,9 @@ def calibrate_command(
         Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
     ] = None,
     period: Period = None,
+    mapped: Mapped = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -180,7 +193,7 @@ def calibrate_command(
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
-        beats = align(read_record(record), _seconds(period, "--period"))
+        beats = align(read_record(record, Reading.asked(mapped, decimal)), _seconds(period, "--period"))
         result = calibrate(beats, described, free, progress=progress)
         progress(1.0, "indices of the sites")
         found = network_indices(result, described, beats)
@@ -201,9 +214,14 @@ def calibrate_command(
 def check_command(
     parameters: Annotated[Path, typer.Argument(help="Parameter set: .json, .ssv or the name of a bundled one.")],
     fmu: Annotated[Path, typer.Argument(help="The FMU, of a network or of a bench.", autocompletion=files_for)],
-    record: Annotated[Path, typer.Argument(help="CSV: a network record, or P and R of the bench's site.")],
+    record: Annotated[
+        Path, typer.Argument(is_eager=True, help="File: a network record, or P and R of the bench's site.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: Period = None,
+    mapped: Mapped = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -215,7 +233,7 @@ def check_command(
         report = check(
             read_set(parameters),
             fmu,
-            read_record(record),
+            read_record(record, Reading.asked(mapped, decimal)),
             period=_seconds(period, "--period"),
             progress=lambda what: progress(0.0, what),
         )

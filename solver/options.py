@@ -30,7 +30,10 @@ NetworkName = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tables and no notes.")]
 Json = Annotated[
-    bool, typer.Option("--json", help="Print the result as one JSON object; all else goes to the error stream.")
+    bool,
+    typer.Option(
+        "--json", is_eager=True, help="Print the result as one JSON object; all else goes to the error stream."
+    ),
 ]
 
 

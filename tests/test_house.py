@@ -15,7 +15,7 @@ MAY_IMPORT = {
     "solver": {"solver", "numpy", "scipy", "pint", "typer", "rich", "yaml"},
     "fmu_src": {"fmu_src", "solver", "numpy", "typer", "rich", "pythonfmu", "fmpy", "matplotlib"},
     "fitting": {"fitting", "solver", "numpy", "scipy", "polars", "threadpoolctl", "fmpy", "typer", "rich", "matplotlib",
-                "jinja2"},
+                "jinja2", "pyedflib"},
     "discrepancy": {"discrepancy", "fitting", "solver", "numpy", "scipy", "typer", "rich", "matplotlib", "jinja2"},
     "arterial_fmu": {"arterial_fmu", "build_fmu", "discrepancy", "fitting", "fmu_src", "solver", "typer"},
 }  # fmt: skip

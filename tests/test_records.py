@@ -30,9 +30,10 @@ def test_values_come_in_si_with_hash_and_time_step(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.channels["AA.R"], R_MM * 1e-3, rtol=1e-10)
 
 
-def test_a_diameter_is_halved_and_a_missing_unit_is_si(tmp_path: Path) -> None:
-    """D in cm gives R in m under the name R; `AA.P` and `inlet.Q []` are in Pa and m³/s; 1e-13."""
-    columns = {"time": TIME, "AA.P": 11e3 + 2e3 * WAVE, "AA.D [cm]": 1.8 + 0.06 * WAVE, "inlet.Q []": 1e-5 * WAVE}
+def test_a_diameter_is_halved(tmp_path: Path) -> None:
+    """D in cm gives R in m under the name R; 1e-13."""
+    columns = {"time [s]": TIME, "AA.P [Pa]": 11e3 + 2e3 * WAVE, "AA.D [cm]": 1.8 + 0.06 * WAVE}
+    columns["inlet.Q [m^3/s]"] = 1e-5 * WAVE
     record = read_record(save(tmp_path, text(columns, 15)))
     assert list(record.channels) == ["AA.P", "AA.R", "inlet.Q"]
     np.testing.assert_allclose(record.channels["AA.R"], 9e-3 + 3e-4 * WAVE, rtol=1e-13)

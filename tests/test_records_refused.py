@@ -51,16 +51,23 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         ("time [s],AA.P [mmHg]", "line 2: there are no samples below the header"),
         ("time [s],AA.P [mmHg]\n0,1\n1,2\n", "2 samples are too few"),
         ("time [s]\n0\n1\n", "line 1: there is no channel beside the time"),
-        ("time [s],AA.P [µ]\n".encode("latin-1"), "not UTF-8 text (byte 15)"),
-        (b"PK\x03\x04\x14\x00\xff\xfe", "not a recording but an FMU or another archive; give a CSV file."),
-        ("time [s];AA.P [mmHg]\n0,0;1,5\n", "line 1: the fields are separated by semicolons"),
-        ("time [s]\tAA.P [mmHg]\n0\t1\n", "line 1: the fields are separated by tabs"),
-        ("0,1\n1,2\n", "line 1, column '0': the first column must be the time"),
+        ("time [s],AA.P [µ]\n".encode("latin-1"), "line 2: there are no samples below the header"),
+        (
+            b"PK\x03\x04\x14\x00\xff\xfe",
+            "an FMU or another archive, which is not read; give the recording, such as a CSV file.",
+        ),
+        ("time [s];AA.P [mmHg]\n0,0;1,5\n", "1 samples are too few"),
+        ("time [s]\tAA.P [mmHg]\n0\t1\n", "1 samples are too few"),
+        ("0,1\n1,2\n", "line 1: numbers where the columns should be named; put a line above them, such as time [s]"),
+        ("AA.P [mmHg],AA.R [mm]\n0,1\n", 'no column is named time; say which one it is: --map "AA.P [mmHg]=time [s]"'),
+        ("time,AA.P [Pa]\n0,1\n", "column 'time': it has no unit; say which: --map \"time=time [s]\", or write it"),
+        ("time [s],AA.P\n0,1\n", "column 'AA.P': it has no unit; say which: --map \"AA.P=AA.P [mmHg]\", or write it"),
+        ("time [s],inlet.Q []\n0,1\n", 'it has no unit; say which: --map "inlet.Q []=inlet.Q [mL/s]"'),
         ("time [s],AA.X [mm]\n0,1\n", "line 1, column 'AA.X [mm]': no such channel; allowed are <site>.P"),
         ("time [s],P [Pa]\n0,1\n", "line 1, column 'P [Pa]': no such channel"),
-        ("time [s],AA.P,AA.P [Pa]\n0,1,1\n", "line 1, column 'AA.P [Pa]': a name twice"),
-        ("time [s],AA.D,AA.D\n0,1,1\n", "line 1, column 'AA.D': a name twice"),
-        ("time [s],AA.R,AA.D\n0,1,1\n", "line 1, column 'AA.D': R and D of one site"),
+        ("time [s],AA.P [kPa],AA.P [Pa]\n0,1,1\n", "line 1, column 'AA.P [Pa]': a name twice"),
+        ("time [s],AA.D [m],AA.D [m]\n0,1,1\n", "line 1, column 'AA.D [m]': a name twice"),
+        ("time [s],AA.R [m],AA.D [m]\n0,1,1\n", "line 1, column 'AA.D [m]': R and D of one site"),
         ("time [s],AA.P [mmHgg]\n0,1\n", "column 'AA.P [mmHgg]': the unit mmHgg is not known or of another kind"),
         ("time [s],AA.P [kg]\n0,1\n", "the unit kg is not known or of another kind and does not fit a pressure"),
         (
@@ -70,10 +77,16 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         ("time [s],AA.P [mm],AA.R [mm]\n0,1,1\n", "the unit mm is that of a radius and does not fit a pressure; write"),
         ("time [s],AA.P [mm],AA.R [kPa]\n0,1,1\n", "P and R of the site seem swapped"),
         ("time [s],AA.P [mm],AA.D [kPa]\n0,1,1\n", "P and R of the site seem swapped"),
-        ("time [m],AA.P\n0,1\n", "line 1, column 'time [m]': the unit m is that of a radius and does not fit a time"),
+        (
+            "time [m],AA.P [Pa]\n0,1\n",
+            "line 1, column 'time [m]': the unit m is that of a radius and does not fit a time",
+        ),
         ('time [s],"AA.P\n0,1\n', "line 1: not a CSV header"),
         (lines_with(7, "0.025,85.0,x9.1"), "line 7, column 'AA.R [mm]': 'x9.1' is not a number; write a number"),
-        (lines_with(7, '0.025,"85,5",9.1'), "line 7, column 'AA.P [mmHg]': '85,5' is not a number; write the decimal"),
+        (
+            lines_with(7, '0.025,"85,5",9.1'),
+            "line 7, column 'AA.P [mmHg]': '85,5' is not a number; the decimal mark is",
+        ),
         (lines_with(7, "0.025,85.0"), "line 7: 2 fields where the header has 3"),
         (lines_with(N + 1, "4.995,85.0"), f"line {N + 1}: 2 fields where the header has 3"),
         (lines_with(2, "0,85.0"), "line 2: 2 fields where the header has 3"),
@@ -179,7 +192,10 @@ def test_a_flow_that_does_not_pulsate_is_no_channel(tmp_path: Path, flow: float)
 
 @pytest.mark.parametrize(
     "columns",
-    [{"time [s]": TIME, "AA.P [mmHg]": P_MMHG, "inlet.Q [mL/s]": 0.0 * TIME}, {"time [s]": TIME, "CA.Q": 0.0 * TIME}],
+    [
+        {"time [s]": TIME, "AA.P [mmHg]": P_MMHG, "inlet.Q [mL/s]": 0.0 * TIME},
+        {"time [s]": TIME, "CA.Q [m^3/s]": 0.0 * TIME},
+    ],
     ids=["inflow", "nothing else"],
 )
 def test_flows_that_must_pulsate(tmp_path: Path, columns: dict[str, np.ndarray]) -> None:

@@ -17,7 +17,7 @@ from solver.files import parse_quantity, read_text
 from solver.network import Segment
 from solver.quantity import quantities
 
-from ..records.record import name_and_unit
+from ..records.tables.titles import name_and_unit
 
 _COLUMNS = ("animal", "site", "record", "h", "R0")
 

@@ -13,6 +13,7 @@ from ..inference.unknown import quantile
 from ..parameter_set import ParameterSet, Value
 from ..provenance import software
 from ..records.beats import align
+from ..records.columns import Reading
 from ..records.record import read_record
 from ..wall import fit
 from ..wall_fit import WallFit
@@ -209,12 +210,13 @@ def fit_cohort(
     *,
     elastic: str = "regression",
     eta: float = 0.5,
+    reading: Reading | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Cohort:
     """Fit every recording by every model; R0 is free in all of them.
 
     models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio.
-    progress : gets the fraction done and what comes next.
+    reading : of every record. progress : gets the fraction done and what comes next.
     A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
     model, for no entries, or if no recording could be fitted.
     """
@@ -226,7 +228,7 @@ def fit_cohort(
     for i, entry in enumerate(entries):
         if progress:
             progress(i / len(entries), f"{entry.animal} {entry.site}")
-        recording = _fit(entry, chosen, eta, failures)
+        recording = _fit(entry, chosen, eta, reading, failures)
         if recording is not None:
             recordings.append(recording)
     if not any(recording.fits for recording in recordings):
@@ -236,10 +238,12 @@ def fit_cohort(
     return Cohort(tuple(each.name for each in chosen), tuple(recordings), tuple(failures))
 
 
-def _fit(entry: Entry, models: list[WallModel], eta: float, failures: list[Failure]) -> Recording | None:
+def _fit(
+    entry: Entry, models: list[WallModel], eta: float, reading: Reading | None, failures: list[Failure]
+) -> Recording | None:
     """The fits of one recording; what goes wrong is added to ``failures``, None if it is the recording itself."""
     try:
-        beats = align(read_record(entry.record))
+        beats = align(read_record(entry.record, reading))
         beats.site(entry.site)
     except ValueError as error:
         failures.append(Failure(entry, "", str(error)))

@@ -1,49 +1,40 @@
-"""Record files: measured channels in one CSV, sampled uniformly. Units are read here, once; inside everything is SI.
+"""Record files: measured channels in one file, sampled uniformly. Units are read here, once; inside everything is SI.
 
-The first column is ``time [s]``, then ``<site>.<P|Q|R|D> [unit]`` in the FMU's names; a missing unit is SI, an empty
-cell or NaN is a gap. A diameter D is halved and becomes R. Reading is by polars; where it stumbles, the file is gone
-through cell by cell to say where and why. Channels that no fit can use (dead, clipped, out of range) are refused here.
+``tables`` reads the file, ``columns`` says which column is which variable: a time, and ``<site>.<P|Q|R|D> [unit]`` in
+the FMU's names; an empty cell or NaN is a gap. A diameter D is halved and becomes R. Channels that no fit can use
+(dead, clipped, out of range) are refused here.
 """
 
 from __future__ import annotations
 
-import codecs
-import csv
 import hashlib
 import io
 import os
-import re
-from array import array
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from solver.files import parse_quantity, write_whole
+from solver.files import write_whole
 
+from .columns import Reading, choose
 from .sensors import (
     KINDS,
-    Kind,
+    TIME,
     check_numbers,
     check_plateaus,
     check_ranges,
     constant_value,
     may_rest,
-    refuse,
     refuse_constant,
 )
+from .tables.kinds import read_table
+from .tables.table import Column, Place, Table
 from .time_axis import uniform
 
 Array = np.ndarray
-
-
-_TIME = Kind("time", "s", "s")
-
-_LONGEST_HEADER = 1 << 20  # bytes
-_ZIP = b"PK\x03\x04"  # how an archive begins
 
 
 @dataclass(frozen=True)
@@ -91,42 +82,40 @@ def require(available: Iterable[str], names: Iterable[str], source: str) -> None
         )
 
 
-def read_record(path: str | os.PathLike[str]) -> Record:
-    """The record in a CSV file.
+def read_record(path: str | os.PathLike[str], reading: Reading | None = None) -> Record:
+    """The record in a file; reading : which column is what, where their titles do not say it.
 
-    Raises ValueError, one sentence with file, line and column, if the file or one of its channels cannot be used.
+    Raises ValueError, one sentence with file, line and column, if the file cannot be read, and UnusableRecord, which is
+    one, if it can be and no fit can use what it holds.
     """
-    source = str(path)
-    if os.path.exists(path) and not os.path.isfile(path):
-        raise ValueError(f"{source}: cannot be read (not a regular file); give the name of a CSV file.")
-    try:
-        with open(path, "rb") as stream, ThreadPoolExecutor(1) as pool:
-            digest = pool.submit(_digest, path)  # of half a gigabyte it takes as long as the numbers: beside them
-            titles = _titles(stream.readline(_LONGEST_HEADER), source)
-            names, kinds, factors = _columns(titles, source)
-            columns = _read_columns(path, titles, source)
-            sha256 = digest.result()
-    except OSError as error:
-        raise ValueError(f"{source}: cannot be read ({error.strerror}); check the path.") from None
-    time = uniform(columns[0], factors[0], titles[0], source)
+    reading = reading or Reading()
+    with ThreadPoolExecutor(1) as pool:
+        digest = pool.submit(_digest, path)  # of half a gigabyte it takes as long as the numbers: beside them
+        table = read_table(path, reading.decimal)
+        clock, chosen = choose(table, reading)
+        sha256 = digest.result()
+    place = table.place
+    time = uniform(clock.column.values, clock.factor, clock.column.title, place)
+    titles = {each.name: each.column.title for each in chosen}
     channels: dict[str, Array] = {}
     resting: dict[str, float] = {}
-    for i, (name, kind) in enumerate(zip(names, kinds, strict=True), start=1):
+    del table, clock
+    while chosen:
+        each = chosen.pop(0)  # what is not needed is not kept: a record may be large
         with np.errstate(over="ignore"):
-            channels[name] = columns[i] * (factors[i] / 2.0 if kind == "D" else factors[i])
-        columns[i] = np.empty(0)  # as soon as it is not needed: a record may be large
-        check_numbers(channels[name], name, titles[i], source)
-    check_ranges(channels, dict(zip(names, titles[1:], strict=True)), source)
-    for name, title in zip(names, titles[1:], strict=True):
+            channels[each.name] = each.column.values * each.factor
+        check_numbers(channels[each.name], each.name, each.column.title, place)
+    check_ranges(channels, titles, place)
+    for name, title in titles.items():
         constant = constant_value(channels[name])
         if constant is None:
-            check_plateaus(channels[name], name, title, source)
+            check_plateaus(channels[name], name, title, place)
         elif may_rest(name) and len(channels) > 1:
             del channels[name]
             resting[name] = constant
         else:
-            refuse_constant(name, constant, title, source)
-    return Record(source, sha256, time, channels, resting)
+            refuse_constant(name, constant, title, place)
+    return Record(str(path), sha256, time, channels, resting)
 
 
 def write_record(
@@ -142,181 +131,28 @@ def write_record(
     for name in units:
         if name != "time" and name not in channels:
             raise ValueError(f"{source}: a unit is given for {name}, which is not written; remove it.")
-    titles = [f"time [{units.get('time', 's')}]"]
-    for name in channels:
-        kind = KINDS.get(name.rpartition(".")[2], _TIME)
-        titles.append(f"{name} [{units.get(name, kind.unit)}]")
-    factors = _columns(titles, source)[2]
+    columns = [Column(f"time [{units.get('time', 's')}]", time)]
+    for name, values in channels.items():
+        kind = KINDS.get(name.rpartition(".")[2], TIME)
+        columns.append(Column(f"{name} [{units.get(name, kind.unit)}]", np.asarray(values, float)))
+    clock, chosen = choose(Table(Place(source, header=1), columns), Reading())
     table = {}
-    for title, values, factor in zip(titles, (time, *channels.values()), factors, strict=True):
-        values = np.asarray(values, float)
+    for each in (clock, *chosen):
+        title, values = each.column.title, each.column.values
         if values.shape != (len(time),) or np.isinf(values).any():
             raise ValueError(
                 f"{source}: column {title!r} must be {len(time)} numbers, one per time, finite or NaN; "
                 f"it has the shape {values.shape}."
             )
-        table[title] = values / factor
+        table[title] = values / each.scale
     stream = io.BytesIO()
     pl.DataFrame(table).fill_nan(None).write_csv(stream)
     write_whole(path, stream.getvalue())
 
 
-# --- the header ---------------------------------------------------------------------------------------------------
-
-
 def _digest(path: str | os.PathLike[str]) -> str:
-    with open(path, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _titles(line: bytes, source: str) -> list[str]:
-    """The fields of the first line."""
-    line = line.removeprefix(codecs.BOM_UTF8)
-    if not line:
-        raise ValueError(f"{source}: the file is empty; it must hold a header and samples.")
-    text = _decode(line, source).strip("\r\n").partition("\r")[0]
     try:
-        titles = next(csv.reader([text], skipinitialspace=True, strict=True), [])
-    except csv.Error as error:
-        raise ValueError(f"{source}: line 1: not a CSV header ({error}); write time [s],AA.P [mmHg], ...") from None
-    if len(titles) < 2:
-        for mark, word in ((";", "semicolons"), ("\t", "tabs")):
-            if mark in text:
-                raise ValueError(
-                    f"{source}: line 1: the fields are separated by {word}; "
-                    "save it with commas between the fields and points as decimal marks."
-                )
-    return [title.strip() for title in titles]
-
-
-def _decode(data: bytes, source: str) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        if data.startswith(_ZIP):
-            raise ValueError(f"{source}: not a recording but an FMU or another archive; give a CSV file.") from None
-        raise ValueError(f"{source}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8.") from None
-
-
-def _columns(titles: list[str], source: str) -> tuple[list[str], list[str], list[float]]:
-    """Channel names (D as R), kinds, and the factor to SI of every column, time first."""
-    parts = [name_and_unit(title) for title in titles]
-    if not parts or parts[0][0].lower() != "time":
-        refuse(
-            source, 1, titles[0] if titles else "", "the first column must be the time; name it 'time [s]', in brackets"
-        )
-    if len(parts) == 1:
-        raise ValueError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
-    names: list[str] = []
-    kinds: list[str] = []
-    factors = [_factor(_TIME, parts[0][1], titles, source, titles[0])]
-    for title, (name, unit) in zip(titles[1:], parts[1:], strict=True):
-        site, _, kind = name.rpartition(".")
-        if kind not in KINDS or not site or site != site.strip():
-            refuse(
-                source,
-                1,
-                title,
-                "no such channel; allowed are <site>.P, <site>.Q, <site>.R and <site>.D (a diameter), "
-                "such as 'AA.P [mmHg]'",
-            )
-        factors.append(_factor(KINDS[kind], unit, titles, source, title))
-        own = f"{site}.R" if kind == "D" else name
-        if own in names:
-            both = "a name twice" if kinds[names.index(own)] == kind else "R and D of one site"
-            refuse(source, 1, title, f"{both}; keep one of the two columns")
-        names.append(own)
-        kinds.append(kind)
-    return names, kinds, factors
-
-
-def name_and_unit(title: str) -> tuple[str, str]:
-    """Name and unit of "name [unit]"; the unit may be missing."""
-    match = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\])?", title.strip(), re.DOTALL)
-    return (match[1], (match[2] or "").strip()) if match else (title, "")
-
-
-def _factor(kind: Kind, unit: str, titles: list[str], source: str, title: str) -> float:
-    """The factor from ``unit`` to the kind's SI unit."""
-    factor = _convert(unit, kind.unit)
-    if factor is not None and factor > 0.0:
-        return factor
-    fits = next((each for each in KINDS.values() if _convert(unit, each.unit) is not None), None)
-    what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
-    advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
-    if fits and _other_is(title, titles, kind):
-        advice = "P and R of the site seem swapped, so exchange the two names or their units"
-    refuse(source, 1, title, f"{what} and does not fit a {kind.noun}; {advice}")
-
-
-def _convert(unit: str, wanted: str) -> float | None:
-    try:
-        return parse_quantity(f"1 {unit}", wanted, unit)
-    except ValueError:
-        return None
-
-
-def _other_is(title: str, titles: list[str], kind: Kind) -> bool:
-    """Whether the site's other column of pressure and radius has the unit that this one should have."""
-    name = name_and_unit(title)[0]
-    site, _, own = name.rpartition(".")
-    others = {"P": ("R", "D"), "R": ("P",), "D": ("P",)}.get(own, ())
-    return any(
-        n in [f"{site}.{o}" for o in others] and u and _convert(u, kind.unit) for n, u in map(name_and_unit, titles)
-    )
-
-
-# --- the numbers --------------------------------------------------------------------------------------------------
-
-
-def _read_columns(path: str | os.PathLike[str], titles: list[str], source: str) -> list[Array]:
-    """One float array per column, NaN in gaps."""
-    schema = {str(i): pl.Float64() for i in range(len(titles))}
-    try:
-        frame = pl.read_csv(Path(path), has_header=False, skip_rows=1, schema=schema, glob=False)
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException):  # its CSV reader panics on some broken files
-        return _read_slowly(path, titles, source)
-    # polars fills up a row that is too short, and takes line ends of old spreadsheets for part of the header
-    if frame.height == 0 or (frame[:, -1].null_count() and _commas(path) != (frame.height + 1) * (len(titles) - 1)):
-        return _read_slowly(path, titles, source)
-    return [frame[name].fill_null(np.nan).rechunk().to_numpy() for name in frame.columns]
-
-
-def _commas(path: str | os.PathLike[str]) -> int:
-    with open(path, "rb") as stream:
-        return sum(block.count(b",") for block in iter(lambda: stream.read(1 << 22), b""))
-
-
-_NUMBER = re.compile(
-    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
-)
-
-
-def _read_slowly(path: str | os.PathLike[str], titles: list[str], source: str) -> list[Array]:
-    """The same cell by cell: for files with spaces in the cells, and to say where a bad cell is."""
-    numbers = array("d")
-    text = _decode(Path(path).read_bytes(), source).rstrip("\r\n")
-    rows = csv.reader(io.StringIO(text, newline=""), strict=True)
-    try:
-        next(rows)
-        for row in rows:
-            if len(row) != len(titles):
-                raise ValueError(
-                    f"{source}: line {rows.line_num}: {len(row)} fields where the header has {len(titles)}; "
-                    "complete or remove the line (gaps are empty fields; decimal marks are points)."
-                )
-            numbers.extend(
-                _number(cell.strip(), source, rows.line_num, title) for cell, title in zip(row, titles, strict=True)
-            )
-    except csv.Error as error:
-        raise ValueError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
-    if not numbers:
-        raise ValueError(f"{source}: line 2: there are no samples below the header; add them.")
-    return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T))
-
-
-def _number(text: str, source: str, line: int, title: str) -> float:
-    if not _NUMBER.fullmatch(text):
-        hint = "write the decimal mark as a point" if "," in text else "write a number, or nothing for a gap"
-        refuse(source, line, title, f"{text[:40]!r} is not a number; {hint}")
-    return float(text or "nan")
+        with open(path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:  # which the reading says
+        return ""

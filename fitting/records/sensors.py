@@ -13,6 +13,8 @@ import numpy as np
 
 from solver.units import INFLOW, SIGNAL_UNITS, display_factor
 
+from .tables.table import Place, said
+
 Array = np.ndarray
 
 
@@ -34,6 +36,8 @@ KINDS: dict[str, Kind] = {
     "D": Kind("diameter", SIGNAL_UNITS["R"], "mm", 2e-5, 0.4),
 }
 
+TIME = Kind("time", "s", "s")
+
 _FLAT = 1e-9  # a channel that varies by less than this share of its size is dead
 _RUN = 4  # equal samples at the extreme that may be a plateau
 _STEEP = 12.0  # quanta that a signal falls beside a plateau of a clipped channel; rounding alone makes fewer
@@ -41,19 +45,27 @@ _VALVE = 0.05  # share of its range within which a flow may rest near zero: a cl
 _WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
 
 
-def refuse(source: str, line: int, title: str, reason: str) -> NoReturn:
-    """Raises the ValueError of a cell."""
-    raise ValueError(f"{source}: line {line}, column {title!r}: {reason}.")
+class UnusableRecord(ValueError):
+    """A file that can be read, and a recording that no fit can use."""
 
 
-def check_numbers(values: Array, name: str, title: str, source: str) -> None:
+def refuse(place: Place, sample: int | None, title: str, reason: str) -> NoReturn:
+    """Raises the UnusableRecord of a sample, or of a column: sample None."""
+    raise UnusableRecord(said(place, sample, title, reason))
+
+
+def check_numbers(values: Array, name: str, title: str, place: Place) -> None:
     """Refuses infinite values and a channel of gaps only."""
     low, high = _extremes(values)
     if np.isinf(low) or np.isinf(high):
-        line = int(np.flatnonzero(np.isinf(values))[0]) + 2
-        refuse(source, line, title, "the value is infinite; leave the field empty for a gap")
+        refuse(
+            place,
+            int(np.flatnonzero(np.isinf(values))[0]),
+            title,
+            "the value is infinite; leave the field empty for a gap",
+        )
     if np.isnan(low):
-        raise ValueError(f"{source}: column {title!r}: it holds gaps only; remove the column.")
+        raise UnusableRecord(f"{place}: column {title!r}: it holds gaps only; remove the column.")
 
 
 def constant_value(values: Array) -> float | None:
@@ -67,15 +79,15 @@ def may_rest(name: str) -> bool:
     return _kind(name).noun == "flow" and name != INFLOW
 
 
-def refuse_constant(name: str, value: float, title: str, source: str) -> NoReturn:
+def refuse_constant(name: str, value: float, title: str, place: Place) -> NoReturn:
     """Raises the ValueError of a dead sensor, or of no pulsation to fit."""
-    raise ValueError(
-        f"{source}: column {title!r}: the channel is constant ({value:g} {_kind(name).unit}), it does not pulsate; "
+    raise UnusableRecord(
+        f"{place}: column {title!r}: the channel is constant ({value:g} {_kind(name).unit}), it does not pulsate; "
         "check the sensor, or remove the column."
     )
 
 
-def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
+def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
     """Refuses a channel whose sensor was saturated: it enters and leaves a plateau at its extreme steeply.
 
     Rounding makes plateaus too, but beside one of n samples a rounded smooth signal is a few quanta lower at n/4
@@ -98,8 +110,8 @@ def check_plateaus(values: Array, name: str, title: str, source: str) -> None:
         start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
         if len(fall) and np.median(fall) > _STEEP * _quantum(values):
             refuse(
-                source,
-                int(start[0]) + 2,
+                place,
+                int(start[0]),
                 title,
                 f"the channel is clipped: it rests at its {word} value, "
                 f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
@@ -126,19 +138,19 @@ def _kind(name: str) -> Kind:
     return KINDS[name.rpartition(".")[2]]
 
 
-def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], source: str) -> None:
+def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place: Place) -> None:
     """Refuses values that no artery has: the unit is wrong, or P and R of a site are swapped."""
     for name, values in channels.items():
         site, _, letter = name.rpartition(".")
         kind = KINDS[letter]
         if letter in "PR" and _swapped(channels.get(f"{site}.P"), channels.get(f"{site}.R")):
-            refuse(source, 1, titles[name], f"P and R of {site} seem swapped; exchange the two names")
+            refuse(place, None, titles[name], f"P and R of {site} seem swapped; exchange the two names")
         low, high = _extremes(values)
         if low < kind.low or high > kind.high:
             bad = np.flatnonzero((values < kind.low) | (values > kind.high))
             refuse(
-                source,
-                int(bad[0]) + 2,
+                place,
+                int(bad[0]),
                 titles[name],
                 f"{values[bad[0]]:.4g} {kind.unit} is outside {kind.low:g} to {kind.high:g} {kind.unit}; "
                 "the unit is probably wrong",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .sensors import refuse
+from .sensors import UnusableRecord, refuse
+from .tables.table import Place
 
 Array = np.ndarray
 
@@ -13,7 +14,7 @@ _LATEST = 1e10  # [s], times since 1970 included
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 
 
-def uniform(given: Array, factor: float, title: str, source: str) -> Array:
+def uniform(given: Array, factor: float, title: str, place: Place) -> Array:
     """The uniform time axis [s] behind printed times: the straight line through them.
 
     A printed time may be off by its rounding: half a unit of its last decimal, or of the last of its significant digits
@@ -23,19 +24,19 @@ def uniform(given: Array, factor: float, title: str, source: str) -> Array:
     n = len(given)
     bad = np.flatnonzero(~np.isfinite(given))
     if len(bad):
-        refuse(source, int(bad[0]) + 2, title, "the time is missing or not finite; every sample needs its time")
+        refuse(place, int(bad[0]), title, "the time is missing or not finite; every sample needs its time")
     if n < _SHORTEST:
-        raise ValueError(f"{source}: {n} samples are too few; a record holds several beats.")
+        raise UnusableRecord(f"{place}: {n} samples are too few; a record holds several beats.")
     with np.errstate(over="ignore", invalid="ignore"):
         step = np.diff(given)
         span = given[-1] - given[0]
         longest = max(abs(given[0]), abs(given[-1])) * factor
     if not (np.isfinite(span) and longest < _LATEST):
-        refuse(source, 2, title, f"times beyond {_LATEST:g} s; check the unit, or start the record at zero")
+        refuse(place, 0, title, f"times beyond {_LATEST:g} s; check the unit, or start the record at zero")
     bad = np.flatnonzero(step <= 0.0)
     if len(bad):
         refuse(
-            source, int(bad[0]) + 3, title, f"the time does not increase ({given[bad[0]]:g} to {given[bad[0] + 1]:g})"
+            place, int(bad[0]) + 1, title, f"the time does not increase ({given[bad[0]]:g} to {given[bad[0] + 1]:g})"
         )
     index = np.arange(n) - (n - 1) / 2.0
     dt = (given - given[0]) @ index / (index @ index)
@@ -54,8 +55,8 @@ def uniform(given: Array, factor: float, title: str, source: str) -> Array:
         at = int(first[0]) if len(first) else int(off.argmax())
         advice = "print the time with more decimals, " if 2.0 * decimal > dt else ""
         refuse(
-            source,
-            at + 3,
+            place,
+            at + 1,
             title,
             f"the sampling is not uniform: a step of {step[at]:.6g} where the usual one is {usual:.6g}; "
             f"{advice}resample the record, or fill lost samples with empty fields",

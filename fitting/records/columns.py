@@ -1,0 +1,207 @@
+"""Which column of a file is which variable of a network, in which unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+from .sensors import KINDS, TIME, Kind
+from .tables.table import Column, Place, Table, refuse
+from .tables.titles import factor, is_time, name_and_unit
+
+CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file is to be read. decimal : comma or point, by default found.
+
+    names : title of a column -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]"; "" leaves the column
+    out. If any is given, all columns that neither it nor the variables' names mention are left out.
+    """
+
+    decimal: str | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+
+    @staticmethod
+    def asked(pairs: Iterable[str] | None, decimal: str | None) -> Reading:
+        """Of the options ``--map TITLE=VARIABLE`` and ``--decimal``. Raises ValueError for a pair that is none."""
+        names: dict[str, str] = {}
+        for pair in pairs or ():
+            title, equals, variable = (part.strip() for part in pair.rpartition("="))
+            if not equals or not title:
+                raise ValueError(f'--map "{pair}": must be TITLE=VARIABLE, such as --map "Pressure (mmHg)=AA.P".')
+            if title in names:
+                raise ValueError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
+            names[title] = variable
+        return Reading(decimal, names)
+
+    @property
+    def key(self) -> list[Any]:
+        """Plain, for what depends on it."""
+        return [self.decimal, dict(self.names)]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A column that is read: its name in the record (D as R), kind, and scale of its unit in SI. Time is "time"."""
+
+    column: Column
+    name: str
+    kind: Kind
+    scale: float
+
+    @property
+    def factor(self) -> float:
+        """By which the values are multiplied: a diameter becomes a radius."""
+        return self.scale / 2.0 if self.kind is KINDS["D"] else self.scale
+
+
+def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
+    """The time and the channels of a table.
+
+    Raises ValueError, one sentence with the column and the option that helps.
+    """
+    place, columns = table.place, list(table.columns)
+    targets = _targets(columns, reading, place)
+    wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
+    times = [(column, target) for column, target in wanted if target[0] == "time"]
+    if not times:
+        title = columns[0].title if columns else ""
+        refuse(place, None, title, f'no column is named time; say which one it is: --map "{title}=time [s]"')
+    if len(times) > 1:
+        titles = " and ".join(repr(column.title) for column, _ in times)
+        refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
+    titles_ = [column.title for column in columns]
+    found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
+    if not found:
+        raise ValueError(
+            f'{place}: there is no channel beside the time; name one "AA.P [mmHg]", or say which column it is: '
+            '--map "Pressure (mmHg)=AA.P".'
+        )
+    for i, each in enumerate(found):
+        for other in found[:i]:
+            if other.name == each.name:
+                both = "a name twice" if other.kind is each.kind else "R and D of one site"
+                refuse(
+                    place,
+                    None,
+                    each.column.title,
+                    f'{both}; keep one of the two columns, --map "{each.column.title}=" leaves this one out',
+                )
+    return _chosen(*times[0], titles_, place), found
+
+
+def explained(table: Table, reading: Reading) -> list[str]:
+    """Of each column what it is read as, or what is to be said before it can be; for people."""
+    found = []
+    titles = [column.title for column in table.columns]
+    for column, target in zip(table.columns, _targets(table.columns, reading, table.place, False), strict=True):
+        try:
+            if target is None:
+                found.append("left out")
+            else:
+                each = _chosen(column, target, titles, table.place)
+                found.append("time" if each.name == "time" else f"{each.name}, a {each.kind.noun}")
+        except ValueError as error:
+            found.append(str(error).rpartition(f"{column.title!r}: ")[2])
+    return found
+
+
+# --- one column ---------------------------------------------------------------------------------------------------
+
+
+def _targets(
+    columns: Sequence[Column], reading: Reading, place: Place, strict: bool = True
+) -> list[tuple[str, str] | None]:
+    """Variable and unit of each column, None where it is left out; strict: every name of the reading must be there."""
+    given: dict[int, str] = {}
+    for title, variable in reading.names.items():
+        there = [i for i, column in enumerate(columns) if column.title == title]
+        there = there or [i for i, column in enumerate(columns) if name_and_unit(column.title)[0] == title]
+        if len(there) != 1 and strict:
+            what = "no column has this title" if not there else f"{len(there)} columns have this title"
+            raise ValueError(
+                f'{place}: --map "{title}={variable}": {what}; the columns are '
+                f"{', '.join(repr(column.title) for column in columns)}."
+            )
+        for i in there:
+            given[i] = variable
+    said = {name_and_unit(variable)[0] for variable in given.values()}
+    return [_target(column, given.get(i), said, bool(reading.names)) for i, column in enumerate(columns)]
+
+
+def _target(column: Column, given: str | None, said: set[str], named: bool) -> tuple[str, str] | None:
+    name, unit = name_and_unit(column.title)
+    unit = unit or column.unit
+    if given is not None:
+        variable, own = name_and_unit(given)
+        return (("time" if is_time(variable) else variable), own or unit) if given else None
+    if is_time(name):
+        return None if any(is_time(each) for each in said) else ("time", unit)
+    if named and (_kind(name) is None or name in said):
+        return None
+    return name, unit
+
+
+def _kind(name: str) -> Kind | None:
+    site, _, letter = name.rpartition(".")
+    return KINDS.get(letter) if site and site == site.strip() else None
+
+
+def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], place: Place) -> Chosen:
+    (name, unit), title = target, column.title
+    kind = TIME if name == "time" else _kind(name)
+    if kind is None:
+        short = title if title else "column"
+        if name != name_and_unit(title)[0]:
+            refuse(place, None, title, f"{name!r} is no variable of a network; allowed are {CHANNELS}, such as AA.P")
+        refuse(
+            place,
+            None,
+            title,
+            f"no such channel; allowed are {CHANNELS}: rename it, say which it is with "
+            f'--map "{short}=AA.P [mmHg]", or leave it out with --map "{short}="',
+        )
+    if column.problem:
+        refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
+    scale = _factor(kind, name, unit, title, titles, place)
+    site, _, letter = name.rpartition(".")
+    return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+
+
+def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:
+    """The factor from ``unit`` to the kind's SI unit."""
+    found = factor(unit, kind)
+    if found is not None:
+        return found
+    if not unit:
+        _ask(kind, name, title, place)
+    fits = next((each for each in (*KINDS.values(), TIME) if factor(unit, each) is not None), None)
+    what = f"the unit {unit} is that of a {fits.noun}" if fits else f"the unit {unit} is not known or of another kind"
+    advice = f"write a unit of {kind.noun}, such as [{kind.example}]"
+    if fits and _swapped(name, titles, kind):
+        advice = "P and R of the site seem swapped, so exchange the two names or their units"
+    refuse(place, None, title, f"{what} and does not fit a {kind.noun}; {advice}")
+
+
+def _ask(kind: Kind, name: str, title: str, place: Place) -> NoReturn:
+    bare = re.sub(r"\s*\[\s*\]$", "", name)
+    refuse(
+        place,
+        None,
+        title,
+        f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file',
+    )
+
+
+def _swapped(name: str, titles: Sequence[str], kind: Kind) -> bool:
+    """Whether the site's other column of pressure and radius has the unit that this one should have."""
+    site, _, own = name.rpartition(".")
+    others = {"P": ("R", "D"), "R": ("P",), "D": ("P",)}.get(own, ())
+    return any(
+        n in [f"{site}.{o}" for o in others] and u and factor(u, kind) is not None
+        for n, u in map(name_and_unit, titles)
+    )

@@ -1,0 +1,62 @@
+"""What is found in a file, column by column, before anything is asked of it: ``--columns``."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from rich.table import Table as Printed
+
+from solver.console import right
+
+from .columns import Reading, explained
+from .tables.kinds import read_table
+from .tables.titles import name_and_unit
+
+_FIRST = 3  # values
+
+
+def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
+    """The columns of a file: title, unit ("" unknown), first values, min, max, gaps, and what each is read as; plain.
+
+    Raises ValueError, one sentence, for a file that cannot be read.
+    """
+    table = read_table(path, reading.decimal)
+    columns = []
+    for column, meaning in zip(table.columns, explained(table, reading), strict=True):
+        values = column.values[np.isfinite(column.values)]
+        columns.append(
+            {
+                "title": column.title,
+                "unit": name_and_unit(column.title)[1] or column.unit,
+                "first": [float(v) if np.isfinite(v) else None for v in column.values[:_FIRST]],
+                "min": float(values.min()) if len(values) else None,
+                "max": float(values.max()) if len(values) else None,
+                "gaps": len(column.values) - len(values),
+                "read_as": meaning,
+            }
+        )
+    samples = max((len(column.values) for column in table.columns), default=0)
+    return {"file": str(path), "format": table.found, "samples": samples, "columns": columns}
+
+
+def preview_table(found: dict[str, Any]) -> Printed:
+    """The same for people."""
+    table = Printed(
+        "Column", "Unit", right("First values"), right("Min"), right("Max"), right("Gaps"), "Read as",
+        title=f"{found['file']}: {found['samples']} samples; {found['format']}",
+    )  # fmt: skip
+    for each in found["columns"]:
+        first = " ".join(_number(value) for value in each["first"])
+        numbers = (first, _number(each["min"]), _number(each["max"]), str(each["gaps"]))
+        table.add_row(*(_plain(text) for text in (each["title"], each["unit"], *numbers, each["read_as"])))
+    return table
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.5g}"
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", "\\[")  # rich reads brackets as styles

@@ -1,0 +1,174 @@
+"""How a text file is laid out: what separates its fields, its decimal mark, and where header and samples begin.
+
+All of it is decided by the first lines; what later contradicts is refused where it stands. What may be read in two ways
+is asked.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .numbers import COMMENT
+from .preamble import biopac, labchart
+from .titles import is_time, is_unit, name_and_unit
+
+_LOOKED_AT = 2000  # lines
+_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas"}
+_MARKS = {"comma": ",", "point": "."}
+_NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?|nan|[+-]?inf|", re.IGNORECASE)
+_GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
+
+
+@dataclass(frozen=True)
+class Layout:
+    """titles and units of the columns, "" where the title has the unit; header and first : lines of both, from 1."""
+
+    separator: str
+    mark: str
+    grouped: bool
+    titles: Sequence[str]
+    units: Sequence[str]
+    header: int
+    first: int
+
+    def __str__(self) -> str:
+        mark = {",": "comma", ".": "point"}[self.mark]
+        return f"{_SEPARATORS[self.separator]} between fields, decimal {mark}, header in line {self.header}"
+
+
+def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
+    """The layout of a file that begins with these lines; decimal : comma or point, by default found.
+
+    Raises ValueError, one sentence, where there is no table or no single way to read it.
+    """
+    if decimal is not None and decimal not in _MARKS:
+        raise ValueError(f"--decimal = {decimal!r}: must be comma or point.")
+    lines = lines[:_LOOKED_AT]
+    separator, start = _separator(lines, source)
+    rows = [_fields(line, separator) for line in lines]
+    header = _header(rows, start, lines)
+    titles = _titles(lines[header], separator, source, header)
+    if chart := labchart(rows[:start]):
+        header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
+        titles, units = chart
+    else:
+        between = [row for row in rows[header + 1 : start] if any(cell.strip() for cell in row)]
+        units = [cell.strip(" []()") for cell in between[0]] if between and _is_units(between[0]) else []
+        titles, units = biopac(lines[:header], titles) or (titles, units or [""] * len(titles))
+        if start == len(lines) or not (
+            all(_beside(row, line) for row, line in zip(rows[header + 1 : start], lines[header + 1 :], strict=False))
+        ):
+            start = header + 1  # what is there is said cell by cell
+    units += [""] * (len(titles) - len(units))
+    mark = _MARKS[decimal] if decimal else _mark(rows[start:], separator, source, start + 1)
+    return Layout(separator, mark, decimal is not None, titles, units, header + 1, start + 1)
+
+
+def _fields(line: str, separator: str) -> list[str]:
+    """The fields of a line, a leading mark of a comment aside."""
+    try:
+        return next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error:
+        return []
+
+
+def _separator(lines: Sequence[str], source: str) -> tuple[str, int]:
+    """What separates the fields, and the first line of numbers, from 0: the end of the lines if there is none."""
+    found = []
+    for rank, each in enumerate(_SEPARATORS):
+        at = next((i for i, line in enumerate(lines) if _is_sample(line, each)), None)
+        if at is not None:
+            found.append((at, rank, each))
+    if found:
+        at, _, separator = min(found)
+        return separator, at
+    header = next((line for line in lines if line.strip() and not line.startswith(COMMENT)), "")
+    if not header:
+        raise ValueError(f"{source}: the file is empty; export the recording again.")
+    if is_time(name_and_unit(header)[0]):
+        raise ValueError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
+    if not any(each in line for each in _SEPARATORS for line in lines):
+        raise ValueError(
+            f"{source}: line 1: there are no columns, but {header[:30]!r}; give a table with commas, semicolons or "
+            "tabs between its fields, whose first lines name the columns, such as time [s],AA.P [mmHg]."
+        )
+    return max(_SEPARATORS, key=header.count), len(lines)  # what is below the header is said cell by cell
+
+
+def _is_sample(line: str, separator: str) -> bool:
+    """Whether it is a line of two numbers at least, the first, a time, among them."""
+    if separator not in line or line.lstrip().startswith(COMMENT):
+        return False
+    cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
+    there = [cell for cell in cells if cell]
+    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) for cell in cells)
+
+
+def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> int:
+    """The line of the titles, from 0: the last before the numbers that names a time, else the last with as many fields.
+
+    A line of units below it is none.
+    """
+    above = [i for i in range(min(start, len(rows))) if len(rows[i]) > 1]
+    if start < len(rows):
+        above = [i for i in above if len(rows[i]) == len(rows[start])] or above
+    timed = [i for i in above if not _is_units(rows[i]) and any(is_time(name_and_unit(cell)[0]) for cell in rows[i])]
+    if timed:
+        return timed[-1]
+    named = [i for i in above if not _is_units(rows[i]) and rows[i][0].strip()] or above
+    plain = [i for i in named if not lines[i].startswith(COMMENT)]
+    if plain or named:
+        return (plain or named)[-1]
+    return next(i for i, line in enumerate(lines) if line.strip())
+
+
+def _titles(line: str, separator: str, source: str, at: int) -> list[str]:
+    try:
+        found = next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True, strict=True), [])
+    except csv.Error as error:
+        raise ValueError(
+            f"{source}: line {at + 1}: not a CSV header ({error}); write time [s],AA.P [mmHg], ..."
+        ) from None
+    if _is_sample(line, separator):
+        raise ValueError(
+            f"{source}: line {at + 1}: numbers where the columns should be named; put a line above them, such as "
+            "time [s],AA.P [mmHg]."
+        )
+    return [title.strip() for title in found]
+
+
+def _is_units(row: Sequence[str]) -> bool:
+    """Whether a line below the titles holds their units."""
+    cells = [cell.strip(" []()") for cell in row]
+    return any(cells) and all(not cell or is_unit(cell) for cell in cells)
+
+
+def _beside(row: Sequence[str], line: str) -> bool:
+    """Whether a line between header and numbers is neither: empty, a comment, units, or counts of samples (Biopac)."""
+    empty = not any(cell.strip() for cell in row) or line.startswith(COMMENT)
+    return empty or _is_units(row) or (not row[0].strip() and all(_NUMBER.fullmatch(cell.strip()) for cell in row))
+
+
+def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int) -> str:
+    """The decimal mark of the numbers; raises ValueError where it may as well group thousands."""
+    cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip())]
+    commas = [cell for cell in cells if "," in cell and "." not in cell]
+    points = [cell for cell in cells if "." in cell and "," not in cell]
+    if separator == "," and not commas:
+        return "."
+    if not commas and not points:
+        return "."
+    mark, other, marked = (",", ".", commas) if len(commas) > len(points) else (".", ",", points)
+    if commas and points or not all(re.fullmatch(_GROUPED.format(mark), cell) for cell in marked):
+        return mark
+    if mark == "." and separator != ";":
+        return mark
+    name = {",": "comma", ".": "point"}
+    whole = marked[0].replace(mark, "")
+    raise ValueError(
+        f"{source}: line {first}: {marked[0]!r} may be {marked[0].replace(mark, '.')} or {whole}; say which: "
+        f"--decimal {name[mark]} (it is the decimal mark) or --decimal {name[other]} (it groups thousands)."
+    )

@@ -1,0 +1,112 @@
+"""The cells of a text file as numbers: by polars, and where it stumbles one by one, to say where and why."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from array import array
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from .table import Array, Place, refuse
+
+COMMENT = ("#", "%", "//")
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf(?:inity)?)|nan|", re.IGNORECASE | re.ASCII
+)
+
+
+def quickly(data: Path | bytes, skip: int, width: int, separator: str, mark: str) -> list[Array] | None:
+    """One float array per column, NaN in gaps; None where only a look at every cell can tell."""
+    schema = {str(i): pl.Float64() for i in range(width)}
+    if mark == "," and isinstance(data, bytes) and b"." in data:  # which polars takes for a decimal mark, too
+        return None
+    try:
+        frame = pl.read_csv(
+            io.BytesIO(data) if isinstance(data, bytes) else data,
+            has_header=False, skip_rows=skip, schema=schema, glob=False, separator=separator, decimal_comma=mark == ",",
+        )  # fmt: skip
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException):  # its CSV reader panics on some broken files
+        return None
+    # polars fills up a row that is too short, and takes line ends of old spreadsheets for part of the header
+    whole = (frame.height + skip) * (width - 1)
+    if frame.height == 0 or (frame[:, -1].null_count() and _count(data, separator.encode()) != whole):
+        return None
+    return [frame[name].fill_null(np.nan).rechunk().to_numpy() for name in frame.columns]
+
+
+def _count(data: Path | bytes, separator: bytes) -> int:
+    if isinstance(data, bytes):
+        return data.count(separator)
+    with open(data, "rb") as stream:
+        return sum(block.count(separator) for block in iter(lambda: stream.read(1 << 22), b""))
+
+
+def slowly(
+    lines: Sequence[str], place: Place, titles: Sequence[str], separator: str, mark: str, grouped: bool
+) -> tuple[list[Array], list[int]]:
+    """The same cell by cell, and the line of each sample: for comments among the samples and spaces in the cells.
+
+    lines : of the whole file; the samples begin at ``place.lines[0]``. grouped : digits may be grouped by threes.
+    """
+    assert place.lines is not None
+    start = place.lines[0]
+    numbers, where, at = array("d"), [], [start - 1]
+    rows = csv.reader(_samples(lines, start, separator, len(titles), at), strict=True, delimiter=separator)
+    try:
+        for row in rows:
+            here = Place(place.source, place.header, [at[0]])
+            if len(row) != len(titles):
+                raise ValueError(
+                    f"{place}: line {at[0]}: {len(row)} fields where the header has {len(titles)}; complete or remove "
+                    "the line (gaps are empty fields; if decimal marks are commas, separate the fields by semicolons)."
+                )
+            numbers.extend(
+                _number(cell.strip(), here, title, mark, grouped) for cell, title in zip(row, titles, strict=True)
+            )
+            where.append(at[0])
+    except csv.Error as error:
+        raise ValueError(f"{place}: line {at[0]}: not CSV ({error}); correct the line.") from None
+    if not numbers:
+        raise ValueError(f"{place}: line {start}: there are no samples below the header; add them.")
+    return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where
+
+
+def _samples(lines: Sequence[str], start: int, separator: str, width: int, at: list[int]) -> Iterator[str]:
+    """The lines from ``start`` on without comments; at[0] becomes the number of the line."""
+    last = next((i for i in range(len(lines), start - 1, -1) if lines[i - 1]), start - 1)
+    for number in range(start, last + 1):
+        line, at[0] = lines[number - 1], number
+        if line.lstrip().startswith(COMMENT):
+            continue
+        if "#" in line and '"' not in line:  # a remark behind the numbers, in a field of its own in LabChart
+            line = line.partition("#")[0].rstrip(" ")
+            line = line.removesuffix(separator) if line.count(separator) == width else line
+        yield f"{line}\n"
+
+
+def _number(text: str, place: Place, title: str, mark: str, grouped: bool) -> float:
+    other = "." if mark == "," else ","
+    plain = text
+    if grouped and re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{other}\d{{3}})+(\{mark}\d*)?", text):
+        plain = text.replace(other, "")
+    if mark == ",":
+        plain = "?" if "." in plain else plain.replace(",", ".", 1)
+    if not _NUMBER.fullmatch(plain):
+        refuse(place, 0, title, f"{text[:40]!r} is not a number; {_advice(text, mark)}")
+    return float(plain or "nan")
+
+
+def _advice(text: str, mark: str) -> str:
+    if re.fullmatch(r"[+-]?[\d.,]+", text):
+        if "," in text and "." in text:
+            return "remove what groups its digits, or say what the decimal mark is with --decimal comma or point"
+        word, other = ("comma", "point") if mark == "," else ("point", "comma")
+        return f"the decimal mark is a {word} elsewhere: write it alike everywhere, or try --decimal {other}"
+    if re.fullmatch(r"\d+:\d+.*", text):
+        return "write the time as seconds since the start, not as a clock shows it"
+    return "write a number, or nothing for a gap"

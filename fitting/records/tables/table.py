@@ -1,0 +1,65 @@
+"""What any file of measurements is read as: named columns of equal length, and where each sample stands in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the samples of a table stand. lines : line of each sample, None for a file without lines; header likewise.
+
+    As text it is the name of the file.
+    """
+
+    source: str
+    header: int | None = None
+    lines: Sequence[int] | None = None
+
+    def __str__(self) -> str:
+        return self.source
+
+    def of(self, sample: int | None) -> str:
+        """ "line 7", or "sample 5" of a file without lines; None: the header, "" if there is none."""
+        if sample is None:
+            return "" if self.header is None else f"line {self.header}"
+        return f"sample {sample + 1}" if self.lines is None else f"line {self.lines[sample]}"
+
+
+@dataclass(frozen=True)
+class Column:
+    """title as it is in the file; unit where the file says it elsewhere; values : (n,), NaN in gaps.
+
+    problem : why its values are not there, a clause of a sentence.
+    """
+
+    title: str
+    values: Array
+    unit: str = ""
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of a file, in its order; found : how the file was understood, for people."""
+
+    place: Place
+    columns: Sequence[Column]
+    found: str = ""
+
+
+def said(place: Place, sample: int | None, title: str, reason: str) -> str:
+    """The sentence about a cell, or about a column whose ``sample`` is None."""
+    where = ", ".join(part for part in (place.of(sample), f"column {title!r}") if part)
+    return f"{place}: {where}: {reason}."
+
+
+def refuse(place: Place, sample: int | None, title: str, reason: str) -> NoReturn:
+    """Raises the ValueError of a cell that cannot be read."""
+    raise ValueError(said(place, sample, title, reason))

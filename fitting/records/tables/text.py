@@ -1,0 +1,69 @@
+"""Text files as tables: CSV in the dialects of laboratories and spreadsheets."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from pathlib import Path
+
+import numpy as np
+
+from .layout import layout
+from .numbers import quickly, slowly
+from .table import Column, Place, Table
+
+_HEAD = 1 << 20  # bytes, in which the samples begin
+_ENDLESS = 1 << 62
+_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def read_text_table(path: Path, decimal: str | None) -> Table:
+    """A text file as a table. Raises ValueError, one sentence with line and column where there is one."""
+    source = str(path)
+    with open(path, "rb") as stream:
+        head = stream.read(_HEAD)
+    encoding = _encoding(head, source)
+    form = layout(_lines(head.decode(encoding, "replace")), source, decimal)
+    titles = list(form.titles)
+    if len(titles) == 1:
+        raise ValueError(
+            f"{source}: line {form.header}: there is no channel beside the time; add one, such as 'AA.P [mmHg]'."
+        )
+    numbers = None
+    plain = (form.header, form.first) == (1, 2) and encoding.startswith("utf-8")
+    lines: list[str] = []
+    if plain and form.mark == ".":
+        numbers = quickly(path, 1, len(titles), form.separator, form.mark)
+    if numbers is None:
+        lines = _lines(path.read_bytes().decode(encoding, "replace"))
+        data = "\n".join(lines[form.first - 1 :]).rstrip("\n").encode() + b"\n"
+        if not plain or form.mark != ".":
+            numbers = quickly(data, 0, len(titles), form.separator, form.mark)
+    place = Place(source, form.header, range(form.first, _ENDLESS))
+    if numbers is None:
+        numbers, where = slowly(lines, place, titles, form.separator, form.mark, form.grouped)
+        place = Place(source, form.header, where)
+    columns = [
+        Column(title or f"column {i}", values, unit)
+        for i, (title, values, unit) in enumerate(zip(titles, numbers, form.units, strict=True), start=1)
+        if title or not np.isnan(values).all()  # a separator at the end of every line makes a column of nothing
+    ]
+    return Table(place, columns, str(form))
+
+
+def _lines(text: str) -> list[str]:
+    return re.split(r"\r\n|\r|\n", text)
+
+
+def _encoding(head: bytes, source: str) -> str:
+    """UTF-8, UTF-16 by its mark, or what Windows writes: of that only letters of names and units can be wrong."""
+    for mark, name in _MARKS.items():
+        if head.startswith(mark):
+            return name
+    if b"\0" in head:
+        raise ValueError(f"{source}: not text (byte {head.index(0)} is zero); export it as CSV, in UTF-8.")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"

@@ -1,0 +1,304 @@
+"""Files as laboratories have them, written here from synthetic numbers: each reads as the plain CSV does, or asks."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from record_files import DT, P_MMHG, R_MM, TIME, bench, text
+from scipy.io import savemat
+from typer.testing import CliRunner
+
+import discrepancy.__main__
+import fitting.__main__
+from fitting.records.columns import Reading
+from fitting.records.record import Record, read_record
+from fitting.records.tables.titles import name_and_unit
+from solver.units import MMHG
+
+PLAIN = {"AA.P": P_MMHG * MMHG, "AA.R": R_MM * 1e-3}
+NAMES = {"P": "AA.P [mmHg]", "D": "AA.R [mm]"}
+
+
+def read(folder: Path, content: str | bytes, name: str = "record.txt", **how: Any) -> Record:
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_record(path, Reading(**how))
+
+
+def check(record: Record, rtol: float = 1e-8) -> None:
+    """Time step, pressure and radius are those of the plain file, to its printed digits."""
+    assert record.dt == pytest.approx(DT, rel=1e-9)
+    assert set(record.channels) == set(PLAIN)
+    for name, values in PLAIN.items():
+        np.testing.assert_allclose(record.channels[name], values, rtol=rtol)
+
+
+def rows(separator: str, mark: str, decimals: int = 8) -> list[str]:
+    table = np.column_stack([TIME, P_MMHG, R_MM])
+    return [separator.join(f"{v:.{decimals}f}".replace(".", mark) for v in row) for row in table]
+
+
+def refused(folder: Path, content: str | bytes, name: str = "record.txt", **how: Any) -> str:
+    with pytest.raises(ValueError) as caught:
+        read(folder, content, name, **how)
+    sentence = str(caught.value)
+    assert sentence.startswith(str(folder / name)) and sentence.endswith(".") and "\n" not in sentence
+    return sentence
+
+
+# --- dialects -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", ".")])
+def test_european_csv(tmp_path: Path, separator: str, mark: str, encoding: str) -> None:
+    """Separators, decimal marks and encodings; the radius in micrometres has a letter that is not ASCII."""
+    table = np.column_stack([TIME, P_MMHG, 1e3 * R_MM])
+    lines = [separator.join(f"{v:.8f}".replace(".", mark) for v in row) for row in table]
+    header = separator.join(["Zeit [s]", "AA.P (mmHg)", "AA.R [µm]"])
+    check(read(tmp_path, "\r\n".join([header, *lines]).encode(encoding)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    dialect=st.sampled_from([(";", ","), (";", "."), ("\t", ","), ("\t", "."), (",", ".")]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16"]),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    preamble=st.lists(st.sampled_from(["# a remark", "% made by hand", "Animal 7", "", "Date: today"]), max_size=4),
+    brackets=st.sampled_from(["[]", "()"]),
+    trailing=st.booleans(),
+    gaps=st.sets(st.integers(0, 29), max_size=10),
+)
+def test_any_dialect_reads_back(
+    seed: int, dialect: tuple[str, str], encoding: str, end: str, preamble: list[str], brackets: str, trailing: bool,
+    gaps: set[int],
+) -> None:  # fmt: skip
+    """Any mixture of dialects: pressures bit for bit the numbers of the plain CSV, gaps where they were."""
+    rng = np.random.default_rng(seed)
+    P, R = rng.uniform(60.0, 140.0, 30), rng.uniform(8.0, 12.0, 30)
+    P[sorted(gaps)] = np.nan
+    cells = [[f"{0.005 * i:.3f}", "" if np.isnan(p) else repr(float(p)), repr(float(r))] for i, (p, r) in
+             enumerate(zip(P, R, strict=True))]  # fmt: skip
+    separator, mark = dialect
+    last = separator if trailing else ""
+    header = [
+        f"{name} {brackets[0]}{unit}{brackets[1]}" for name, unit in (("t", "s"), ("AA.P", "kPa"), ("AA.R", "mm"))
+    ]
+    lines = [*preamble, separator.join(header) + last]
+    lines += [separator.join(row).replace(".", mark) + last for row in cells]
+    with tempfile.TemporaryDirectory() as folder:
+        plain = read(Path(folder), "\n".join(["time [s],AA.P [kPa],AA.R [mm]", *map(",".join, cells)]))
+        other = read(Path(folder), end.join(lines).encode(encoding))
+    for name in ("AA.P", "AA.R"):
+        np.testing.assert_array_equal(other.channels[name], plain.channels[name])
+
+
+@pytest.mark.parametrize(
+    ("title", "expected"),
+    [
+        ("t (ms)", ("t", "ms")),
+        ("Time_s", ("Time", "s")),
+        ("Zeit [ms]", ("Zeit", "ms")),
+        ("Zeit / ms", ("Zeit", "ms")),
+        ("p in mmHg", ("p", "mmHg")),
+        ("Pressure mm Hg", ("Pressure", "mm Hg")),
+        ("min", ("time", "min")),
+        ("Pressure (left)", ("Pressure (left)", "")),
+        ("P_m", ("P_m", "")),
+        ("P_min", ("P_min", "")),
+        ("AA.P", ("AA.P", "")),
+    ],
+)
+def test_titles(title: str, expected: tuple[str, str]) -> None:
+    """Name and unit; what may mean anything else is no unit."""
+    assert name_and_unit(title) == expected
+
+
+@pytest.mark.parametrize(
+    ("title", "per_second"), [("t (ms)", 1e3), ("Time_s", 1.0), ("min", 1 / 60), ("Time [sec]", 1.0)]
+)
+def test_times(tmp_path: Path, title: str, per_second: float) -> None:
+    """Milliseconds, seconds, minutes: dt in s to the printed digits."""
+    check(read(tmp_path, text({title: TIME * per_second, "AA.P [mmHg]": P_MMHG, "AA.R [mm]": R_MM}, 12)))
+
+
+def test_labchart_and_acqknowledge(tmp_path: Path) -> None:
+    """What LabChart and AcqKnowledge write above and beside the numbers; columns by the names of the channels."""
+    chart = ["Interval=\t0.005 s", "ExcelDateTime=\t4.5e+004\t01/02/26 10:00:00.000", "TimeFormat=\tStartOfBlock",
+             "ChannelTitle=\tP\tD", "Range=\t500 mmHg\t10.000 mm"]  # fmt: skip
+    lines = rows("\t", ".")
+    lines[7] += "\t#* injection "
+    check(read(tmp_path, "\n".join([*chart, *lines]), names=NAMES))
+    biopac = ["sheep7.acq", "5 msec/sample", "2 channels", "P", "mmHg", "D", "mm", "sec\tCH1\tCH2\t", "\t1000\t1000\t"]
+    check(read(tmp_path, "\n".join([*biopac, *(f"{row}\t" for row in rows("\t", "."))]), names=NAMES))
+
+
+def test_comments_units_below_and_savetxt(tmp_path: Path) -> None:
+    """Comments above, among and behind the numbers; a line of units; a header that is a comment, as NumPy writes it."""
+    lines = rows(",", ".")
+    lines[5] += " # cough"
+    header = ["% made by hand", "time,AA.P,AA.R", "s,mmHg,mm"]
+    check(read(tmp_path, "\n".join([*header, *lines[:9], "# a remark", *lines[9:]])))
+    np.savetxt(tmp_path / "s.txt", np.column_stack([TIME, P_MMHG, R_MM]), delimiter=",",
+               header="time [s],AA.P [mmHg],AA.R [mm]")  # fmt: skip
+    check(read_record(tmp_path / "s.txt"), 1e-7)
+
+
+# --- what may mean two things -------------------------------------------------------------------------------------
+
+
+def test_a_comma_that_may_group_thousands_is_asked(tmp_path: Path) -> None:
+    """Whole milliseconds and "85,123": asked; read as either with --decimal."""
+    lines = [f"{i};{80 + i % 7},{100 + i}" for i in range(40)]
+    content = "\n".join(["t (ms);AA.P [Pa]", *lines])
+    said = refused(tmp_path, content)
+    assert "line 2: '80,100' may be 80.100 or 80100; say which: --decimal comma" in said
+    assert read(tmp_path, content, decimal="comma").channels["AA.P"][1] == 81.101
+    assert read(tmp_path, content, decimal="point").channels["AA.P"][1] == 81101.0
+    assert "--decimal = 'dot': must be comma or point" in str(
+        pytest.raises(ValueError, read, tmp_path, content, decimal="dot").value
+    )
+
+
+def test_marks_that_change_are_refused_where_they_do(tmp_path: Path) -> None:
+    """A point among decimal commas, beyond the lines that decide: line and column."""
+    lines = rows(";", ",")
+    lines[900] = lines[900].replace(",", ".")
+    said = refused(tmp_path, "\n".join(["time [s];AA.P [mmHg];AA.R [mm]", *lines]))
+    assert "line 902, column 'time [s]': '4.50000000' is not a number; the decimal mark is a comma elsewhere" in said
+
+
+# --- which column is what -----------------------------------------------------------------------------------------
+
+LAB = {"Time": TIME, "ECG": 0.0 * TIME, "Pressure (mmHg)": P_MMHG, "Radius": R_MM}
+
+
+def test_map(tmp_path: Path) -> None:
+    """Names as in the file; the unit from the title or from the option; what is not named is left out."""
+    names = Reading.asked(["Time=time [s]", "Pressure (mmHg)=AA.P", "Radius=AA.R [mm]"], None).names
+    check(read(tmp_path, text(LAB), names=names))
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ({}, "line 1, column 'ECG': no such channel; allowed are <site>.P"),
+        ({"Pressure": "AA.P"}, "column 'Time': it has no unit; say which: --map \"Time=time [s]\""),
+        (
+            {"Time": "time [s]", "Radius": "AA.R"},
+            "column 'Radius': it has no unit; say which: --map \"Radius=AA.R [mm]\"",
+        ),
+        ({"Flow": "AA.Q"}, "--map \"Flow=AA.Q\": no column has this title; the columns are 'Time', 'ECG'"),
+        ({"Time": "time [s]", "Radius": "AA.X"}, "'AA.X' is no variable of a network; allowed are <site>.P"),
+        ({"Time": "time [s]"}, "there is no channel beside the time"),
+    ],
+)
+def test_what_a_map_lacks(tmp_path: Path, names: dict[str, str], expected: str) -> None:
+    """One sentence with the option that helps."""
+    assert expected in refused(tmp_path, text(LAB), names=names)
+
+
+def test_map_that_is_none() -> None:
+    """Neither title nor variable: the sentence has an example."""
+    for pair in ("Pressure", "=AA.P"):
+        with pytest.raises(ValueError, match="must be TITLE=VARIABLE, such as"):
+            Reading.asked([pair], None)
+
+
+# --- other kinds of file ------------------------------------------------------------------------------------------
+
+
+def test_matlab(tmp_path: Path) -> None:
+    """Vectors, columns of a matrix, a struct; a scalar is none, a vector of another length is left out."""
+    path = tmp_path / "record.mat"
+    names = {"t": "time [s]", "AA.P": "AA.P [mmHg]"}
+    savemat(path, {"t": TIME, "fs": 200.0, "odd": np.arange(3.0), "AA": {"P": P_MMHG, "R_mm": R_MM}})
+    check(read_record(path, Reading(names={"t": "time [s]", "AA.P": "AA.P [mmHg]", "AA.R_mm": "AA.R"})))
+    savemat(path, {"data": np.column_stack([TIME, P_MMHG, R_MM])})
+    names = {"data(:,1)": "time [s]", "data(:,2)": "AA.P [mmHg]", "data(:,3)": "AA.R [mm]"}
+    check(read_record(path, Reading(names=names)))
+
+
+def test_edf(tmp_path: Path) -> None:
+    """Signals of 16 bits over their range: to a step of the converter; the time from the rate."""
+    pyedflib = pytest.importorskip("pyedflib")
+    path = tmp_path / "record.edf"
+    with pyedflib.EdfWriter(str(path), 2) as writer:
+        for i, (label, unit, values) in enumerate([("P", "mmHg", P_MMHG), ("D", "mm", R_MM)]):
+            low, high = np.floor(values.min()), np.ceil(values.max())
+            writer.setSignalHeader(i, {"label": label, "dimension": unit, "sample_frequency": 200,
+                                       "physical_min": low, "physical_max": high, "digital_min": -32768,
+                                       "digital_max": 32767, "transducer": "", "prefilter": ""})  # fmt: skip
+        writer.writeSamples([P_MMHG, R_MM])
+    check(read_record(path, Reading(names={"P": "AA.P", "D": "AA.R"})), 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("a.xlsx", b"PK\x03\x04", "an Excel workbook, which is not read; save the sheet as CSV"),
+        ("a.mat", b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\x89HDF", "save it with save(…, '-v7')"),
+        ("a.mat", b"MATLAB 5.0", "not a whole MATLAB file"),
+        ("a.hea", b"a 2 250", "rdsamp -r NAME -c"),
+        ("a.bin", bytes(40), "not text (byte 0 is zero)"),
+        ("a.csv", b"\x1f\x8b", "a compressed file"),
+        ("a.csv", b"time [s];AA.P [mmHg]\n00:01;80\n", "'00:01' is not a number; write the time as seconds since"),
+    ],
+)
+def test_what_is_not_read(tmp_path: Path, name: str, content: bytes, expected: str) -> None:
+    """What was found, and what to do."""
+    assert expected in refused(tmp_path, content, name)
+
+
+# --- commands -----------------------------------------------------------------------------------------------------
+
+
+def test_columns(tmp_path: Path) -> None:
+    """A look at the columns needs nothing but the file, wherever the option stands; exit code 0; JSON, too."""
+    path = tmp_path / "lab.csv"
+    path.write_text(text(LAB))
+    runner = CliRunner(env={"COLUMNS": "200"})
+    for app, words in (
+        (fitting.__main__.app, ["fit"]),
+        (fitting.__main__.app, ["calibrate"]),
+        (discrepancy.__main__.app, []),
+    ):
+        done = runner.invoke(app, [*words, str(path), "--columns", "--map", "Pressure (mmHg)=AA.P"])
+        assert done.exit_code == 0 and "AA.P, a pressure" in done.stdout and "left out" in done.stdout
+    found = json.loads(runner.invoke(fitting.__main__.app, ["fit", str(path), "--columns", "--json"]).stdout)
+    assert found["samples"] == len(TIME)
+    pressure = found["columns"][2]
+    assert (pressure["title"], pressure["unit"], pressure["min"]) == ("Pressure (mmHg)", "mmHg", round(P_MMHG.min(), 9))
+    assert "no such channel" in pressure["read_as"]
+
+
+def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -> None:
+    """Text in place of numbers, or a column without unit: exit code 2, one sentence, no folder."""
+    out = tmp_path / "out"
+    for content in ("time [s],AA.P [mmHg]\n0,x\n", text({"time [s]": TIME, "AA.P": P_MMHG})):
+        (tmp_path / "r.csv").write_text(content)
+        words = [str(tmp_path / "r.csv"), "--model", "sheep", "--out", str(out)]
+        done = CliRunner().invoke(discrepancy.__main__.app, words)
+        assert done.exit_code == 2 and done.stderr.count("Error: ") == 1 and not out.exists(), done.output
+
+
+def test_fit_takes_the_options(tmp_path: Path) -> None:
+    """The wall of a file with its own names is that of the plain one, digit for digit."""
+    (tmp_path / "plain.csv").write_text(text(bench()))
+    (tmp_path / "lab.csv").write_text(
+        text({"t_s": TIME, "p (mmHg)": P_MMHG, "r": R_MM}).replace(",", ";").replace(".", ",")
+    )
+    asked = ["--site", "AA", "--h", "1 mm", "--model", "linear", "--bootstrap", "0", "--json", "--quiet"]
+    maps = ["--map", "p=AA.P", "--map", "r=AA.R [mm]"]
+    runner = CliRunner()
+    sets = [json.loads(runner.invoke(fitting.__main__.app, ["fit", str(tmp_path / name), *asked, *more]).stdout)
+            for name, more in (("plain.csv", []), ("lab.csv", maps))]  # fmt: skip
+    assert sets[0]["values"] == sets[1]["values"]
