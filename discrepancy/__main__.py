@@ -67,12 +67,12 @@ def discover_command(
         Path | None, typer.Option(help="Result of `calibrate`: values, and how uncertain they are.")
     ] = None,
     time_limit: Annotated[str, typer.Option(help="Of naming; then the best answer so far is given.")] = "5 min",
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
-    ] = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -58,12 +58,12 @@ def fit_command(
     figure: Annotated[
         Path | None, typer.Option(help="Draw the loop, measured against linear and chosen model.")
     ] = None,
-    bench: Annotated[
-        Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
-    ] = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    bench: Annotated[
+        Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -137,10 +137,10 @@ def virtual_command(
 def cohort_command(
     cohort: Annotated[Path, typer.Argument(is_eager=True, help="CSV with animal, site, record, h [mm], R0 [mm].")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
-    law: Law = "regression",
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    law: Law = "regression",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -175,10 +175,10 @@ def calibrate_command(
     start: Annotated[
         Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
     ] = None,
-    period: Period = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    period: Period = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -217,11 +217,11 @@ def check_command(
     record: Annotated[
         Path, typer.Argument(is_eager=True, help="File: a network record, or P and R of the bench's site.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
-    period: Period = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
+    period: Period = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

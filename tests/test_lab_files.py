@@ -292,9 +292,10 @@ def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -
 
 def test_fit_takes_the_options(tmp_path: Path) -> None:
     """The wall of a file with its own names is that of the plain one, digit for digit."""
-    (tmp_path / "plain.csv").write_text(text(bench()))
+    late = np.roll(R_MM, 2)  # behind the pressure, as that of a viscous wall
+    (tmp_path / "plain.csv").write_text(text(bench(R=late)))
     (tmp_path / "lab.csv").write_text(
-        text({"t_s": TIME, "p (mmHg)": P_MMHG, "r": R_MM}).replace(",", ";").replace(".", ",")
+        text({"t_s": TIME, "p (mmHg)": P_MMHG, "r": late}).replace(",", ";").replace(".", ",")
     )
     asked = ["--site", "AA", "--h", "1 mm", "--model", "linear", "--bootstrap", "0", "--json", "--quiet"]
     maps = ["--map", "p=AA.P", "--map", "r=AA.R [mm]"]

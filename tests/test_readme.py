@@ -33,6 +33,7 @@ DOCUMENTS = {
     "docs/effects.md": (1, 0),
     "docs/schemes.md": (1, 1),
     "docs/fitting.md": (2, 2),
+    "docs/lab-files.md": (1, 1),
     "docs/discrepancy.md": (2, 2),
 }
 SLOW = ("docs/command-line.md", "docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md",

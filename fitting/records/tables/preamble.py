@@ -34,4 +34,5 @@ def biopac(lines: Sequence[str], titles: Sequence[str]) -> tuple[list[str], list
     channels = [title for title in titles[1:] if title]
     if len(names) != len(channels) or len(units) != len(channels):
         return None
-    return [titles[0], *names], ["", *(unit if is_unit(unit) else "" for unit in units)]
+    last = [""] * (len(titles) - 1 - len(channels))  # of a separator at the end
+    return [titles[0], *names, *last], ["", *(unit if is_unit(unit) else "" for unit in units)]
