@@ -23,8 +23,9 @@ import arterial_fmu.__main__
 from arterial_fmu.study.batch import FAILED, Batch, run_batch
 from arterial_fmu.study.measures import largest, measures, smallest, wave
 from arterial_fmu.study.models import NetworkModel, read_model
+from arterial_fmu.study.outcome import Study, summary
 from arterial_fmu.study.plan import Plan, base_of, plan_of
-from arterial_fmu.study.report import Study, summary, write
+from arterial_fmu.study.report import write
 from arterial_fmu.study.run import run
 from arterial_fmu.study.sensitivity import findings
 from arterial_fmu.study.store import Store

@@ -15,8 +15,9 @@ from solver.progress import PACE, bar
 from solver.units import readable
 
 from .models import read_model
+from .outcome import Study, summary
 from .plan import Plan, plan_of
-from .report import Study, summary, write
+from .report import write
 from .run import run
 from .store import Store
 from .varied import parse_varied

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
@@ -16,9 +15,7 @@ from fitting.pages.panels import Drawing, by_place, drawing, shown
 from fitting.pages.style import BLACK, BLUE, ORANGE, SKY, STYLE
 
 from .measures import POINTS
-
-if TYPE_CHECKING:
-    from .report import Study
+from .outcome import Study
 
 _COLUMNS = 3
 _MOST = 12  # bars of a panel
