@@ -197,7 +197,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
     if not 0.0 < tolerance <= 0.1:
         raise ValueError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
     if source.lower().endswith(".fmu"):
-        return _fmu_model(source, driven_by, seconds)
+        return _fmu_model(source, driven_by)
     network = read_network(find_network(source))
     settings = Settings(seconds, parse_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
     if driven_by is None:
@@ -214,7 +214,7 @@ def _step(tolerance: float) -> float:
     return min(Settings().tolerance, 0.3 * tolerance)
 
 
-def _fmu_model(path: str, driven_by: str | None, dt: float) -> FMUModel:
+def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
     import fmpy
 
     from fitting.fmu_run import read_fmu
@@ -225,7 +225,7 @@ def _fmu_model(path: str, driven_by: str | None, dt: float) -> FMUModel:
             f"{path}: an FMU is driven by an inflow; add --inflow with a network, such as sheep, or a record with "
             f"{INFLOW}."
         )
-    flow = _flow(driven_by, dt)
+    flow = _flow(driven_by, fmu.dt)
     n = 2 * flow.X.shape[-1]
     beat = flow(np.arange(n) * (flow.T / n))
     known, nominal = {}, {}
