@@ -68,10 +68,8 @@ def run(home: Path, *line: str) -> str:
     folder = home / "venv" / "bin"
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     environment["PATH"] = f"{folder}{os.pathsep}{environment['PATH']}"
-    command = [os.fspath(folder / line[0]), *line[1:]]
-    done = subprocess.run(
-        command, cwd=home / "work", env=environment, capture_output=True, text=True, check=False, timeout=300
-    )
+    command, work = [os.fspath(folder / line[0]), *line[1:]], home / "work"
+    done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
