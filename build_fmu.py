@@ -18,8 +18,10 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -60,7 +62,7 @@ def build(
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
     """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content."""
     target = Path(out) / f"{model.name}.fmu"
-    resources = model.resources | _code(ROOT / "fmu_src" / f"{model.slave}.py")
+    resources = {**model.resources, **_code(ROOT / "fmu_src" / f"{model.slave}.py")}
     files = {f"resources/{path}": text.encode() for path, text in resources.items()} | model.documents
     files[content.SCRIPT] = _SCRIPT.format(model=model, name=content.NAME, guid=content.GUID).encode()
     digest = content.digest(files, execution_tool, version("pythonfmu"))
@@ -128,7 +130,8 @@ def build_system(
     return target
 
 
-def _code(slave: Path) -> dict[str, str]:
+@cache
+def _code(slave: Path) -> Mapping[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
     files = {f"{content.PACKAGE}{folder}/__init__.py": "" for folder in ("", "/solver", "/fmu_src")}
     first = [ROOT / "fmu_src" / f"{module}.py" for module in ("host", "wrapper")]  # that the script imports itself
@@ -137,7 +140,7 @@ def _code(slave: Path) -> dict[str, str]:
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
         files[f"{content.PACKAGE}/{module.relative_to(ROOT).as_posix()}"] = text
-    return files
+    return MappingProxyType(files)
 
 
 def _needed(module: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from forked import NETWORK, T, clean, inflow, record
-from small_network import NAMES, terms
+from small_network import NAMES, term, terms
 from test_discrepancy_network import at, beats
 from truth.hide import Effect
 from truth.records import Case, make, write
@@ -177,12 +177,13 @@ def test_the_best_so_far_when_time_is_over() -> None:
         looks[0] += 1
         return 0.0
 
-    whole = name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=clock))
+    at_B = (term("terminal_reflection", "B"),)
+    whole = name(problem, at_B, Runs(deadline=1.0, clock=clock))
     assert whole.complete and looks[0] > 20
-    part = name(problem, terms("terminal_reflection"), Runs(deadline=0.8 * looks[0], clock=ticking(1.0)))
+    part = name(problem, at_B, Runs(deadline=0.8 * looks[0], clock=ticking(1.0)))
     assert not part.complete and part.confidence <= 0.5
     with pytest.raises(OutOfTime):
-        name(problem, terms("terminal_reflection"), Runs(deadline=1.0, clock=ticking(1.0)))
+        name(problem, at_B, Runs(deadline=1.0, clock=ticking(1.0)))
 
 
 def test_walls_that_differ_have_time_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,7 +75,9 @@ def _volume(model: muscl.Model, state: State) -> float:
     return float(np.sum(state.A * model.dx))
 
 
-@pytest.mark.parametrize(("wall", "low", "high"), [("viscous", 1.7, 2.3), ("elastic", 1.1, 2.1)])
+@pytest.mark.parametrize(
+    ("wall", "low", "high"), [("viscous", 1.7, 2.3), pytest.param("elastic", 1.1, 2.1, marks=pytest.mark.slow)]
+)
 def test_order(sheep: Network, wall: str, low: float, high: float) -> None:
     """Smooth inflow, cells of 10, 5, 2.5 mm and steps in proportion: differences at MD and CA fall at order 2 (1.96
     measured); in elastic walls, where the slopes are limited at crests, at 1.4."""

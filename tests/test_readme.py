@@ -35,7 +35,8 @@ DOCUMENTS = {
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),
 }
-SLOW = ("docs/command-line.md", "docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md")
+SLOW = ("docs/command-line.md", "docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md",
+        "docs/fmu.md", "docs/coupling.md", "docs/effects.md")  # fmt: skip
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 
