@@ -225,7 +225,7 @@ def test_how_many_sets() -> None:
 # --- the folder -----------------------------------------------------------------------------------------------------
 
 LINE = ["study", "sheep", "--vary", "CA.phi0=10..120kPa*s", "--vary", "all.E=0.8..1.2x", "--sites", "CA",
-        "--dt", "5 ms", "--samples", "512"]  # fmt: skip
+        "--dt", "5 ms", "--samples", "256"]  # fmt: skip
 
 
 def started(*more: str) -> subprocess.Popen[bytes]:
@@ -242,15 +242,12 @@ def test_killed_and_gone_on(tmp_path: Path) -> None:
     """SIGKILL in mid-run, then the same command with two processes: the bytes of a run that nothing disturbed."""
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     with started("--out", str(killed), "--jobs", "1") as process:
-        while len(list((killed / "parts").glob("*.parquet"))) < 3:
+        while len(list((killed / "parts").glob("*.parquet"))) < 2:
             assert process.poll() is None
             time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
     done = sorted((killed / "parts").glob("*.parquet"))
-    assert 3 <= len(done) < 9 and not (killed / "sets.parquet").exists()
-    before = {path.name: path.stat().st_mtime_ns for path in done}
-    for path in (killed / "parts").glob("*.parquet"):
-        assert path.stat().st_mtime_ns == before[path.name]
+    assert 2 <= len(done) < 5 and not (killed / "sets.parquet").exists()
     with started("--out", str(killed), "--jobs", "2") as process:
         assert process.wait() == 0
     with started("--out", str(whole), "--jobs", "1") as process:
