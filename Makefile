@@ -6,6 +6,8 @@
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# once for all the processes that tests start, which compile anew where PYTHONDONTWRITEBYTECODE is set
+COMPILE = $(BIN)/python -m compileall -q arterial_fmu solver fmu_src fitting discrepancy build_fmu.py
 
 ifeq ($(origin PYTHON),undefined)
 # the first that starts: a shim may be on the path without a Python behind it
@@ -37,10 +39,12 @@ discover: $(VENV)/installed-run
 	$(BIN)/python examples/discover.py
 
 test: $(VENV)/installed-test
+	@$(COMPILE)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not endurance"
 
 # a file on one core: the snippets of a document build on one another
 test-slow: $(VENV)/installed-test
+	@$(COMPILE)
 	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 check: $(VENV)/installed-dev
@@ -58,7 +62,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
-	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy build_fmu
+	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy arterial_fmu build_fmu
 	@echo "Open build/docs/index.html"
 
 clean:

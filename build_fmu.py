@@ -18,21 +18,24 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
 import typer.core
-from rich.console import Console
 
 from fmu_src import __version__, content, doctor, models, system
 from fmu_src.models import Model
 from fmu_src.species import SPECIES
 from fmu_src.variable import Variable
-from solver.console import sentences
+from solver.console import put, say, sentences
 from solver.files import find_network, parse_quantity, read_network, write_whole
 from solver.network import Network
+from solver.options import Json, NetworkName, Quiet
+from solver.progress import bar
 from solver.scheme.model import Settings
 
 ROOT = Path(__file__).resolve().parent
@@ -59,7 +62,7 @@ def build(
 def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_tool: bool = True) -> Path:
     """Build ``<out>/<model.name>.fmu``, the code under names that carry a hash of the whole content."""
     target = Path(out) / f"{model.name}.fmu"
-    resources = model.resources | _code(ROOT / "fmu_src" / f"{model.slave}.py")
+    resources = {**model.resources, **_code(ROOT / "fmu_src" / f"{model.slave}.py")}
     files = {f"resources/{path}": text.encode() for path, text in resources.items()} | model.documents
     files[content.SCRIPT] = _SCRIPT.format(model=model, name=content.NAME, guid=content.GUID).encode()
     digest = content.digest(files, execution_tool, version("pythonfmu"))
@@ -127,7 +130,8 @@ def build_system(
     return target
 
 
-def _code(slave: Path) -> dict[str, str]:
+@cache
+def _code(slave: Path) -> Mapping[str, str]:
     """The slave's module and all that it needs, by path in ``resources/``; PACKAGE stands for the hashed name."""
     files = {f"{content.PACKAGE}{folder}/__init__.py": "" for folder in ("", "/solver", "/fmu_src")}
     first = [ROOT / "fmu_src" / f"{module}.py" for module in ("host", "wrapper")]  # that the script imports itself
@@ -136,7 +140,7 @@ def _code(slave: Path) -> dict[str, str]:
         # inside the FMU the two packages are neighbours in one hashed package
         text = re.sub(r"^from solver\b", "from ..solver", text, flags=re.MULTILINE)
         files[f"{content.PACKAGE}/{module.relative_to(ROOT).as_posix()}"] = text
-    return files
+    return MappingProxyType(files)
 
 
 def _needed(module: Path) -> list[Path]:
@@ -240,13 +244,22 @@ class _Commands(typer.core.TyperGroup):
     """A first word that is no command is a network: ``build_fmu.py sheep`` is ``build_fmu.py network sheep``."""
 
     def parse_args(self, context: Any, words: list[str]) -> list[str]:
-        if not words or words[0] not in (*self.commands, "--help"):
+        completing = not words and context.resilient_parsing
+        if not completing and (not words or words[0] not in (*self.commands, "--help")):
             words = ["network", *words]
         return super().parse_args(context, words)
 
+    def shell_complete(self, context: Any, incomplete: str) -> list[Any]:
+        network = self.commands["network"].params[0]
+        return [*super().shell_complete(context, incomplete), *network.shell_complete(context, incomplete)]
 
-app = typer.Typer(cls=_Commands, add_completion=False, help="Build FMUs of arteries and of what they are coupled to.")
-NetworkName = Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")]
+
+app = typer.Typer(
+    cls=_Commands,
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Build FMUs of arteries and of what they are coupled to.",
+)
 _SPECIES = "|".join(SPECIES)
 SpeciesName = Annotated[str, typer.Option("--species", metavar=_SPECIES, help="Whose heart or body.")]
 Changes = Annotated[
@@ -269,15 +282,18 @@ def main(
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help='Another start value, such as "CA.phi0=0 kPa*s".'),
     ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
-    with sentences(ValueError):
+    with sentences(ValueError), bar(quiet, "building"):
         if inlet not in (None, "flow", "pressure"):
             raise ValueError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
-        _report(build(arteries, out, execution_tool=execution_tool, starts=starts))
+        target = build(arteries, out, execution_tool=execution_tool, starts=starts)
+    _report(target, as_json, quiet)
 
 
 def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str, float | str]:
@@ -292,35 +308,28 @@ def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str
     return starts
 
 
-@app.command()
-def heart(
-    species: SpeciesName = "human",
-    out: Out = Path("dist"),
-    execution_tool: ExecutionTool = True,
-    change: Changes = None,
-) -> None:
-    """Build the FMU of a left heart."""
-    _build_lumped(models.heart_model, species, out, execution_tool, change or [])
+def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
+    """The command that builds a heart or a body."""
+
+    def command(
+        species: SpeciesName = "human",
+        out: Out = Path("dist"),
+        execution_tool: ExecutionTool = True,
+        change: Changes = None,
+        as_json: Json = False,
+        quiet: Quiet = False,
+    ) -> None:
+        with sentences(ValueError), bar(quiet, "building"):
+            starts = _start_values(model(species).table, change or [])
+            target = build_model(model(species, starts), out, execution_tool)
+        _report(target, as_json, quiet)
+
+    return command
 
 
-@app.command()
-def body(
-    species: SpeciesName = "human",
-    out: Out = Path("dist"),
-    execution_tool: ExecutionTool = True,
-    change: Changes = None,
-) -> None:
-    """Build the FMU of the veins, which close the volume between arteries and heart."""
-    _build_lumped(models.body_model, species, out, execution_tool, change or [])
-
-
-def _build_lumped(
-    model: Callable[..., Model], species: str, out: Path, execution_tool: bool, changes: list[str]
-) -> None:
-    """A heart or a body with other start values."""
-    with sentences(ValueError):
-        starts = _start_values(model(species).table, changes)
-        _report(build_model(model(species, starts), out, execution_tool))
+app.command("heart", help="Build the FMU of a left heart.")(_lumped(models.heart_model))
+_VEINS = "Build the FMU of the veins, which close the volume between arteries and heart."
+app.command("body", help=_VEINS)(_lumped(models.body_model))
 
 
 @app.command("system")
@@ -332,17 +341,24 @@ def system_command(
     ] = None,
     out: Out = Path("dist"),
     execution_tool: ExecutionTool = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Build heart, arteries and body as one system in SSP."""
-    with sentences(ValueError):
-        _report(build_system(read_network(find_network(network)), species, out, execution_tool))
+    with sentences(ValueError), bar(quiet, "building heart, arteries and body"):
+        target = build_system(read_network(find_network(network)), species, out, execution_tool)
+    _report(target, as_json, quiet)
 
 
 app.command("doctor")(doctor.main)
 
 
-def _report(target: Path) -> None:
-    Console().print(f"wrote {target} ({target.stat().st_size / 1024:.0f} kB)", markup=False, highlight=False)
+def _report(target: Path, as_json: bool, quiet: bool) -> None:
+    size = target.stat().st_size
+    if as_json:
+        put({"written": [str(target)], "bytes": size})
+    elif not quiet:
+        say(f"wrote {target} ({size / 1024:.0f} kB)")
 
 
 if __name__ == "__main__":

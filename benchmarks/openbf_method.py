@@ -1,11 +1,11 @@
 """What openBF's own method leaves as error: the method written anew, and its parts switched one at a time.
 
-    python benchmarks/openbf_method.py [--data DIR] [--networks ibif,cca]
+    python benchmarks/openbf_method.py [--data DIR] [--networks ibif,cca] [--figure FILE]
 
-The method, by openBF's public source (version 2): cells of 1 mm; A and Q reconstructed with superbee slopes; fluxes of
-Lax and Friedrichs, of the speed dx/dt; Heun's steps at CFL 0.9; ghost cells that copy the end cells. What inlet, junction
-and outlet say by Riemann invariants overwrites A and Q of the end cells, vessel after vessel within a step. Two beats
-from the periodic state of this solver; openBF's recorded beat is the reference, as in benchmarks/openbf.py.
+The method, by openBF's public source (version 2): cells of 1 mm; A and Q reconstructed with superbee slopes; fluxes
+of Lax and Friedrichs, of the speed dx/dt; Heun's steps at CFL 0.9; ghost cells that copy the end cells. What inlet,
+junction and outlet say by Riemann invariants overwrites A and Q of the end cells, vessel after vessel within a step.
+Two beats from the periodic state of this solver; openBF's recorded beat is the reference, as in benchmarks/openbf.py.
 """
 
 from __future__ import annotations
@@ -177,28 +177,60 @@ SWITCHES: dict[str, Callable[[Network], Waveforms]] = {
     "slopes: van Albada": lambda n: simulated(n, slopes=van_albada),
     "CFL number: 0.45": lambda n: simulated(n, cfl=0.45),
     "cells: 0.5 mm": lambda n: simulated(n, cell=5e-4),
-    "cells: 0.25 mm": lambda n: simulated(n, cell=2.5e-4),
 }
 
 
 def main(
     data: Annotated[Path | None, typer.Option(help="openBF's results, a directory per network.")] = None,
     networks: Annotated[str, typer.Option(help="Names, with commas: cca, ibif.")] = "ibif",
+    figure: Annotated[Path | None, typer.Option(help="Draw the differences of the flow in the first here.")] = None,
 ) -> None:
     """Compare the method, and its parts switched, with openBF's results."""
-    for name in networks.split(","):
-        network = load(name)
+    for i, name in enumerate(networks.split(",")):
+        network, results = load(name), dict[str, Waveforms]()
         found = {key: x for key, x in reference(network, data).items() if key[-1] in "PQ"}
         table = Table(
             "switched", "signal", *map(right, ("shape", "worst", "pulse", "worst")), title=f"{name}, % of pulse"
         )
         for label, run in SWITCHES.items():
-            errors = compared(run(network), found)
+            results[label] = run(network)
+            errors = compared(results[label], found)
             for signal in "PQ":
                 each = 100.0 * np.abs([e for key, e in errors.items() if key.endswith(signal)])
                 numbers = np.median(each[:, 0]), each[:, 0].max(), np.median(each[:, 2]), each[:, 2].max()
                 table.add_row(label if signal == "P" else "", signal, *(f"{x:.2f}" for x in numbers))
         show(table)
+        if i == 0 and figure is not None:
+            draw(results, found, figure)
+
+
+def draw(results: dict[str, Waveforms], found: Any, path: Path) -> None:
+    """How far from this solver's flow openBF's is, and its method's, where the shape differs most in each vessel."""
+    import matplotlib.pyplot as plt
+
+    ours = results["this solver"]
+    errors = {key: e[0] for key, e in compared(ours, found).items() if key.endswith(".Q")}
+    vessels = dict.fromkeys(key.split("_")[0] for key in errors)
+    keys = [max((key for key in errors if key.startswith(v)), key=lambda key: errors[key]) for v in vessels]
+    figure, axes = plt.subplots(1, min(2, len(keys)), figsize=(9.0, 3.4), squeeze=False, layout="constrained")
+    lines = (
+        ("openBF's method", "#D55E00", "-"),
+        ("slopes: van Albada", "#009E73", ":"),
+        ("cells: 0.5 mm", "#0072B2", "--"),
+    )
+    for axis, key in zip(axes[0], keys, strict=False):
+        t, wanted = found[key]
+        at, size = np.mod(t, ours.time[-1]), 0.01 * np.ptp(wanted)
+        axis.plot(
+            at, (wanted - np.interp(at, ours.time, ours[key])) / size, "o", color="0.5", mfc="none", label="openBF"
+        )
+        for label, colour, style in lines:
+            difference = np.interp(ours.time, results[label].time, results[label][key]) - ours[key]
+            axis.plot(ours.time, difference / size, color=colour, linestyle=style, label=label)
+        axis.set(title=f"Q, {key[:-2].replace('_', ', ')} % of its length", xlabel="t [s]")
+    axes[0][0].set_ylabel("less this solver's, % of pulse")
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    figure.savefig(path, dpi=110)
 
 
 if __name__ == "__main__":

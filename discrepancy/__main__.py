@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,15 +10,18 @@ from typer.core import TyperGroup
 
 import discrepancy
 from solver import NonPhysicalState, NotPeriodic
-from solver.console import bar, complain, say, say_notes, say_written, sentences, show
+from solver.console import complain, put, say, say_notes, say_written, sentences, show
+from solver.exit_codes import ExitCode
 from solver.files import parse_quantity, write_whole
+from solver.options import Json, Quiet, networks_for
+from solver.progress import bar
 
 if TYPE_CHECKING:
     from .outcome import Outcome
     from .sensor_plan import SensorPlan
 
 _STUDY = "discover"
-_UNUSABLE, _INTERRUPTED = 3, 130  # exit codes
+_ERRORS = (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic)  # what a user can put right
 _PACE = 600.0  # s over which the time left is judged: stages differ in pace
 
 
@@ -42,15 +42,18 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no tables.")]
-
 
 @app.command(_STUDY)
 def discover_command(
     record: Annotated[
         Path, typer.Argument(help="CSV: `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site.")
     ],
-    model: Annotated[str, typer.Option(help="A network file (TOML), the name of a bundled network, or an FMU.")],
+    model: Annotated[
+        str,
+        typer.Option(
+            help="A network file (TOML), the name of a bundled network, or an FMU.", autocompletion=networks_for
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="Folder for the report, the verdict and the extended model.")],
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
     walls: Annotated[
@@ -58,25 +61,28 @@ def discover_command(
         typer.Option(help="common (all arteries differ from the file together) or individual; default: by evidence."),
     ] = None,
     prior: Annotated[
-        Path | None, typer.Option(help="Result of `python -m fitting calibrate`: values, and how uncertain they are.")
+        Path | None, typer.Option(help="Result of `calibrate`: values, and how uncertain they are.")
     ] = None,
     time_limit: Annotated[str, typer.Option(help="Of naming; then the best answer so far is given.")] = "5 min",
     jobs: Annotated[
         int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
     ] = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find, name and add what a model lacks. The word `discover` may be left out.
+    """Find, name and add what a model lacks.
 
     Exit code 0 with a verdict, 3 if the record is unusable, 2 if something given is wrong, 130 if interrupted: the same
     command goes on where it was.
     """
+    from fitting.result_files import json_text
     from fitting.workers import cores
 
+    from .outcome import verdict_json
     from .workflow import discover  # takes a second
 
     kept = "finished stages are kept, the one under way begins anew; run again to go on."
-    with _sentences(kept), bar(quiet, pace=_PACE) as progress:
+    with sentences(*_ERRORS, interrupted=kept), bar(quiet, pace=_PACE) as progress:
         seconds = None if period is None else parse_quantity(period, "s", "--period")
         limit = parse_quantity(time_limit, "s", "--time-limit")
         progress(0.0, "reading")
@@ -84,49 +90,55 @@ def discover_command(
             record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit,
             jobs=cores() if jobs is None else jobs, progress=progress,
         )  # fmt: skip
-    if not quiet:
+    if as_json:
+        put(json_text(verdict_json(outcome)))
+    elif not quiet:
         _show(outcome)
-        say_written(*(out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu")))
+    if not quiet:
+        say_notes((*outcome.notes, *outcome.warnings), aside=as_json)
+        files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu"))
+        say_written(*files, aside=as_json)
     if outcome.verdict == "unusable":
-        if quiet:
+        if quiet or as_json:
             complain(f"Unusable: {outcome.reason}")
-        raise typer.Exit(_UNUSABLE)
+        raise typer.Exit(ExitCode.UNUSABLE)
 
 
 @app.command("isolability")
 def isolability_command(
-    network: Annotated[str, typer.Argument(help="A network file (TOML), the name of a bundled network, or an FMU.")],
+    network: Annotated[
+        str,
+        typer.Argument(
+            help="A network file (TOML), the name of a bundled network, or an FMU.", autocompletion=networks_for
+        ),
+    ],
     channels: Annotated[str, typer.Option(help="The sensors beside inlet.Q, e.g. AA.P,CA.P,FA.P.")],
     dB: Annotated[float, typer.Option("--dB", help="Noise: 40 dB is 1 % of the pulsatile standard deviation.")] = 40.0,
     beats: Annotated[int, typer.Option(help="Beats of the experiment.")] = 15,
     out: Annotated[Path | None, typer.Option(help="Write the plan as .json.")] = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Before any experiment: what these sensors could tell apart, what they cannot see, which sensor to add."""
+    from fitting.result_files import json_text
+
     from .sensor_plan import plan_json, plan_sensors
     from .source import read_model
 
-    with _sentences("nothing was written."), bar(quiet, pace=_PACE) as progress:
+    with sentences(*_ERRORS), bar(quiet, pace=_PACE) as progress:
         if out is not None and not out.parent.is_dir():
             raise ValueError(f"{out}: cannot be written (no folder {out.parent}); make the folder or give another.")
         names = channels.replace(",", " ").split()
         plan = plan_sensors(read_model(network), names, dB, beats, progress)
+        text = json_text(plan_json(plan))
         if out is not None:
-            write_whole(out, json.dumps(plan_json(plan), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    if not quiet:
+            write_whole(out, text)
+    if as_json:
+        put(text)
+    elif not quiet:
         _show_plan(plan)
-        say_written(out)
-
-
-@contextmanager
-def _sentences(interrupted: str) -> Iterator[None]:
-    """One sentence and an exit code for what a user can put right, and for one who has had enough."""
-    try:
-        with sentences(ValueError, ArithmeticError, NonPhysicalState, NotPeriodic):
-            yield
-    except KeyboardInterrupt:
-        complain(f"Interrupted: {interrupted}")
-        raise typer.Exit(_INTERRUPTED) from None
+    if not quiet:
+        say_written(out, aside=as_json)
 
 
 # --- what is shown ------------------------------------------------------------------------------------------------
@@ -143,7 +155,6 @@ def _show(outcome: Outcome) -> None:
             say(text)
     if outcome.verdict == "unusable":
         say(outcome.reason or "")
-    say_notes((*outcome.notes, *outcome.warnings))
 
 
 def _show_plan(plan: SensorPlan) -> None:

@@ -16,7 +16,8 @@ from fitting.inference.profile import reaches
 from fitting.inference.selection import conditioned
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term, effect_of, rewired
-from fitting.inference.unknown import quantile
+from fitting.inference.unknown import Unknown, quantile
+from solver.coordinate import SCALE
 from solver.network import Network
 
 from .outcome import ADDED
@@ -25,22 +26,30 @@ from .weigh import Named, found_from
 
 _FEWEST = 3  # sites
 _MOST = 4  # numbers of an effect whose intervals are profiled
+_STRAIGHT = 0.05  # half an interval relative to its number, under which a valley is as straight as its covariance
 _SMALL = 1e-3  # a weight below which a hypothesis does not count
 
 
 def profiled(naming: Naming, runs: Runs) -> Naming:
     """With the reach of the intervals of effects of two numbers and more, by profile likelihood; of those of very many,
-    and where time runs out, it stays that of the covariance."""
-    best = naming.best.fit
-    chosen = [u for t in best.terms if 1 < len(t.unknowns) <= _MOST for u in t.unknowns]
+    of narrow ones, and where time runs out, it stays that of the covariance."""
+    best, half = naming.best.fit, quantile(naming.problem.dof_of_noise)
+    several = [t for t in best.terms if 1 < len(t.unknowns) <= _MOST]
+    chosen = [u for t in several if any(_wide(best, u, half) for u in t.unknowns) for u in t.unknowns]
     if naming.verdict not in ADDED or not chosen:
         return naming
     try:
-        return replace(
-            naming, reaches=reaches(naming.problem, best, chosen, quantile(naming.problem.dof_of_noise), runs)
-        )
+        return replace(naming, reaches=reaches(naming.problem, best, chosen, half, runs))
     except OutOfTime:
         return naming
+
+
+def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
+    """Whether an interval is so wide that its valley may bend, or comes to an end of its range."""
+    i = fit.unknowns.index(unknown)
+    x, reach = float(fit.x[i]), half * math.sqrt(float(fit.covariance[i, i]))
+    narrow = reach < _STRAIGHT * (1.0 / unknown.size if unknown.kind == SCALE else abs(x))
+    return not narrow or x - reach <= unknown.low or x + reach >= unknown.high
 
 
 def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[str, Estimate]:

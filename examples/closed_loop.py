@@ -30,8 +30,9 @@ from fmu_src.models import arteries_model, body_model, heart_model, of
 from fmu_src.ports import INLET_PORTS
 from fmu_src.system import start_values
 from solver import Settings, load
-from solver.console import bar, sentences
+from solver.console import sentences
 from solver.files import write_whole
+from solver.progress import bar
 from solver.units import MMHG
 
 Array = np.ndarray

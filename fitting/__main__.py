@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import RenderableType
 
 from solver import NonPhysicalState, NotPeriodic
-from solver.console import PACE, bar, say, say_notes, say_written, sentences, show
+from solver.console import put, say, say_notes, say_written, sentences, show
 from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
+from solver.options import Json, NetworkName, Quiet, files_for
+from solver.progress import PACE, bar
 
 from .bench import bench_network
 from .estimate import Estimate
 from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
-from .parameter_set import ParameterSet, read_set, set_format, write_set
+from .parameter_set import ParameterSet, read_set, set_format, set_json, write_set
 from .records.beats import Beats, align
 from .records.record import read_record
 from .wall import bootstrap, fit
@@ -29,7 +33,6 @@ app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich
 _ERRORS = (ValueError, NonPhysicalState, NotPeriodic, RunFailed)  # what a user can put right
 
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no tables.")]
 Law = Annotated[str, typer.Option(help="Elastic law: regression (the paper's fit) or beta (the paper's network).")]
 
 
@@ -56,6 +59,7 @@ def fit_command(
     bench: Annotated[
         Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
     ] = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit the wall of one site from its pressure and radius."""
@@ -89,9 +93,13 @@ def fit_command(
             write_set(parameters, out)
         if figure is not None:
             write_whole(figure, drawn)
+    if as_json:
+        put(set_json(parameters))
+    elif not quiet:
+        show(*_fit_tables(fits, kept, found, checked))
     if not quiet:
-        _show_fit(fits, kept, found, checked)
-        say_written(out, figure, bench)
+        say_notes(_fit_notes(kept), aside=as_json)
+        say_written(out, figure, bench, aside=as_json)
 
 
 @app.command("virtual")
@@ -103,6 +111,7 @@ def virtual_command(
     exact_means: Annotated[
         bool, typer.Option("--exact-means", help="Scale the animals so that their means are the paper's.")
     ] = False,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a cohort of virtual animals: synthetic records with the paper's mean walls and a stated spread."""
@@ -112,7 +121,9 @@ def virtual_command(
         progress(0.0, "making virtual animals")
         made = virtual_cohort(seed, animals=animals, dB=dB, exact_means=exact_means)
         write_cohort(made, out, progress)
-    if not quiet:
+    if as_json:
+        put({"written": [str(out / "cohort.csv"), *map(str, sorted(out.glob("virtual-*.csv")))]})
+    elif not quiet:
         say_written(out / "cohort.csv")
         say(f"and the recordings that it lists, {len(list(out.glob('virtual-*.csv')))} files")
 
@@ -122,6 +133,7 @@ def cohort_command(
     cohort: Annotated[Path, typer.Argument(help="CSV with animal, site, record, h [mm], R0 [mm].")],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     law: Law = "regression",
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Fit many animals at many sites; means, spread, and the paper's claims tested."""
@@ -131,15 +143,18 @@ def cohort_command(
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         found = fit_cohort(read_cohort(cohort), elastic=law, progress=progress)
         written = report.write(found, out)
-    if not quiet:
+    if as_json:
+        put(report.to_json(found))
+    elif not quiet:
         show(*report.tables(found))
-        say_written(*written)
+    if not quiet:
+        say_written(*written, aside=as_json)
 
 
 @app.command("calibrate")
 def calibrate_command(
     record: Annotated[Path, typer.Argument(help="CSV with `time [s]`, `inlet.Q` and P, Q or R at some sites.")],
-    network: Annotated[str, typer.Argument(help="A network file (TOML), or the name of a bundled network.")],
+    network: NetworkName,
     free: Annotated[
         list[str],
         typer.Option(
@@ -151,6 +166,7 @@ def calibrate_command(
         Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
     ] = None,
     period: Period = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Find parameters of a network from a record of it."""
@@ -168,22 +184,27 @@ def calibrate_command(
         result = calibrate(beats, described, free, progress=progress)
         progress(1.0, "indices of the sites")
         found = network_indices(result, described, beats)
+        parameters = result.parameter_set(complete=start is not None)
+        parameters = _with_indices(parameters, {site: plain(each) for site, each in found.items()})
         if out is not None:
-            parameters = result.parameter_set(complete=start is not None)
-            write_set(_with_indices(parameters, {site: plain(each) for site, each in found.items()}), out)
-    if not quiet:
+            write_set(parameters, out)
+    if as_json:
+        put(set_json(parameters))
+    elif not quiet:
         show(calibration_table(result), network_indices_table(result.network, found))
-        say_notes(result.report)
-        say_written(out)
+    if not quiet:
+        say_notes(result.report, aside=as_json)
+        say_written(out, aside=as_json)
 
 
 @app.command("check")
 def check_command(
     parameters: Annotated[Path, typer.Argument(help="Parameter set: .json, .ssv or the name of a bundled one.")],
-    fmu: Annotated[Path, typer.Argument(help="The FMU, of a network or of a bench.")],
+    fmu: Annotated[Path, typer.Argument(help="The FMU, of a network or of a bench.", autocompletion=files_for)],
     record: Annotated[Path, typer.Argument(help="CSV: a network record, or P and R of the bench's site.")],
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: Period = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
@@ -199,10 +220,13 @@ def check_command(
             progress=lambda what: progress(0.0, what),
         )
         page = write_check(report, out)
-    if not quiet:
+    if as_json:
+        put(report.to_json())
+    elif not quiet:
         say(report.title)
-        say_notes(report.warnings)
-        say_written(page)
+    if not quiet:
+        say_notes(report.warnings, aside=as_json)
+        say_written(page, aside=as_json)
 
 
 # --- what the commands share --------------------------------------------------------------------------------------
@@ -245,20 +269,22 @@ def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> 
         set_format(parameters)
 
 
-def _show_fit(
+def _fit_tables(
     fits: list[WallFit], kept: WallFit, found: dict[str, Estimate], checked: dict[str, tuple[float, float]]
-) -> None:
+) -> list[RenderableType]:
     from .pages.tables import fits_table, indices_table, sensitivity_table
 
-    show(fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found))
-    if kept.lag[1] == kept.lag[1]:
-        lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
-        which = "late" if lag > 0.0 else "early"
-        say_notes([
-            f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without the lag, "
-            "but the record that a check reads still has it."
-        ])  # fmt: skip
-    say_notes(kept.warnings)
+    return [fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found)]
+
+
+def _fit_notes(kept: WallFit) -> list[str]:
+    """What is to be known of a fit, in sentences."""
+    if math.isnan(kept.lag[1]):
+        return list(kept.warnings)
+    lag, half = 1e3 * kept.lag[0], 1.96e3 * kept.lag[1]
+    which = "late" if lag > 0.0 else "early"
+    said = f"{kept.site}: P is {which} by {abs(lag):.3g} ± {half:.2g} ms (95 %); what is shown is without the lag, "
+    return [f"{said}but the record that a check reads still has it.", *kept.warnings]
 
 
 if __name__ == "__main__":

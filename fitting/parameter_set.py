@@ -130,7 +130,7 @@ def write_set(parameters: ParameterSet, path: str | os.PathLike[str]) -> None:
     Raises ValueError for another suffix or if the file cannot be written.
     """
     json_format = set_format(Path(path)) == ".json"
-    write_whole(path, _to_json(parameters) if json_format else _to_ssv(parameters))
+    write_whole(path, set_json(parameters) if json_format else _to_ssv(parameters))
 
 
 def _find(path: str | os.PathLike[str]) -> Path:
@@ -193,7 +193,8 @@ def _finite(name: str, value: Any) -> float:
 # --- JSON ---------------------------------------------------------------------------------------------------------
 
 
-def _to_json(parameters: ParameterSet) -> str:
+def set_json(parameters: ParameterSet) -> str:
+    """The text of a .json file."""
     values = {
         name: {key: entry for key, entry in asdict(value).items() if entry is not None}
         for name, value in parameters.values.items()

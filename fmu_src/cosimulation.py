@@ -80,8 +80,6 @@ class CoSimulation(Component):
             return initial_state(self.model, t0)
         beats = [_beats(inlet, values) for inlet in self.network.inlets]
         T = next((T for _, T in beats if T), 1.0)  # a steady state has no period
-        if len(beats) == 1:
-            return periodic_state(self.model, beats[0][0], T, t0)
         return periodic_state(self.model, lambda t: np.stack([drive(t) for drive, _ in beats], axis=1), T, t0)
 
     def retune(self, changed: Mapping[str, Any]) -> None:

@@ -29,13 +29,22 @@ from xml.etree import ElementTree
 import typer
 from rich.table import Table
 
-from solver.console import say, show
+from solver.console import put, say, show
+from solver.exit_codes import ExitCode
+from solver.options import Json, files_for, one_command
+from solver.progress import bar
 
 from . import content, trial
-from .interpreter import TESTED, Interpreter, interpreter
+from .host import PYTHONS, TESTED
+from .interpreter import Interpreter, interpreter
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
-EXIT = {OK: 0, NOTE: 0, PROBLEM: 1, FATAL: 2}
+EXIT = {
+    OK: ExitCode.DONE,
+    NOTE: ExitCode.DONE,
+    PROBLEM: ExitCode.DOES_NOT_RUN,
+    FATAL: ExitCode.BAD_INPUT,
+}
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
 _ANEW = "build it anew with build_fmu.py, or copy it once more"
 _START, _INSTALL = "start them with: ", "install it with: "
@@ -59,13 +68,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Archive:
-    """What the doctor reads of an FMU: its files, and of its description the model, GUID and flags."""
+    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons."""
 
     names: tuple[str, ...]
     size: int
     model: str
     guid: str
     execution_tool: bool
+    python: str
 
 
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
@@ -85,7 +95,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         where = interpreter(python)
     except ValueError as error:
         return [*findings, Finding("Python", PROBLEM, str(error))]
-    findings += [*_python(where), _numpy(where), *_host(where), *_paths(path)]
+    findings += [*_python(where, archive.python), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
         known = any(finding.state == PROBLEM for finding in findings)
         findings.append(_trial(path, where, "mend what is said above" if known else "report it, with this table"))
@@ -144,7 +154,9 @@ def _archive(path: Path) -> Archive:
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
-    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool)
+    host = root.find("VendorAnnotations/Tool[@name='arterial-fmu']/Host")
+    python = "" if host is None else f"Python {host.get('python')} with {host.get('packages')}"
+    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python)
 
 
 def _made_here(path: Path, archive: Archive) -> Finding:
@@ -203,13 +215,12 @@ def _binaries(archive: Archive) -> Iterator[Finding]:
 # --- the Python -----------------------------------------------------------------------------------------------------
 
 
-def _python(where: Interpreter) -> Iterator[Finding]:
-    first, last = (".".join(map(str, version)) for version in TESTED)
-    found = f"{where.name}, {where.executable}"
+def _python(where: Interpreter, asked: str) -> Iterator[Finding]:
+    found = f"{where.name}, {where.executable}" + (f"; the FMU asks for {asked}" if asked else "")
     if where.bits != 64 or where.version[:2] < TESTED[0]:
-        yield Finding("Python", PROBLEM, found, f"use a 64-bit Python {first} to {last}")
+        yield Finding("Python", PROBLEM, found, f"use a 64-bit Python {PYTHONS}")
     elif where.version[:2] > TESTED[1]:
-        yield Finding("Python", NOTE, found, f"tested are {first} to {last}")
+        yield Finding("Python", NOTE, found, f"tested are {PYTHONS}")
     else:
         yield Finding("Python", OK, found)
 
@@ -309,14 +320,15 @@ def _told(output: bytes) -> list[dict[str, str]]:
 
 
 def main(
-    fmu: Annotated[Path, typer.Argument(help="The FMU.")],
+    fmu: Annotated[Path, typer.Argument(help="The FMU.", autocompletion=files_for)],
     python: Annotated[str, typer.Option(help="The Python that is to run it.")] = sys.executable,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Say whether an FMU runs here and what is missing: exit code 0 runs, 1 does not, 2 no FMU of this project."""
-    findings = examine(fmu, python)
+    with bar(False, f"{fmu.name}: one step of it"):
+        findings = examine(fmu, python)
     if as_json:
-        typer.echo(json.dumps({"state": state(findings), "findings": [asdict(finding) for finding in findings]}))
+        put({"state": state(findings), "findings": [asdict(finding) for finding in findings]})
     else:
         _print(fmu, findings)
     raise typer.Exit(EXIT[state(findings)])
@@ -347,4 +359,4 @@ def _plain(text: str) -> str:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    one_command(main)()

@@ -95,7 +95,7 @@ def endless(model: Model) -> Impedances:
     wall, at = model.wall, (0, model.mesh.inlet_element, 0)
     Z = wall.rho[at] * wall.c0[at] / wall.A0[at]
     outlets = np.full(len(model.mesh.topology.outlet_segment), _CLOSED)
-    return Impedances(np.where(_by_flow(model), Z, 1.0 / Z), 0.0 * Z, outlets)
+    return Impedances(np.where(model.inlets.by_flow, Z, 1.0 / Z), 0.0 * Z, outlets)
 
 
 def port_values(stretch: Stretch, at: Position, slope: Array, interpolation: str, found: Impedances) -> list[float]:
@@ -119,8 +119,4 @@ def port_values(stretch: Stretch, at: Position, slope: Array, interpolation: str
 def _sizes_of_drives(model: Model) -> Array:
     """A0 c0 [m³/s] of the artery at each inlet, or ρ c0² [Pa] where the pressure is given : (n_inlets,)."""
     wall, at = model.wall, (0, model.mesh.inlet_element, 0)
-    return np.where(_by_flow(model), (wall.A0 * wall.c0)[at], (wall.rho * wall.c0**2)[at])
-
-
-def _by_flow(model: Model) -> Array:
-    return np.array([inlet.causality == "flow" for inlet in model.network.inlets])
+    return np.where(model.inlets.by_flow, (wall.A0 * wall.c0)[at], (wall.rho * wall.c0**2)[at])

@@ -26,10 +26,11 @@ import typer
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2Warning
 from fmpy.model_description import ModelDescription
-from rich.console import Console
 
-from solver.console import bar, sentences
+from solver.console import put, ranges, say_written, sentences
 from solver.files import parse_quantity, read_text, write_whole
+from solver.options import Json, Quiet, files_for, one_command
+from solver.progress import bar
 
 from .ports import is_port
 
@@ -244,7 +245,7 @@ def _sentence(message: str) -> str:
 
 
 def main(
-    fmu: Annotated[Path, typer.Argument(help="The FMU.")],
+    fmu: Annotated[Path, typer.Argument(help="The FMU.", autocompletion=files_for)],
     inputs: Annotated[
         Path | None, typer.Option(help='CSV: "time [s]", then inputs such as "inlet.Q [mL/s]"; linear in between.')
     ] = None,
@@ -252,7 +253,8 @@ def main(
     stop_time: Annotated[str, typer.Option(help="Run from 0 to this time.")] = "2.5 s",
     step: Annotated[str, typer.Option(help="Communication step.")] = "1 ms",
     out: Annotated[Path, typer.Option(help="CSV of time, inputs and outputs, in SI.")] = Path("result.csv"),
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no message.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run an FMU of an arterial network from its start to a stop time."""
     with sentences(ValueError, FMUError):
@@ -270,8 +272,12 @@ def main(
                 progress=lambda fraction: progress(fraction, fmu.name),
             )
         _write_result(out, result, variables)
-    if not quiet:
-        Console().print(f"wrote {out}", markup=False, highlight=False)
+    if as_json:
+        columns = {name: values for name, values in result.items() if name != "time"}
+        units = {name: variables[name].unit for name in columns}
+        put({"fmu": str(fmu), "variables": ranges(result["time"], columns, units), "written": [str(out)]})
+    elif not quiet:
+        say_written(out)
 
 
 def _read_inputs(path: Path, variables: Mapping[str, Any], fmu: Path, stop_time: float) -> dict[str, Input]:
@@ -331,4 +337,4 @@ def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[st
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    one_command(main)()

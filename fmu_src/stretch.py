@@ -68,11 +68,11 @@ class Stretch:
         Raises NonPhysicalState.
         """
         state, rise = at.state, (end - start) / self.steps
-        by_flow = np.array([inlet.causality == "flow" for inlet in self.model.network.inlets])
+        by_flow = self.model.inlets.by_flow
         entered = 0.5 * self.steps * self.dt * (start + end)[by_flow].sum(axis=0)
         for i in range(self.steps):
             drive = start[:, None] + np.moveaxis(np.multiply.outer(i + INFLOW_TIMES, rise), 0, 1)
-            for after in parts(self.model, state, self.dt, drive if len(drive) > 1 else drive[0], self.P_venous):
+            for after in parts(self.model, state, self.dt, drive, self.P_venous):
                 if not by_flow.all():
                     V = volume_entered(self.model, state, after)[:, ~by_flow].sum(axis=1)
                     entered = entered + (V if len(V) > 1 else V[0])

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from . import commands
-from .console import bar, right, say_notes, say_written, sentences, show
+from .console import put, ranges, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .muscl.settings import MusclSettings
 from .network import Network
+from .options import Json, NetworkName, Quiet, one_command
+from .progress import bar
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .schemes import AnySettings
@@ -22,10 +25,7 @@ from .units import MMHG
 
 
 def main(
-    network: Annotated[
-        str,
-        typer.Argument(help="A network file (TOML), or the name of a bundled network (python -m solver list)."),
-    ],
+    network: NetworkName,
     out: Annotated[Path | None, typer.Option(help="Write the waveforms to this CSV file.")] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help='Change a parameter, e.g. --set "CA.phi0=0 kPa*s"; repeatable.')
@@ -51,12 +51,10 @@ def main(
     ] = None,
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no table.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Simulate a network of arteries and report pressure, flow and radius at its sites.
-
-    Or list, import, export: networks that come along, and other formats.
-    """
+    """Simulate a network of arteries and report pressure, flow and radius at its sites."""
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
@@ -65,7 +63,9 @@ def main(
         result = _run(model, scheme, settings, duration, start, tolerance, max_beats, quiet)
         if out is not None:
             result.to_csv(out)
-    if not quiet:
+    if as_json:
+        put(_plain(model, result, out))
+    elif not quiet:
         _show(model, result)
         say_notes(result.notes)
         say_written(out)
@@ -138,8 +138,20 @@ def _run(
         )
 
 
+def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, Any]:
+    """The run as plain data: the variables of its last beat, or of all of it."""
+    return {
+        "network": network.name,
+        "beats": result.beats,
+        "change": None if math.isnan(result.change) else result.change,
+        "variables": ranges(result.time, result.columns, result.units),
+        "notes": list(result.notes),
+        "written": [] if out is None else [str(out)],
+    }
+
+
 def _show(network: Network, result: Waveforms) -> None:
-    periodic = result.change == result.change
+    periodic = not math.isnan(result.change)
     how = (
         f"{result.beats} beats, last change {result.change:.1e}"
         if periodic
@@ -157,4 +169,4 @@ def _show(network: Network, result: Waveforms) -> None:
 if __name__ == "__main__":
     if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
         commands.app()
-    typer.run(main)
+    one_command(main)()

@@ -10,28 +10,37 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from .console import right, say, say_written, sentences, show
+from .console import put, right, say, say_notes, say_written, sentences, show
 from .files import bundled_names, find_network, from_sections, read_network, write_whole
 from .importers import sections as written
 from .importers.openbf import read_openbf
 from .importers.sheet import read_sheet, to_sheet
+from .network import Network
+from .options import Json, NetworkName
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, help="Networks: which come along, in and out.")
-importers = typer.Typer(no_args_is_help=True, help="Make a network file of another format.")
+_STYLE: dict[str, Any] = {"add_completion": False, "no_args_is_help": True, "rich_markup_mode": None}
+app = typer.Typer(**_STYLE, help="Networks: which come along, in and out.")
+importers = typer.Typer(**_STYLE, help="Make a network file of another format.")
 app.add_typer(importers, name="import")
 
 Out = Annotated[Path | None, typer.Option(help="The network file to write; default: its name, here.")]
 
 
 @app.command("list")
-def list_networks() -> None:
+def list_networks(as_json: Json = False) -> None:
     """The networks that come along."""
+    networks = [read_network(find_network(name)) for name in bundled_names()]
+    if as_json:
+        put({"networks": [_plain(n) | {"species": n.species, "reference": n.reference} for n in networks]})
+        return
     table = Table("name", right("segments"), right("outlets"), "species", "source")
-    for name in bundled_names():
-        network = read_network(find_network(name))
-        counts = (str(len(network.segments)), str(len(network.outlets)))
-        table.add_row(name, *counts, network.species, _short(network.reference))
+    for n in networks:
+        table.add_row(n.name, str(len(n.segments)), str(len(n.outlets)), n.species, _short(n.reference))
     show(table)
+
+
+def _plain(network: Network) -> dict[str, Any]:
+    return {"name": network.name, "segments": len(network.segments), "outlets": len(network.outlets)}
 
 
 def _short(reference: str) -> str:
@@ -47,24 +56,27 @@ def import_openbf(
     as_run: Annotated[
         bool, typer.Option("--as-run", help="What openBF 2 computes where that differs from what the file says.")
     ] = False,
+    as_json: Json = False,
 ) -> None:
     """A network of openBF."""
     with sentences(ValueError):
-        _write(read_openbf(file, as_run=as_run), file, out)
+        _write(read_openbf(file, as_run=as_run), file, out, as_json)
 
 
 @importers.command("csv")
 def import_csv(
-    table: Annotated[Path, typer.Argument(help="A table with one row per vessel.")], out: Out = None
+    table: Annotated[Path, typer.Argument(help="A table with one row per vessel.")],
+    out: Out = None,
+    as_json: Json = False,
 ) -> None:
     """A table of vessels."""
     with sentences(ValueError):
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
-            say("Note: the table says nothing of the inlet; its default is a half-sine of 55 mL/s in 0.5 s. "
-                "Add # inlet.Q_max and # inlet.T, or # inlet.Q.")  # fmt: skip
+            half_sine = "the table says nothing of the inlet; its default is a half-sine of 55 mL/s in 0.5 s."
+            say_notes([f"{half_sine} Add # inlet.Q_max and # inlet.T, or # inlet.Q."], aside=as_json)
         folder = (out or Path()).parent
-        _write(_seen_from(folder, sections, table.parent), table, out, folder)
+        _write(_seen_from(folder, sections, table.parent), table, out, as_json, folder)
 
 
 def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.Sections:
@@ -80,24 +92,34 @@ def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.S
     return sections | {"inlet": moved(sections["inlet"])} | ({"inlets": further} if further else {})
 
 
-def _write(sections: written.Sections, source: Path, out: Path | None, folder: Path | None = None) -> None:
+def _write(
+    sections: written.Sections, source: Path, out: Path | None, as_json: bool, folder: Path | None = None
+) -> None:
     """folder : where files that the sections name are looked for; default: beside the source."""
     try:
         network = from_sections(sections, folder or source.parent)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
-    say_written(*written.write(sections, out or Path(f"{network.name}.toml")))
+    files = written.write(sections, out or Path(f"{network.name}.toml"))
+    if as_json:
+        put(_plain(network) | {"written": list(map(str, files))})
+        return
+    say_written(*files)
     say(f"{network.name}: {len(network.segments)} segments, {len(network.outlets)} outlets")
 
 
 @app.command("export")
 def export_csv(
-    network: Annotated[str, typer.Argument(help="A network file, or the name of a bundled network.")],
+    network: NetworkName,
     out: Annotated[Path | None, typer.Option(help="The table to write; default: the network's name, here.")] = None,
+    as_json: Json = False,
 ) -> None:
     """Write a network as a table with one row per vessel."""
     with sentences(ValueError):
         model = read_network(find_network(network))
         path = out or Path(f"{model.name}.csv")
         write_whole(path, to_sheet(model))
-    say_written(path)
+    if as_json:
+        put(_plain(model) | {"written": [str(path)]})
+    else:
+        say_written(path)

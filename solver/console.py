@@ -1,52 +1,38 @@
-"""What the command lines of this project have in common on the terminal: sentences, tables, errors, a progress bar."""
+"""What the command lines of this project have in common on the terminal: sentences, tables, errors, JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import json
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import typer
 from rich.console import Console, RenderableType
-from rich.progress import (
-    BarColumn,
-    Progress,
-    ProgressColumn,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Column
 
-BAD_INPUT = 2  # exit code
-PACE = 30.0  # s
+from .exit_codes import ExitCode
+
+Array = np.ndarray
 
 
 @contextmanager
-def sentences(*kinds: type[Exception]) -> Iterator[None]:
-    """Turn errors of these kinds, what a user can put right, into one sentence and exit code 2 (typer.Exit)."""
+def sentences(*kinds: type[Exception], interrupted: str = "nothing was written.") -> Iterator[None]:
+    """Turn errors of these kinds, what a user can put right, into one sentence and an exit code (typer.Exit).
+
+    interrupted : what is said to one who has had enough.
+    """
     try:
         yield
     except kinds as error:
         complain(f"Error: {error}")
-        raise typer.Exit(BAD_INPUT) from None
-
-
-@contextmanager
-def bar(quiet: bool, label: str = "", pace: float | None = None) -> Iterator[Callable[[float, str], None]]:
-    """A progress bar on the error stream; the callback takes a fraction of the work and what is being done.
-
-    pace [s] : the time over which the time left is judged, such as PACE; None does not show it.
-    """
-    columns: list[ProgressColumn] = [SpinnerColumn(), TextColumn("{task.description}", markup=False)]
-    columns += [BarColumn(), TimeElapsedColumn()]
-    if pace is not None:
-        columns.append(TimeRemainingColumn())
-    console, period = Console(stderr=True), pace or PACE
-    with Progress(*columns, console=console, disable=quiet, transient=True, speed_estimate_period=period) as progress:
-        task = progress.add_task(label, total=1.0)
-        yield lambda fraction, what: progress.update(task, completed=fraction, description=what)
+        raise typer.Exit(ExitCode.BAD_INPUT) from None
+    except KeyboardInterrupt:
+        complain(f"Interrupted: {interrupted}")
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
 
 
 def complain(text: str) -> None:
@@ -54,22 +40,43 @@ def complain(text: str) -> None:
     Console(stderr=True, soft_wrap=True).print(text, style="red", markup=False, highlight=False)
 
 
-def say(text: str) -> None:
-    """Print a sentence."""
-    Console(soft_wrap=True).print(text, markup=False, highlight=False)
+def say(text: str, aside: bool = False) -> None:
+    """Print a sentence; aside: on the error stream."""
+    Console(soft_wrap=True, stderr=aside).print(text, markup=False, highlight=False)
 
 
-def say_notes(texts: Iterable[str]) -> None:
-    """Print sentences as notes."""
+def say_notes(texts: Iterable[str], aside: bool = False) -> None:
+    """Print sentences as notes; aside: on the error stream, where the output is JSON."""
     for text in texts:
-        say(f"Note: {text}")
+        say(f"Note: {text}", aside)
 
 
-def say_written(*paths: Path | None) -> None:
-    """Print the name of every file that was asked for and is there."""
+def say_written(*paths: Path | None, aside: bool = False) -> None:
+    """Print the name of every file that was asked for and is there; aside: on the error stream."""
     for path in paths:
         if path is not None and path.exists():
-            say(f"wrote {path}")
+            say(f"wrote {path}", aside)
+
+
+def put(document: str | Mapping[str, Any]) -> None:
+    """Print JSON, a text or plain data, and nothing else."""
+    text = (
+        document if isinstance(document, str) else json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    )
+    sys.stdout.write(f"{text.rstrip()}\n")
+
+
+def ranges(time: Array, columns: Mapping[str, Array], units: Mapping[str, str]) -> dict[str, Any]:
+    """Of every variable (n,) at times (n,) [s]: unit, least and greatest value, and mean over time; for JSON."""
+    return {
+        name: {
+            "unit": units[name],
+            "min": float(values.min()),
+            "max": float(values.max()),
+            "mean": float(np.trapezoid(values, time) / (time[-1] - time[0])),
+        }
+        for name, values in columns.items()
+    }
 
 
 def show(*tables: RenderableType) -> None:

@@ -42,8 +42,7 @@ def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
     found = {name: given.get(name, default) for name, default in own.items()}
     for name, drive in found.items():
         if drive is None:
-            place = "its inlet" if len(own) == 1 else name
-            raise ValueError(f"network {network.name}: {place} is driven by a pressure; give it as inflow, P(t) in Pa.")
+            raise ValueError(f"network {network.name}: nothing drives {name}; give it as inflow, P(t) in Pa.")
     return Drives({name: drive for name, drive in found.items() if drive}, B)
 
 
@@ -55,11 +54,9 @@ class Drives:
     B: int
 
     def __call__(self, t: Array) -> Array:
-        """What the steps of the scheme take at times t [s] : t.shape or t.shape + (B,), with an axis for several
-        inlets behind the first."""
+        """What the steps of the schemes take at times t [s] : t.shape or t.shape + (B,), with an axis for the inlets
+        behind the first."""
         values = [self.values(name, t) for name in self.inflows]
-        if len(values) == 1:
-            return values[0]
         if any(each.ndim > t.ndim for each in values):
             values = [x if x.ndim > t.ndim else np.repeat(x[..., None], self.B, axis=-1) for x in values]
         return np.stack(values, axis=1)
@@ -67,14 +64,13 @@ class Drives:
     def values(self, name: str, t: Array) -> Array:
         """The flow [m³/s] or pressure [Pa] that drives an inlet at times t [s] : t.shape, or t.shape + (B,)."""
         Q, B = np.asarray(self.inflows[name](t.ravel()), float), self.B
-        which = "inflow" if len(self.inflows) == 1 else f"inflow {name}"
         if Q.shape not in (t.ravel().shape, (t.size, B)):
             raise ValueError(
-                f"{which}: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or one for "
-                f"each of the {B} parameter sets, {(t.size, B)}."
+                f"inflow {name}: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or "
+                f"one for each of the {B} parameter sets, {(t.size, B)}."
             )
         bad = np.argwhere(~np.isfinite(Q))
         if len(bad):
             first = tuple(bad[0])
-            raise ValueError(f"{which}: Q = {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
+            raise ValueError(f"inflow {name}: {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
         return Q.reshape(t.shape + Q.shape[1:])

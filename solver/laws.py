@@ -20,19 +20,20 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 class ElasticLaw(Protocol):
-    """P_el as a function of the stretch s, for stiffness K = E h/((1 - η²) R0) [Pa] and e = E_NL/E [-]."""
+    """P_el as a function of the stretch s, for stiffness K = E h/((1 - η²) R0) [Pa] and e = E_NL/E [-], None where all
+    of them are 0."""
 
     @property
     def name(self) -> str:
         """The name in network files."""
 
-    def pressure(self, s: Array, K: Array, e: Array) -> Array:
+    def pressure(self, s: Array, K: Array, e: Array | None) -> Array:
         """P_el(s) [Pa]; zero at s = 1."""
 
-    def derivative(self, s: Array, K: Array, e: Array) -> Array:
+    def derivative(self, s: Array, K: Array, e: Array | None) -> Array:
         """dP_el/ds [Pa]."""
 
-    def stretch(self, P: Array, K: Array, e: Array) -> Array:
+    def stretch(self, P: Array, K: Array, e: Array | None) -> Array:
         """s with P_el(s) = P; NaN where no wall can carry P."""
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:
@@ -54,16 +55,17 @@ class Beta:
 
     name: str = "beta"
 
-    def pressure(self, s: Array, K: Array, e: Array) -> Array:
+    def pressure(self, s: Array, K: Array, e: Array | None) -> Array:
         strain = s - 1.0
-        return K * strain * (1.0 + e * strain)
+        P = K * strain
+        return P if e is None else P * (1.0 + e * strain)
 
-    def derivative(self, s: Array, K: Array, e: Array) -> Array:
-        return K * (1.0 + 2.0 * e * (s - 1.0))
+    def derivative(self, s: Array, K: Array, e: Array | None) -> Array:
+        return K if e is None else K * (1.0 + 2.0 * e * (s - 1.0))
 
-    def stretch(self, P: Array, K: Array, e: Array) -> Array:
+    def stretch(self, P: Array, K: Array, e: Array | None) -> Array:
         p = P / K
-        s = 1.0 + 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p))
+        s = 1.0 + (p if e is None else 2.0 * p / (1.0 + np.sqrt(1.0 + 4.0 * e * p)))
         return np.where(s > 0.0, s, np.nan)  # below -K the vessel has collapsed
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:
@@ -89,18 +91,19 @@ class Regression:
 
     name: str = "regression"
 
-    def pressure(self, s: Array, K: Array, e: Array) -> Array:
+    def pressure(self, s: Array, K: Array, e: Array | None) -> Array:
         strain = s - 1.0
-        return K * strain * (1.0 + e * strain) / s
+        P = K * strain
+        return (P if e is None else P * (1.0 + e * strain)) / s
 
-    def derivative(self, s: Array, K: Array, e: Array) -> Array:
+    def derivative(self, s: Array, K: Array, e: Array | None) -> Array:
         # d/ds [(ε + e ε²)/s] = (1 + e (s² - 1))/s²
-        return K * (1.0 + e * (s * s - 1.0)) / (s * s)
+        return (K if e is None else K * (1.0 + e * (s * s - 1.0))) / (s * s)
 
-    def stretch(self, P: Array, K: Array, e: Array) -> Array:
+    def stretch(self, P: Array, K: Array, e: Array | None) -> Array:
         # K (ε + e ε²) = P (1 + ε): the root that vanishes with P; none for P >= K when e = 0
         b = K - P
-        root = b + np.sqrt(b * b + 4.0 * K * e * P)
+        root = 2.0 * b if e is None else b + np.sqrt(b * b + 4.0 * K * e * P)
         return np.where(root > 0.0, 1.0 + 2.0 * P / np.where(root > 0.0, root, 1.0), np.nan)
 
     def energy(self, s: Array, K: Array, e: Array) -> Array:
@@ -134,7 +137,7 @@ def _root(a: float, b: float, c: float) -> float:
 ELASTIC_LAWS: dict[str, ElasticLaw] = {law.name: law for law in (Beta(), Regression())}
 
 
-def wave_speed(law: ElasticLaw, s: Array, K: Array, e: Array, rho: Array) -> Array:
+def wave_speed(law: ElasticLaw, s: Array, K: Array, e: Array | None, rho: Array) -> Array:
     """Elastic wave speed c = √(A/ρ dP/dA) = √(s/(2ρ) dP_el/ds) [m/s]; NaN where the law is not stable."""
     return np.sqrt(s / (2.0 * rho) * law.derivative(s, K, e))
 

@@ -117,8 +117,7 @@ class Reflection(Outlet):
         kappa = (1.0 - numbers["R_t"]) / (1.0 + numbers["R_t"])
 
         def flow(P: Array) -> Array:
-            A = wall.area(P)
-            return kappa * A * wall.riemann_velocity(A)
+            return kappa * wall.riemann_flow(P)
 
         def slope(P: Array) -> Array:
             A = wall.area(P)  # d(A w)/dP = (w + c)/(dP/dA)

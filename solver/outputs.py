@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from .scheme.mesh import Samples
+from .scheme.mesh import Layout, Samples
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.step import State
@@ -40,22 +40,23 @@ def reporter(model: Model) -> Reporter[State]:
     index = {segment.name: i for i, segment in enumerate(network.segments)}
     segment = np.array([index[site.segment] for site in network.sites], int)
     position = np.array([site.position for site in network.sites])
-    gauss, lobatto, places = (
-        mesh.sample_gauss(segment, position),
-        mesh.sample_lobatto(segment, position),
-        model.layout.places,
-    )
-    both = Samples.of_parts(((gauss, places["A"]), (lobatto, places["Q"])))
+    gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
+    # of a state vector with ∂A/∂t and H behind it
+    joined = Layout({**model.layout.shapes, "A_t": model.layout.shapes["A"], "H": (mesh.n_nodes,)})
+    sampled = Samples.of_parts((at, joined.places[part]) for at, part in ((gauss, "A"), (gauss, "A_t"), (lobatto, "Q")))
+    Q_columns, H_columns, inlets = joined.columns("Q"), joined.columns("H"), model.inlets
+    at_inlets = np.where(inlets.by_flow, H_columns[mesh.topology.inlets], inlets.first)
+    at_outlets = np.stack([H_columns[mesh.topology.outlets], Q_columns[mesh.outlet_element, -1]], axis=1)
+    ends = np.concatenate([at_inlets, at_outlets.ravel()])
     wall = model.coefficients.wall_at(segment, position)
-    n, B, first = len(segment), model.coefficients.B, len(network.inlets)
-    outlets, outlet_element = mesh.topology.outlets, mesh.outlet_element
+    n, B, first = len(segment), model.coefficients.B, len(at_inlets)
     units = network.output_units()
 
     def report(state: State) -> Array:
-        result = np.empty((B, len(units)))
-        result[:, :first] = inlet_answers(model, state)
-        A_t, AQ = gauss(state.A_t.reshape(B, -1)), both(state.y)
-        A = AQ[:, :n]
+        result, values = np.empty((B, len(units))), joined.join(state.y, state.A_t, state.H)
+        A, A_t, flow = sampled(values).reshape(B, 3, n).swapaxes(0, 1)
+        at_ends = values.take(ends, 1)
+        result[:, :first], result[:, first + 3 * n :] = at_ends[:, :first], at_ends[:, first:]
         P, Q, R = (result[:, first + i : first + 3 * n : 3] for i in range(3))  # at the sites
         P[:] = wall.pressure(A, A_t)
         if model.wall.remembers:
@@ -64,10 +65,8 @@ def reporter(model: Model) -> Reporter[State]:
             change = stress - model.wall.viscous_stress(state.A, state.A_t)
             change = gauss(np.where(model.wall.forgets, 0.0, change).reshape(B, -1))
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
-        Q[:] = AQ[:, n:]
+        Q[:] = flow
         R[:] = np.sqrt(A / np.pi)
-        result[:, first + 3 * n :: 2] = state.H[:, outlets]
-        result[:, first + 1 + 3 * n :: 2] = state.Q[:, outlet_element, -1]
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
@@ -75,12 +74,8 @@ def reporter(model: Model) -> Reporter[State]:
 
 def inlet_answers(model: Model, state: State) -> Array:
     """Of inlets with a given flow the pressure [Pa], of those with a given pressure the flow [m³/s] : (B, n_inlets)."""
-    found = state.H[:, model.mesh.topology.inlets]
-    for i, inlet in enumerate(model.network.inlets):
-        if inlet.causality == "pressure":
-            found = found.copy()
-            found[:, i] = state.Q[:, model.mesh.inlet_element[i], 0]
-    return found
+    inlets = model.inlets
+    return np.where(inlets.by_flow, state.H[:, model.mesh.topology.inlets], state.y[:, inlets.first])
 
 
 def volume_entered(model: Model, before: State, after: State) -> Array:

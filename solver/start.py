@@ -28,7 +28,7 @@ from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.stage import Operators, Stage, operators, operators_about, start
-from .scheme.step import State, initial_state, per_inlet
+from .scheme.step import State, initial_state
 from .units import SIGNAL_UNITS
 
 Array = np.ndarray
@@ -53,6 +53,7 @@ def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: flo
     Raises ValueError where the network has no steady state with the mean of the drive.
     """
     samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
+    samples = samples.reshape(_FINE, len(model.network.inlets), -1).swapaxes(1, 2)
     harmonics = np.fft.rfft(samples, axis=0, norm="forward")[: _kept(model) + 1]
     with np.errstate(all="ignore"):
         rest = _steady(model, harmonics[0].real)
@@ -95,17 +96,17 @@ def _amplitudes(x: Array | Sequence[Array]) -> Array:
 
 
 def _steady(model: Model, mean: Array) -> State:
-    """The steady state under a constant inflow [m³/s] or pressure at the inlet [Pa], one or (B,), or of each inlet."""
+    """The steady state under constant inflows [m³/s] or pressures at the inlets [Pa] : (B or 1, n_inlets)."""
     state, c, layout = initial_state(model), model.coefficients, model.layout
     y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
     # the flow that passes, and the one that P_0 drives on the way
-    means = per_inlet(model, mean)
-    driven = sum(inlet.flow(each, c.P_0[:, 0]) for inlet, each in zip(model.inlets, means, strict=True))
+    given = model.inlets.gain * mean
+    driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
     flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
     small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
     try:
         for tau in _LONG:
-            stage = Stage.of(model, operators_about(model, tau, y, H), y, means, c.P_venous, 0.0)
+            stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
             # a guess of the flow that leaves the area as it is: a long step would multiply what does not
             Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
             y = stage.end(Q, A_t)
@@ -113,11 +114,11 @@ def _steady(model: Model, mean: Array) -> State:
     except (NonPhysicalState, np.linalg.LinAlgError) as error:
         where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
         names = [inlet.drive for inlet in model.network.inlets]
-        given = ", ".join(
-            f"{name} = {np.mean(x):g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, means, strict=True)
+        means = ", ".join(
+            f"{name} = {x:g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, mean.mean(axis=0), strict=True)
         )
         raise ValueError(
-            f"network {model.network.name}: it has no steady state with {given}, the mean{where}; "
+            f"network {model.network.name}: it has no steady state with {means}, the mean{where}; "
             f"change {names[0]} or the outlets, or start from rest."
         ) from None
     return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
@@ -127,7 +128,7 @@ def _steady(model: Model, mean: Array) -> State:
 
 
 def _balanced(model: Model, rest: State, drive: Array, T: float) -> _Waves:
-    """The waves about a steady state under a drive with harmonics : (K+1,) or (K+1, B) [m³/s or Pa]."""
+    """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa]."""
     omega = 2.0 * np.pi / T * np.arange(len(drive))
     # the mean is a wave so slow that everything follows it
     responses = [_Response.about(model, 1.0 / (1j * w) if w else _LONG[-1], rest) for w in omega]
@@ -178,8 +179,7 @@ class _Response:
         mesh, o, jacobian = self.model.mesh, self.operators, self.operators.at_rest
         Q = -np.einsum("beij,bej->bei", jacobian.K_inverse, R)
         H = jacobian.nodal.solve(net + mesh.net_inflow(Q, o.loads.signs))
-        at_ends = H.take(mesh.ends, axis=1)
-        Q = Q + jacobian.K_left * at_ends[..., :1] + jacobian.K_right * at_ends[..., 1:]
+        jacobian.add_to(Q, H)
         y = np.zeros((len(Q), self.model.layout.size), complex)
         part = self.model.layout.part
         part(y, "A")[:] = o.tau * self.storage * (Q @ mesh.element.d_xi)
@@ -196,7 +196,7 @@ def _left_over(model: Model, waves: _Waves, drive: Array) -> tuple[Array, Array]
     R, net = list[Array](), list[Array]()
     for y, rate, H, driven in zip(*map(_samples, (waves.y, rates, waves.H, drive)), strict=True):
         # an implicit step from where it would have come from at its present rate
-        stage = Stage.of(model, o, y - o.tau * rate, per_inlet(model, driven), P_venous, 0.0)
+        stage = Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0)
         Q = model.layout.part(y, "Q")
         R.append(terms.residual(stage.start, Q, H))
         net.append(stage.node_residual(Q, H))

@@ -67,6 +67,11 @@ class Wall:
         changed: dict[str, Any] = {name: change(array) for name, array in held.items() if array is not None}
         return replace(self, **changed)
 
+    @property
+    def bend(self) -> Array | None:
+        """e, None where all walls have e = 0: the laws are then shorter, and the same to the last bit."""
+        return self.e if self.bent else None
+
     @cached_property
     def viscosity_area(self) -> Array:
         """ν_s A = φ0 K_h/2 [Pa·s] (`sheep_constitutive`)."""
@@ -80,7 +85,7 @@ class Wall:
     def pressure(self, A: Array, A_t: Array) -> Array:
         """P [Pa] = P_ref + P_el + ν_s ∂A/∂t + ν_NL (∂A/∂t)² (`sheep_constitutive`), with A_t = ∂A/∂t [m²/s]."""
         s = np.sqrt(A / self.A0)
-        P = self.elastic.pressure(s, self.K, self.e)
+        P = self.elastic.pressure(s, self.K, self.bend)
         P += self.P_ref
         viscous = self.viscosity_area * A_t / A
         if self.nonlinear or self.moment is not None:
@@ -174,7 +179,7 @@ class Wall:
     def stiffness(self, A: Array) -> Array:
         """dP_el/dA [Pa/m²]."""
         s = np.sqrt(A / self.A0)
-        return self.elastic.derivative(s, self.K, self.e) / (2.0 * self.A0 * s)
+        return self.elastic.derivative(s, self.K, self.bend) / (2.0 * self.A0 * s)
 
     def viscosity(self, A: Array, A_t: Array) -> Array:
         """∂P/∂(∂A/∂t) [Pa·s/m²]: ν_s + 2 ν_NL ∂A/∂t for the paper's law."""
@@ -209,16 +214,23 @@ class Wall:
 
     def area(self, P: Array) -> Array:
         """A [m²] with P_ref + P_el(A) = P; NaN where no wall can carry P."""
-        s = self.elastic.stretch(P - self.P_ref, self.K, self.e)
+        s = self.elastic.stretch(P - self.P_ref, self.K, self.bend)
         return self.A0 * s * s
 
     def wave_speed(self, A: Array) -> Array:
         """c [m/s] at area A."""
-        return wave_speed(self.elastic, np.sqrt(A / self.A0), self.K, self.e, self.rho)
+        return wave_speed(self.elastic, np.sqrt(A / self.A0), self.K, self.bend, self.rho)
 
     def riemann_velocity(self, A: Array) -> Array:
         """w = ∫ c/A dA from A0 to A [m/s], the velocity behind a simple wave."""
-        s = np.sqrt(A / self.A0)
+        return self._velocity_at(np.sqrt(A / self.A0))
+
+    def riemann_flow(self, P: Array) -> Array:
+        """A w [m³/s], the flow behind a simple wave, where P_ref + P_el(A) = P; NaN where no wall can carry P."""
+        s = self.elastic.stretch(P - self.P_ref, self.K, self.bend)
+        return self.A0 * s * s * self._velocity_at(s)
+
+    def _velocity_at(self, s: Array) -> Array:
         simple = self.elastic.simple_wave(s, self.c0)
         if not self.bent:
             return simple

@@ -81,8 +81,14 @@ def test_order(human: Network) -> None:
 @pytest.mark.parametrize("parallel", [False, True], ids=["sequential", "parallel"])
 @pytest.mark.parametrize(
     ("heart", "h"),
-    [*((STIFF, h * MS) for h in (0.5, 1, 2, 5)), *((HUMAN_HEART, h * MS) for h in (1, 5))],
-    ids=["stiff-0.5", "stiff-1", "stiff-2", "stiff-5", "human-1", "human-5"],
+    [
+        pytest.param(STIFF, 0.5 * MS, marks=pytest.mark.slow, id="stiff-0.5"),
+        pytest.param(STIFF, 1 * MS, id="stiff-1"),
+        pytest.param(STIFF, 2 * MS, marks=pytest.mark.slow, id="stiff-2"),
+        pytest.param(STIFF, 5 * MS, id="stiff-5"),
+        pytest.param(HUMAN_HEART, 1 * MS, marks=pytest.mark.slow, id="human-1"),
+        pytest.param(HUMAN_HEART, 5 * MS, id="human-5"),
+    ],
 )
 def test_stable(human: Network, heart: Heart, h: float, parallel: bool) -> None:
     """Ejection and closure with either master at every step, a stiff heart included: 50 to 160 mmHg, 0.9 L/s."""

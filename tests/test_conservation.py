@@ -34,11 +34,13 @@ def test_rest_of_a_windkessel_network(sheep: Network) -> None:
     assert max(np.abs(beat[name]).max() for name in beat if name.endswith(".Q")) < 1e-16
 
 
+@pytest.mark.parametrize("beats", [4, pytest.param(20, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("wall", ["viscous", "elastic"])
-def test_mass_over_twenty_beats(sheep: Network, wall: str) -> None:
-    """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's quadrature in time: <= 5e-14 of the volume (1e-14 measured)."""
+def test_mass_over_many_beats(sheep: Network, wall: str, beats: int) -> None:
+    """d/dt ∫A dx = Q_in - ΣQ_out by the scheme's quadrature in time, of the volume: 1.6e-15 measured in 4 beats, 1e-14
+    in 20."""
     parameters = None if wall == "viscous" else {f"{s.name}.phi0": 0.0 for s in sheep.segments}
-    assert _imbalance(build(sheep, parameters), 20 * 250, 2e-3) <= 5e-14
+    assert _imbalance(build(sheep, parameters), beats * 250, 2e-3) <= (5e-14 if beats == 20 else 5e-15)
 
 
 @pytest.mark.parametrize("parents", [fork, comb])

@@ -195,7 +195,7 @@ def test_nothing_hidden(base: str, seed: int) -> None:
 def test_nonlinear_elasticity_is_named() -> None:
     """E_NL = 2 E in a viscoelastic wall at 40 dB: one name, and the 95 % interval holds the truth.
 
-    Its probability, 0.96, is stated; of a bench at most 0.97 is.
+    Of a bench at most 0.933 is stated.
     """
     made = make(Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),)), 5)
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
@@ -205,7 +205,7 @@ def test_nonlinear_elasticity_is_named() -> None:
     assert told.ci95[0] <= made.truth["effects"][0]["parameters"][f"{SITE}.ENL"] <= told.ci95[1]
     assert naming.verdict == "effect"
     assert naming.best.label == f"nonlinear_elasticity at {SITE}"
-    assert 0.9 < naming.confidence < 0.972
+    assert 0.9 < naming.confidence < 0.933
 
 
 @pytest.mark.parametrize(

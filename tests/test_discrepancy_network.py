@@ -88,14 +88,15 @@ def test_place_and_size_of_a_stiff_segment(stiff: Naming) -> None:
     assert np.all(np.abs(fit.x[:-1]) <= 4.0 * np.sqrt(np.diag(fit.covariance))[:-1])  # nuisances stay where they were
 
 
-def test_viscosity_everywhere_that_is_not_the_same_everywhere() -> None:
+@pytest.mark.parametrize("walls", ["common", pytest.param(None, marks=pytest.mark.slow)])
+def test_viscosity_everywhere_that_is_not_the_same_everywhere(walls: str | None) -> None:
     """Elastic model; φ0/E = 10, 16 and 25 ms in the three walls: one effect, everywhere, with a size for each wall."""
     sizes = {"A": 0.010, "B": 0.016, "C": 0.025}
     viscous = {f"{s.name}.phi0": sizes[s.name] * s.E for s in NETWORK.segments}
     elastic = NETWORK.with_parameters(dict.fromkeys(viscous, 0.0))
     problem = network_problem(record(beat_of(tuple(viscous.items())), 15, 0.01), elastic)
     found = tuple(t for t in candidates(elastic, NAMES) if t.effect in ("wall_viscosity", "channel_lag"))
-    naming = name(problem, found)
+    naming = name(problem, found, walls=walls)
     assert naming.verdict == "effect"
     (told,) = naming.best.fit.terms
     assert (told.effect, told.where) == ("wall_viscosity", ("all",))
@@ -164,7 +165,7 @@ def test_a_new_effect_is_a_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
     X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
     beats_ = record({n: np.fft.irfft(x, N, norm="forward") for n, x in X.items()}, 15, 0.01)
     found = tuple(t for t in candidates(NETWORK, NAMES) if t.effect in ("toy", "channel_gain"))
-    naming = name(network_problem(beats_, NETWORK), found)
+    naming = name(network_problem(beats_, NETWORK), found, walls="common")
     assert (naming.verdict, naming.best.label) == ("effect", "toy at B")
     told = estimates(NETWORK, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem.dof_of_noise))
     assert set(told) == {"B.linear", "B.square"}

@@ -24,13 +24,12 @@ from fitting.inference.unknown import Unknown, precision
 # --- what a confidence is stated as -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "most"), [("bench", 0.97), ("network", 0.99), ("partial", 0.67)])
+@pytest.mark.parametrize(("kind", "most"), [("bench", 0.932), ("network", 0.989), ("partial", 0.668)])
 def test_no_confidence_beyond_what_came_true(kind: str, most: float) -> None:
-    """It rises with the probability, is even where that is, and ends at 0.97 of a bench, 0.99 of a network, and 0.67
-    where more remains."""
+    """It rises with the probability, and ends at 0.93 of a bench, 0.99 of a network, and 0.67 where more remains."""
     told = [stated(p, kind) for p in (0.0, 0.2, 0.5, 0.8, 0.9, 0.95, 1.0)]
-    assert told == sorted(told) and told[0] < told[1] and told[2] == pytest.approx(0.5)
-    assert told[-1] == pytest.approx(most, abs=5e-3)
+    assert told == sorted(told) and told[0] < told[1]
+    assert told[-1] == pytest.approx(most, abs=1e-3)
 
 
 # --- misfit ----------------------------------------------------------------------------------------------------------
@@ -277,12 +276,12 @@ def test_bounded_step_against_scipy() -> None:
 
 
 def test_covariance_of_a_fit() -> None:
-    """(JᵀJ + w)⁻¹ with w = π/(1 + π x²/5), and cost = |z|² + Σ 5 ln(1 + π x²/5): priors of Student's t."""
+    """(JᵀJ + w)⁻¹ with w = π/(1 + π x²/ν), and cost = |z|² + Σ ν ln(1 + π x²/ν), ν = 15: priors of Student's t."""
     e = np.eye(50)
     fit = replace(base(3.0 * e[:, :2], 16.0), x=np.array([1.0, -2.0]), z=2.0 * e[0])
-    w = 16.0 / (1.0 + 16.0 * np.array([1.0, 4.0]) / 5.0)
+    w = 16.0 / (1.0 + 16.0 * np.array([1.0, 4.0]) / 15.0)
     np.testing.assert_allclose(fit.covariance, np.diag(1.0 / (9.0 + w)), atol=1e-15)
-    assert fit.cost == pytest.approx(4.0 + 5.0 * (np.log1p(16.0 / 5.0) + np.log1p(64.0 / 5.0)))
+    assert fit.cost == pytest.approx(4.0 + 15.0 * (np.log1p(16.0 / 15.0) + np.log1p(64.0 / 15.0)))
 
 
 # --- architecture ----------------------------------------------------------------------------------------------------

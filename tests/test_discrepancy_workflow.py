@@ -18,10 +18,11 @@ from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
 from discrepancy.journal import Journal, parted
+from discrepancy.name import name
 from discrepancy.outcome import VERDICTS, Outcome
 from discrepancy.show import Gap, Run, own_parity
 from discrepancy.source import read_model
-from discrepancy.study import judge
+from discrepancy.study import judge, prepare
 from discrepancy.summary import Shown, fmu_warnings, global_p
 from discrepancy.verdict import Naming
 from discrepancy.workflow import discover
@@ -176,7 +177,8 @@ def test_the_global_p_value_of_healthy_benches() -> None:
     values = []
     for seed in range(1, 13):
         made = make(Case("bench", SITE, 40.0), seed)
-        study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
+        study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
+        naming = name(study.problem, ())
         values.append(global_p(study, naming, np.nan))
     assert kstest(values, "uniform").pvalue > 0.01
 

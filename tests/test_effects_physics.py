@@ -196,7 +196,7 @@ def test_order_in_time() -> None:
         result = simulate(network, lambda t: 5e-5 * np.sin(OMEGA * t) ** 4, T, settings=settings)
         return np.array([result["x1.P"][-1] / 1e4, result["x1.Q"][-1] / 5e-5])
 
-    fine = run(1024)
+    fine = run(512)
     errors = np.array([np.abs(run(n) - fine) for n in (32, 64, 128)])
     orders = np.log2(errors[:-1] / errors[1:])
     assert np.all(np.abs(orders - 3.0) <= 0.3), (errors, orders)

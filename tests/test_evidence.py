@@ -104,7 +104,7 @@ def test_widths_of_a_fit_are_those_of_its_evidence() -> None:
     assert Linear.of(found).inferred().of == {"E": 0.0} and told.widths["E"] < 0.05
     blind = fitted(np.zeros((5, 4)), np.zeros(5), tuple(unknown(f"a{i}", "E") for i in range(4)))
     assert with_widths(blind).widths["E"] == pytest.approx(0.82, abs=0.01)
-    own = np.eye(40) / (1.0 + found.x**2 / 5.0)
+    own = np.eye(40) / (1.0 + found.x**2 / TAILS)
     A = np.linalg.inv(J.T @ J + own)
     np.testing.assert_allclose(told.covariance, A @ (J.T @ J + told.widths["E"] ** 2 * own) @ A, rtol=1e-10)
 

@@ -152,6 +152,7 @@ def test_picture_of_readme() -> None:
 # --- the others ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_python_api(tmp_path: Path) -> None:
     """Table 1 gives the reference's peaks, a stiffer carotid more pressure and less flow; the CSV holds its beat."""
     outcome = run("python_api.py", tmp_path)

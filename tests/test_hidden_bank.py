@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,35 +35,40 @@ Line = dict[str, Any]
 NULLS, SEEN, FAINT = (6, 7, 26, 46, 58), (4, 17, 31, 53, 55), (5, 10, 29)
 
 
-@pytest.fixture(scope="module")
-def bench_lines() -> list[Line]:
-    """A few bench records of the tuning plan, judged."""
-    cases = plan("bench", REPORTED["bench"], TUNING_SEED)
-    return [row("bench", TUNING_SEED, i, cases[i]) for i in (*NULLS, *SEEN, *FAINT)]
+@cache
+def bench_line(index: int) -> Line:
+    """A bench record of the tuning plan, judged."""
+    return row("bench", TUNING_SEED, index, plan("bench", REPORTED["bench"], TUNING_SEED)[index])
 
 
-@pytest.mark.slow
-def test_bench_nulls_raise_no_alarm(bench_lines: list[Line]) -> None:
+def one_and_slow(indices: Sequence[int]) -> list[Any]:
+    """The first; the others are slow."""
+    return [indices[0], *(pytest.param(i, marks=pytest.mark.slow) for i in indices[1:])]
+
+
+@pytest.mark.parametrize("index", one_and_slow(NULLS))
+def test_bench_nulls_raise_no_alarm(index: int) -> None:
     """Nothing hidden: verdict none."""
-    nulls = w.of(bench_lines, "null")
-    assert len(nulls) == len(NULLS)
-    assert [x["verdict"] for x in nulls] == ["none"] * len(nulls)
+    line = bench_line(index)
+    assert w.of([line], "null") and line["verdict"] == "none"
 
 
-def test_bench_names_what_is_visible_and_separable(bench_lines: list[Line]) -> None:
+@pytest.mark.parametrize("index", one_and_slow(SEEN))
+def test_bench_names_what_is_visible_and_separable(index: int) -> None:
     """d' ≥ 30 and separation ≥ 6: one name, the true one, and parameters within 10 % of the effect."""
-    seen = [x for x in w.of(bench_lines, "single", 30.0) if w.separation(x) >= 6.0]
-    assert [x["index"] for x in seen] == list(SEEN)
-    for x in seen:
-        assert w.single_right(x), (x["index"], x["verdict"], w.truths(x), w.top(x))
-        assert x["gap"]["fit"]["best"] < 1.4 < 2.0 < x["gap"]["held_out"]["given"]
-        for name, size, error, _ in w.errors(x):
-            assert abs(error) < 0.1 * abs(size), (x["index"], name)
+    (x,) = w.of([bench_line(index)], "single", 30.0)
+    assert w.separation(x) >= 6.0
+    assert w.single_right(x), (x["verdict"], w.truths(x), w.top(x))
+    assert x["gap"]["fit"]["best"] < 1.4 < 2.0 < x["gap"]["held_out"]["given"]
+    for name, size, error, _ in w.errors(x):
+        assert abs(error) < 0.1 * abs(size), name
 
 
-def test_bench_gives_no_wrong_single_name(bench_lines: list[Line]) -> None:
-    """Whatever its size, no effect of the catalogue is given another name."""
-    assert not [x["index"] for x in w.of(bench_lines, "single") if w.wrong(x)]
+@pytest.mark.parametrize("index", one_and_slow(FAINT))
+def test_bench_gives_no_wrong_single_name(index: int) -> None:
+    """However small, no effect of the catalogue is given another name."""
+    (x,) = w.of([bench_line(index)], "single")
+    assert not w.wrong(x)
 
 
 @pytest.mark.slow
@@ -299,11 +305,12 @@ def test_comparator_answers() -> None:
     assert stlsq.compared(record, made.base, lag) is None
 
 
-def test_lines_are_plain_json(bench_lines: list[Line]) -> None:
+@pytest.mark.parametrize("index", [NULLS[0], SEEN[0], FAINT[0]])
+def test_lines_are_plain_json(index: int) -> None:
     """No infinities, no arrays; effects outside the catalogue are known to the judge alone."""
-    for x in bench_lines:
-        json.loads(json.dumps(x, allow_nan=False))
-        assert not {t["name"] for h in x.get("top", ()) for t in h["terms"]} & set(OUTSIDE)
+    line = bench_line(index)
+    json.loads(json.dumps(line, allow_nan=False))
+    assert not {t["name"] for h in line.get("top", ()) for t in h["terms"]} & set(OUTSIDE)
 
 
 # --- partial answers, and the groups ---------------------------------------------------------------------------------

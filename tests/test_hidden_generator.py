@@ -60,7 +60,9 @@ def test_null_agrees_with_the_solver(sheep: Network) -> None:
     c = inflow(sheep)
     flow = Balance(anatomy(sheep), BEAT).solve(c)
     settings = Settings(tolerance=1e-7)
-    beat = simulate_periodic(sheep, lambda t: at_phase(c, t / T), T, settings=settings, tolerance=1e-6)
+    beat = simulate_periodic(
+        sheep, lambda t: at_phase(c, t / T), T, settings=settings, tolerance=1e-6, start="periodic"
+    )
     errors = {n: relative_error(n, at_phase(x, beat.time / T), beat[n]) for n, x in flow.channels.items()}
     assert max(errors.values()) <= 1e-5, errors
 

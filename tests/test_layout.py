@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PRODUCT = [ROOT / "build_fmu.py", *(p for d in ("solver", "fmu_src", "fitting", "discrepancy")
+PRODUCT = [ROOT / "build_fmu.py", *(p for d in ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu")
                                     for p in sorted((ROOT / d).rglob("*.py")))]  # fmt: skip
 TRUTH = sorted((ROOT / "tests" / "truth").glob("*.py"))
 
@@ -44,7 +44,7 @@ def test_the_product_imports_no_test(path: Path) -> None:
 
 def test_the_generators_take_numbers_alone() -> None:
     """Of the product: the dataclasses of a network and the writer of record files; no solver, no law, no fit."""
-    own = {"solver", "fmu_src", "fitting", "discrepancy", "build_fmu", "benchmarks"}
+    own = {"solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu", "build_fmu", "benchmarks"}
     taken = [(path.name, module, name) for path in TRUTH for module, names in imports(path)
              if module.split(".")[0] in own for name in names or ("*",)]  # fmt: skip
     assert taken

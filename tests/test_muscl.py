@@ -84,9 +84,8 @@ def _volume(model: muscl.Model, state: State) -> float:
     ("wall", "slopes", "low", "high"),
     [
         ("viscous", "van Albada", 1.7, 2.3),
-        ("elastic", "van Albada", 1.1, 2.1),
-        ("viscous", "central", 1.7, 2.3),
-        ("elastic", "central", 1.7, 2.3),
+        pytest.param("elastic", "van Albada", 1.1, 2.1, marks=pytest.mark.slow),
+        pytest.param("elastic", "central", 1.7, 2.3, marks=pytest.mark.slow),
     ],
 )
 def test_order(sheep: Network, wall: str, slopes: str, low: float, high: float) -> None:

@@ -281,8 +281,11 @@ def errors(network: Network, found: Array, exact: Array) -> dict[str, float]:
 
 @pytest.mark.parametrize(
     ("interpolation", "h", "bound"),
-    [("linear", 0.5, 4e-4), ("linear", 1.0, 1.1e-3), ("linear", 2.0, 3.2e-3), ("linear", 5.0, 1.2e-2)]
-    + [("smooth", 0.5, 5e-4), ("smooth", 1.0, 1.6e-3), ("smooth", 2.0, 8e-3), ("smooth", 5.0, 3.2e-2)],
+    [("linear", 1.0, 1.1e-3), ("linear", 5.0, 1.2e-2), ("smooth", 1.0, 1.6e-3), ("smooth", 5.0, 3.2e-2)]
+    + [
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (("linear", 0.5, 4e-4), ("linear", 2.0, 3.2e-3), ("smooth", 0.5, 5e-4), ("smooth", 2.0, 8e-3))
+    ],
 )
 def test_stiff_heart(aorta: Network, monolithic: Array, interpolation: str, h: float, bound: float) -> None:
     """Stable at every communication step [ms], and near the solution of both together, at every site.
@@ -297,7 +300,13 @@ def test_stiff_heart(aorta: Network, monolithic: Array, interpolation: str, h: f
 
 
 @pytest.mark.parametrize(
-    ("interpolation", "factor"), [("linear", 0.7), ("linear", 2.0), ("smooth", 0.8), ("smooth", 1.3)]
+    ("interpolation", "factor"),
+    [
+        ("linear", 0.7),
+        pytest.param("linear", 2.0, marks=pytest.mark.slow),
+        pytest.param("smooth", 0.8, marks=pytest.mark.slow),
+        ("smooth", 1.3),
+    ],
 )
 def test_wrong_impedance(aorta: Network, monolithic: Array, interpolation: str, factor: float) -> None:
     """Z that is wrong by so much, about the extrapolated flow: stable at 1 ms, pressures within 0.5 % of the pulse."""

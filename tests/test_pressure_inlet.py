@@ -100,8 +100,8 @@ def test_jacobian_of_the_nodes(causality: str) -> None:
     network = replace(mixed(), inlet=replace(mixed().inlet, causality=causality))
     model = build(network, settings=COARSE)
     state, o = initial_state(model), operators(model, COARSE.dt)
-    drive = np.array({"flow": 0.0, "pressure": network.P_0}[causality])
-    stage = Stage.of(model, o, state.y, [drive], model.coefficients.P_venous, 0.0)
+    drive = {"flow": 0.0, "pressure": network.P_0}[causality]
+    stage = Stage.of(model, o, state.y, model.inlets.gain * drive, model.coefficients.P_venous, 0.0)
 
     def conditions(H: Array) -> Array:
         R = terms.residual(stage.start, state.Q, H)
@@ -142,7 +142,7 @@ def test_file() -> None:
     text = dumps(network).replace('causality = "pressure"', 'causality = "level"')
     with pytest.raises(ValueError, match=r"text: inlet\.causality = 'level': must be one of flow, pressure\."):
         loads(text, "text")
-    with pytest.raises(ValueError, match=r"network sheep: its inlet is driven by a pressure; give it as inflow"):
+    with pytest.raises(ValueError, match=r"network sheep: nothing drives inlet.P; give it as inflow"):
         simulate(network)
 
 

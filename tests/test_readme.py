@@ -25,6 +25,7 @@ PAGES = sorted(["README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path i
 DOCUMENTS = {
     "README.md": (2, 2),
     "CONTRIBUTING.md": (1, 0),
+    "docs/command-line.md": (0, 2),
     "docs/fmu.md": (2, 1),
     "docs/coupling.md": (1, 0),
     "docs/closed-loop.md": (0, 1),
@@ -34,7 +35,8 @@ DOCUMENTS = {
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),
 }
-SLOW = ("docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md")
+SLOW = ("docs/command-line.md", "docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md",
+        "docs/fmu.md", "docs/coupling.md", "docs/effects.md")  # fmt: skip
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 
@@ -68,7 +70,7 @@ def test_there_are_snippets(document: str) -> None:
 
 # those that fit take more than 10 s; in the other documents all need them
 CASES = [
-    pytest.param(document, i, marks=[pytest.mark.slow] if "-m fitting" in text or document in SLOW else [])
+    pytest.param(document, i, marks=[pytest.mark.slow] if "arterial-fmu fit" in text or document in SLOW else [])
     for document in DOCUMENTS
     for i, (_, text) in enumerate(_snippets(document))
 ]
@@ -81,6 +83,7 @@ def test_snippet(folders: dict[str, Path], document: str, number: int) -> None:
     if kind == "python":
         command = [sys.executable, "-c", text]
     else:
+        text = re.sub("^arterial-fmu ", "python -m arterial_fmu ", text, flags=re.MULTILINE)
         lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
         text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
         for folder in ("solver/networks/", "tests/clients/"):

@@ -170,7 +170,7 @@ def test_R0_given() -> None:
     ("site", "targets"),
     [
         ("AA", {"E": 1e-3, "phi0": 5e-3, "R0": 2e-4, "phiNL": 0.03}),
-        ("BT", {"E": 1e-3, "phi0": 5e-3, "R0": 2e-4, "phiNL": 0.03}),
+        pytest.param("BT", {"E": 1e-3, "phi0": 5e-3, "R0": 2e-4, "phiNL": 0.03}, marks=pytest.mark.slow),
     ],
 )
 def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) -> None:
@@ -190,7 +190,10 @@ def test_accuracy_and_coverage_at_40_dB(site: str, targets: dict[str, float]) ->
     assert np.mean([f.chi2 / f.dof for f in fits]) == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("drift", "bits", "most"), [(0.0, None, 0.98), (0.02, 12, 1.0), (0.05, None, 1.0)])
+@pytest.mark.parametrize(
+    ("drift", "bits", "most"),
+    [(0.0, None, 0.98), (0.02, 12, 1.0), pytest.param(0.05, None, 1.0, marks=pytest.mark.slow)],
+)
 def test_coverage_of_whole_records(drift: float, bits: int | None, most: float) -> None:
     """AA, 40 dB, 150 records through ``align``, T no whole number of samples, with drift and quantisation.
 

@@ -119,7 +119,7 @@ def _short(network: Network) -> Waveforms:
             lambda n: simulate(n, parameters={"VA1.L": 10.0, "VA2.L": 10.0}, settings=Settings(element_length=1e-4)),
             "cuts network sheep into 20[0-9]{4} elements",
         ),
-        (lambda n: simulate(n, lambda t: np.nan * t), r"inflow: Q = nan at t = 0 s; all values must be finite"),
+        (lambda n: simulate(n, lambda t: np.nan * t), r"inflow inlet.Q: nan at t = 0 s; all values must be finite"),
         (lambda n: simulate(n, lambda t: np.zeros(3)), "it must give one value per time"),
         (lambda n: simulate(n, parameters={"CA.phi": 1.0}), r"CA\.phi: not a parameter .* did you mean CA\.phi0"),
         (lambda n: simulate(n, parameters={"CA.E": np.array([1e6, -1.0])}), r"CA\.E = -1 Pa is not allowed"),

@@ -21,7 +21,7 @@ def inflow(t: np.ndarray) -> np.ndarray:
 
 
 def _errors(network: Network, settings: Settings, P_0: float = 0.0) -> dict[str, float]:
-    beat = simulate_periodic(network, inflow, T, settings=settings, tolerance=1e-7)
+    beat = simulate_periodic(network, inflow, T, settings=settings, tolerance=1e-7, start="periodic")
     exact = waveforms(network, inflow(beat.time[:-1]), T)
     return {name: relative_error(name, beat[name][:-1], exact[name]) for name in exact}
 

@@ -31,6 +31,7 @@ from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
 from .observation import chain, mean_wander, of_fewer
 from .search import bounded_step
+from .seen import Seen
 from .simulator import Runs
 from .terms import Term, nuisances
 from .unknown import Unknown, bounds, finite_steps, penalty, precisions, values
@@ -43,6 +44,7 @@ _ABOVE_NOISE = 4.0  # standard deviations
 _EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _LARGEST = 3.0  # of a step in x, typical sizes
+_ODD = 4.0  # standard deviations of a prior, from which a wall is odd
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
 
@@ -184,13 +186,21 @@ class Bench(Forward):
         state = _settled(self, fit.member)
         if state is None:
             return self.loop.P
-        seen = _Seen.of(self, fit.member, fit.x[None])
+        seen = self.seen(fit.member, fit.x[None])
         return seen.true(state.radius(np.zeros_like(fit.x)))[1][0]
 
     def driven(self, wave: Array) -> Drive:
         """The pressure at the artery's end, which is the site's."""
         start = {"network.P_0": float(wave[0])}
         return Drive(f"{self.site}.outlet.P_venous", 0, start, self.signals[0], _BEATS)
+
+    def seen(self, member: Member, x: Array) -> Seen:
+        """The channels for some points x : (B, p) of a hypothesis."""
+        present = self.artery.parameters()
+        moved = values(member.unknowns, x, present)
+        wall = law.wall_of(self.artery, self.site, {n: v for n, v in moved.items() if n in present})
+        omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
+        return Seen(wall, self.loop.T, *(chain(moved, name, omega) for name in self.signals))
 
     def covariance(self, beats: Beats) -> Array:
         """(N//2 + 1, 2, 2) of the sensors."""
@@ -233,37 +243,59 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
     return min(found, key=lambda f: f.cost)
 
 
+@dataclass(frozen=True)
+class _Point:
+    """Where a search is: x, the measured radius r, and the linear problem there."""
+
+    x: Array
+    r: Array
+    state: _State
+
+    @classmethod
+    def at(cls, problem: Bench, member: Member, r: Array) -> _Point | None:
+        state = _linearised(problem, member, r)
+        return None if state is None else cls(member.x, r, state)
+
+    def cost(self, prior: Array) -> float:
+        """That at the most probable radius, as far as the residual is quadratic in what is left to move."""
+        return float(self.state.z @ self.state.z) + penalty(prior, self.x) + self.state.log_volume
+
+    def settled(self, problem: Bench, member: Member) -> _Point:
+        """The same x with the radius moved to the most probable one."""
+        moved = _Point.at(problem, replace(member, x=self.x), self.state.radius(np.zeros_like(self.x)))
+        return self if moved is None else moved
+
+
 def _searched(problem: Bench, member: Member) -> Fit:
     """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
     unknowns, prior, damping = member.unknowns, precisions(member.unknowns), 0.0
     low, high = bounds(unknowns)
-    x, r = member.x, problem.loop.R
-    state = _linearised(problem, member, r)
-    if state is None:
+    here = _Point.at(problem, member, problem.loop.R)
+    if here is None:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
-    best, converged = np.inf, False
+    kept, best, converged, settled = here, np.inf, False, False
     for _ in range(_ITERATIONS):
-        # z as it will be at the most probable radius: the residual is quadratic in what is left to move
-        cost = float(state.z @ state.z) + penalty(prior, x) + state.log_volume
-        if cost < best + _EQUAL:
+        if (cost := here.cost(prior)) < best + _EQUAL:
             converged = best - cost < _EQUAL
-            best, kept, damping = min(cost, best), (x, r, state), 0.2 * damping if damping > 1e-4 else 0.0
+            kept, best, settled, damping = here, min(cost, best), False, 0.2 * damping if damping > 1e-4 else 0.0
             if converged:
                 break
         else:
             damping = max(5.0 * damping, 1e-3)
-        step = trial = None
+            if not settled:  # far from the most probable radius a cost promises too much, and nothing would beat it
+                kept, settled = kept.settled(problem, member), True
+                best = kept.cost(prior)
+        trial = None
         while trial is None and damping < 1e8:
-            x, r, state = kept
-            step = _largest(bounded_step(state.J, state.z, prior, x, low, high, damping))
-            trial = _linearised(problem, replace(member, x=x + step), state.radius(step))
+            step = _largest(bounded_step(kept.state.J, kept.state.z, prior, kept.x, low, high, damping))
+            trial = _Point.at(problem, replace(member, x=kept.x + step), kept.state.radius(step))
             damping = damping if trial is not None else max(10.0 * damping, 1e-2)
-        if trial is None or step is None:
+        if trial is None:
             break
-        x, r, state = x + step, state.radius(step), trial
-    x, r, state = kept
-    order = (np.arange(len(state.z)) + 1) // 2
-    return Fit(member.terms, unknowns, x, state.z, state.J, order, np.zeros_like(order), converged, state.log_volume)
+        here = trial
+    z, J, log_volume = kept.state.z, kept.state.J, kept.state.log_volume
+    order = (np.arange(len(z)) + 1) // 2
+    return Fit(member.terms, unknowns, kept.x, z, J, order, np.zeros_like(order), converged, log_volume)
 
 
 def _largest(step: Array) -> Array:
@@ -274,13 +306,14 @@ def _largest(step: Array) -> Array:
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
     """Where searches begin: at the simpler fit, the new terms at the best of their starting points.
 
-    Where a term has several valleys, also at an ordinary wall: a slow sensor and a viscous wall are alike from afar,
-    and the simpler fit may have taken the one for the other.
+    Where a term has several valleys, or the simpler fit is an odd wall, also at an ordinary one: a slow sensor and a
+    viscous wall are alike from afar, and the simpler fit may have taken the one for the other.
     """
     unknowns = problem.hypothesis(terms)
     known = () if start is None else [u.name for u in start.unknowns]
     new = [term for term in terms if term.starts and term.unknowns[0].name not in known]
-    members = [taken_over(terms, unknowns, s) for s in ((start, None) if new and start is not None else (start,))]
+    anew = start is not None and (new or np.any(start.prior * start.x**2 > _ODD**2))
+    members = [taken_over(terms, unknowns, s) for s in ((start, None) if anew else (start,))]
     for term in new:
         members = [min(begun(m, term), key=lambda trial: _promise(problem, trial)) for m in members]
     return members
@@ -336,7 +369,7 @@ def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
     """The linear problem at a point and the measured radius r; None where the law has no pressure there."""
     steps = finite_steps(member.unknowns, member.x, _STEP)
     with np.errstate(all="ignore"):
-        seen = _Seen.of(problem, member, np.concatenate([member.x[None], member.x + np.diag(steps)]))
+        seen = problem.seen(member, np.concatenate([member.x[None], member.x + np.diag(steps)]))
         G = seen.pressure(r)
         columns = (G[1:] - G[0]).T / steps
         try:
@@ -347,54 +380,3 @@ def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
     n = 2 * problem.K + 1
     log_volume = 2.0 * float(np.log(np.diag(linear.L)[:n]).sum())
     return _State(linear.z[:n], -linear.columns[:n], linear, log_volume)
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """The law of a batch of walls as the two channels see it: pressure(r) of a measured radius r : (N,).
-
-    wall : arrays (B, 1), the first of them the one that is linearised. to_P, to_R : (B, N//2 + 1) transfer functions,
-    offset_P, offset_R : (B, 1).
-    """
-
-    wall: law.Wall
-    T: float
-    to_P: Array
-    offset_P: Array
-    to_R: Array
-    offset_R: Array
-
-    @classmethod
-    def of(cls, problem: Bench, member: Member, x: Array) -> _Seen:
-        """For some points x : (B, p) of a hypothesis."""
-        loop, artery = problem.loop, problem.artery
-        present = artery.parameters()
-        moved = values(member.unknowns, x, present)
-        wall = law.wall_of(artery, problem.site, {n: v for n, v in moved.items() if n in present})
-        omega = 2.0 * np.pi / loop.T * np.arange(loop.N // 2 + 1)
-        to_P, to_R = ([np.atleast_2d(h) for h in chain(moved, name, omega)] for name in problem.signals)
-        return cls(wall, loop.T, *to_P, *to_R)
-
-    def true(self, r: Array) -> tuple[Array, Array]:
-        """True radius and pressure (B, N) where the measured radius is r."""
-        R = _filtered(1.0 / self.to_R, r - self.offset_R)
-        return R, law.pressure(self.wall, R, R @ law.derivative_matrix(len(r), self.T).T, self.T)
-
-    def pressure(self, r: Array) -> Array:
-        """G : (B, N), the measured pressure of a measured radius."""
-        return _filtered(self.to_P, self.true(r)[1]) + self.offset_P
-
-    def slope(self, r: Array) -> Array:
-        """dG/dr : (N, N) of the first of the batch."""
-        N, R = len(r), self.true(r)[0][0]
-        A = law.slope(self.wall, R, law.derivative_matrix(N, self.T) @ R, self.T)
-        if np.any(self.to_P[0] != 1.0):
-            A = law.circulant(self.to_P[0], N) @ A
-        if np.any(self.to_R[0] != 1.0):
-            A = A @ law.circulant(1.0 / self.to_R[0], N)
-        return A
-
-
-def _filtered(h: Array, x: Array) -> Array:
-    """Harmonics of x : (…, N) times h : (B, N//2 + 1)."""
-    return x if np.all(h == 1.0) else np.fft.irfft(np.fft.rfft(x) * h, x.shape[-1])

@@ -24,7 +24,7 @@ Array = np.ndarray
 Reach = tuple[float, float]  # how far an interval goes down and up, in standard deviations
 
 _ANYTHING = 10.0  # half an interval of a logarithm: a factor e^20 from end to end says nothing
-TAILS = 5.0  # degrees of freedom of the priors of a hypothesis
+TAILS = 15.0  # degrees of freedom of the priors of a hypothesis
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def penalty(prior: Array, x: Array, tails: float = TAILS) -> float:
     """-2 log of the priors: Student's t of ``tails`` degrees of freedom (∞: Gaussian) with precision ``prior`` at 0.
 
     An animal four standard deviations from the network file is odd, not impossible: with a Gaussian prior its oddity
-    alone would be taken for an effect.
+    alone would be taken for an effect. Ten are none: with longer tails every offset of the radius would be one of R0.
     """
     square = prior * x**2
     return float(np.sum(square if math.isinf(tails) else tails * np.log1p(square / tails)))

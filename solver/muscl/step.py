@@ -105,8 +105,8 @@ def adopt(model: Model, state: State) -> State:
 def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
     """Advance by dt [s].
 
-    drive : (4,) or (4, B), the inflow [m³/s], or the pressure [Pa] of an inlet that is driven by it, at the times
-    t + INFLOW_TIMES dt; of several inlets (n_inlets, 4) or (n_inlets, 4, B). P_venous : (n_outlets,) or (B, n_outlets)
+    drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s], or the pressure [Pa] of an inlet that is driven by it,
+    at the times t + INFLOW_TIMES dt. P_venous : (n_outlets,) or (B, n_outlets)
     [Pa] during the step, default the parameters'.
     Raises NonPhysicalState if the result is not physical.
     """
@@ -114,10 +114,9 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
     with np.errstate(all="ignore"):
         venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
         n = _steps(model, state, dt)
-        between, inlets = lagrange(INFLOW_TIMES, np.arange(1, n + 1) / n), len(model.network.inlets)
-        given = [drive] if inlets == 1 else drive
-        for driven in zip(*(between @ np.asarray(each) for each in given), strict=True):
-            drives = np.array([np.broadcast_to(each, (c.B,)) for each in driven])
+        between = lagrange(INFLOW_TIMES, np.arange(1, n + 1) / n)
+        driven = np.matmul(between, drive.reshape(len(drive), len(INFLOW_TIMES), -1))
+        for drives in np.broadcast_to(driven, (len(drive), n, c.B)).swapaxes(0, 1):
             state = _advance(model, state, dt / n, drives, venous)
         _check(model, state, start + dt)
     return replace(state, t=start + dt)

@@ -89,13 +89,6 @@ class Element:
         return 2.0 * self.w_gauss[:, None] * self.to_gauss
 
     @cached_property
-    def end_flux(self) -> Array:
-        """(2, N+1): values at the two ends times it are the boundary terms [f v]."""
-        flux = np.zeros((2, self.N + 1))
-        flux[0, 0], flux[1, -1] = -1.0, 1.0
-        return flux
-
-    @cached_property
     def integral(self) -> Array:
         """(N+1, N+2) ∫ from -1 to ξ of the polynomial of each lobatto point over its weight, by powers of ξ."""
         powers = np.arange(self.N + 1)

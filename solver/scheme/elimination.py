@@ -11,7 +11,7 @@ Elimination by rounds: G. L. Miller, J. H. Reif, Parallel tree contraction, Proc
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ Array = np.ndarray
 Index = Array | slice
 
 CORE = 96  # nodes that are inverted as a whole: below, a product with the inverse costs less than a round
+_WHOLE = 100_000  # numbers, 0.8 MB: inverses no larger cost less in a product than rounds do
 _WORTH = 0.1  # of the nodes, which a round must take: where many loops meet, few can go
 
 
@@ -62,11 +63,12 @@ class Elimination:
     """What is eliminated when, of a system of n nodes that elements couple.
 
     Entries of G are counted: the diagonal first, then those of element ends, then those that arise. The last one is 0.
-    n_entries : their number. elements : how the (4 n_e) products of element ends (left with left and right, right with
-    left and right) add up to entries. rows : the node of every entry's equation. core : nodes that stay; inner : their
-    entries (n_core, n_core).
+    n, n_entries : how many nodes and entries. elements : how the (4 n_e) products of element ends (left with left and
+    right, right with left and right) add up to entries. rows : the node of every entry's equation. core : nodes that
+    stay; inner : their entries (n_core, n_core).
     """
 
+    n: int
     n_entries: int
     elements: Sums
     rows: Array
@@ -107,6 +109,18 @@ class Factor:
     taken: tuple[Array, ...]
     own: tuple[Array, ...]
     inverse: Array
+
+    def whole(self) -> Factor:
+        """The same as the inverse of the whole system, where that is small: for a factor that is used often."""
+        if not self.plan.rounds or len(self.inverse) * self.plan.n**2 > _WHOLE:
+            return self
+        columns = [self._member(slice(b, b + 1)).solve(np.eye(self.plan.n)) for b in range(len(self.inverse))]
+        inverse = np.ascontiguousarray(np.swapaxes(columns, 1, 2))
+        return Factor(replace(self.plan, rounds=(), core=slice(None)), (), (), (), inverse)
+
+    def _member(self, b: slice) -> Factor:
+        passed, taken, own = (tuple(x[b] for x in rounds) for rounds in (self.passed, self.taken, self.own))
+        return replace(self, passed=passed, taken=taken, own=own, inverse=self.inverse[b])
 
     def solve(self, net: Array) -> Array:
         """-G⁻¹ net : (B, n)."""
@@ -159,7 +173,7 @@ def eliminate(ends: Array, n: int, core: int = CORE) -> Elimination:
     row, column = place[key].T
     both = (row >= 0) & (column >= 0)
     inner[row[both], column[both]] = np.flatnonzero(both)
-    return Elimination(len(key) + 1, elements, key[:, 0], tuple(rounds), stay if rounds else slice(None), inner)
+    return Elimination(n, len(key) + 1, elements, key[:, 0], tuple(rounds), stay if rounds else slice(None), inner)
 
 
 def _apart(beside: dict[int, set[int]]) -> list[int]:

@@ -15,6 +15,10 @@ Array = np.ndarray
 
 def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
     """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
+    # where there is no area, or no stiffness, the last margin is not positive either
+    *first, _, _, last = _margins(model, A, A_t, Q)
+    if all(margin.item(margin.argmin()) > 0.0 for margin, _, _ in (*first, last)):
+        return
     for margin, reason, remedy in _margins(model, A, A_t, Q):
         if not margin.min() > 0.0:
             _fail(NonPhysicalState, model, margin, t, reason(), remedy)

@@ -1,60 +1,65 @@
-"""What drives the network at an inlet: a given flow, or a given pressure."""
+"""What drives the network at its inlets: given flows, or given pressures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cached_property
 
 import numpy as np
 
-from .sdirk import INFLOW_AT_STAGES, VALUES_AT_STAGES
+from .mesh import Index, as_slice
+from .sdirk import INFLOW_AT_STAGES, INFLOW_TIMES, VALUES_AT_STAGES
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class FlowInlet:
-    """Q(t) [m³/s] is given: what flows in flows on. scale : of ΣQ in the condition. slope : of the rest by -H."""
+class Inlets:
+    """The condition at each inlet, 0 = scale ΣQ + gain drive - slope H, all (B, n_inlets).
 
-    scale: ClassVar[float] = 1.0
-    slope: ClassVar[float] = 0.0
-    at_stages: ClassVar[Array] = INFLOW_AT_STAGES
+    Where the flow is given it flows on: 0 = ΣQ + Q. Where the pressure is: 0 = (P - H)/Z, Z = ρ c0/A0 of the artery,
+    which makes it a flow as at the other nodes. by_flow, first : (n_inlets,) which
+    they are, and the columns of the state vector of the flow there.
+    """
 
-    def begin(self, Q: Array, drive: Array) -> None:
-        """Start a step: where the inflow jumps (a held input that is set anew) the flow Q : (B,) there is the new one.
+    by_flow: Array
+    scale: Array
+    gain: Array
+    slope: Array
+    first: Array
+
+    @staticmethod
+    def of(by_flow: Array, Y: Array, first: Array) -> Inlets:
+        """Of inlets whose flow is given or not : (n_inlets,), in arteries of admittance Y = 1/Z : (B, n_inlets)."""
+        scale = np.where(by_flow, 1.0, np.zeros_like(Y))
+        return Inlets(by_flow, scale, np.where(by_flow, 1.0, Y), np.where(by_flow, 0.0, Y), first)
+
+    def each(self, drive: Array) -> Array:
+        """What drives each inlet at the times of a step, (n_inlets, 4, B or 1); the axis of a single one may lack."""
+        return np.reshape(drive, (len(self.by_flow), len(INFLOW_TIMES), -1))
+
+    def at_stages(self, drive: Array) -> Array:
+        """gain drive at the stages of a step : (STAGES, B, n_inlets) [m³/s], of drive : (n_inlets, 4, B or 1)."""
+        return self.gain * np.matmul(self._at_stages, drive).transpose(1, 2, 0)
+
+    def begin(self, y: Array, drive: Array) -> None:
+        """Start a step from y : (B, n) with drive : (n_inlets, B or 1). Where the inflow jumps (a held input that is
+        set anew) the flow there is the new one; where the pressure does, the flow follows by its inertia.
 
         Spread over the step, the jump would show in the inlet pressure as its inertia divided by dt.
         """
-        Q[:] = drive
+        inlets, columns = self._set
+        y[:, columns] = drive[inlets].T
 
-    def surplus(self, drive: Array, H: Array) -> Array:
-        """What the condition says beside ΣQ : (B,) [m³/s]."""
-        return drive
+    def flow(self, given: Array, H: Array) -> Array:
+        """What the condition says beside ΣQ, with given = gain drive and the pressures H : (B, n_inlets) [m³/s]."""
+        return given - self.slope * H
 
-    def flow(self, drive: Array, H: Array) -> Array:
-        """The size of the flow that this drives : (B,) [m³/s]."""
-        return np.abs(drive)
+    @cached_property
+    def _at_stages(self) -> Array:
+        return np.where(self.by_flow[:, None, None], INFLOW_AT_STAGES, VALUES_AT_STAGES)
 
-
-@dataclass(frozen=True)
-class PressureInlet:
-    """P(t) [Pa] is given: 0 = (P - H)/Z, Z = ρ c0/A0 of the artery, which makes it a flow as at the other nodes."""
-
-    slope: Array  # (B,) 1/Z
-
-    scale: ClassVar[float] = 0.0
-    at_stages: ClassVar[Array] = VALUES_AT_STAGES
-
-    def begin(self, Q: Array, drive: Array) -> None:
-        """Start a step: the flow follows the pressure by its inertia."""
-
-    def surplus(self, drive: Array, H: Array) -> Array:
-        """What the condition says beside ΣQ : (B,) [m³/s]."""
-        return self.slope * (drive - H)
-
-    def flow(self, drive: Array, H: Array) -> Array:
-        """The size of the flow that this drives : (B,) [m³/s]."""
-        return np.abs(self.slope * (drive - H))
-
-
-Inlet = FlowInlet | PressureInlet
+    @cached_property
+    def _set(self) -> tuple[Index, Index]:
+        """Which inlets have given flows, and their columns."""
+        return as_slice(np.flatnonzero(self.by_flow)), as_slice(self.first[self.by_flow])

@@ -15,6 +15,7 @@ from .element import Element, element, lagrange
 from .elimination import Elimination, Sums, eliminate
 
 Array = np.ndarray
+Index = Array | slice
 
 _LARGEST_MESH = 200_000  # elements: more are a mistake in a length
 
@@ -32,12 +33,12 @@ class Topology:
     outlet_segment: Array
     n_nodes: int
 
-    @property
+    @cached_property
     def inlets(self) -> slice:
         """The nodes of the inlets."""
         return slice(0, len(self.inlet_segment))
 
-    @property
+    @cached_property
     def outlets(self) -> slice:
         """The nodes of the outlets."""
         return slice(self.n_nodes - len(self.outlet_segment), self.n_nodes)
@@ -81,6 +82,12 @@ class Samples(NamedTuple):
         return np.einsum("bpk,pk->bp", values.take(self.at, 1), self.weight)
 
 
+def as_slice(index: Array) -> Index:
+    """The same as a slice where there is one, which is faster."""
+    together = slice(int(index[0]), int(index[-1]) + 1) if len(index) else slice(0, 0)
+    return together if np.array_equal(np.arange(together.start, together.stop), index) else index
+
+
 # --- mesh ---------------------------------------------------------------------------------------------------------
 
 
@@ -114,6 +121,23 @@ class Mesh:
     def inlet_element(self) -> Array:
         """(n_inlets,) first element of each inlet's segment."""
         return self.first[self.topology.inlet_segment]
+
+    @cached_property
+    def end_nodes(self) -> Array:
+        """(2, n_e, N+1) the left and the right node of every element, for each of its flows."""
+        return np.repeat(self.ends.T[:, :, None], self.element.N + 1, axis=2)
+
+    @cached_property
+    def outer_nodes(self) -> Array:
+        """(n_e, N+1) the node at the ends of every element; inside any."""
+        nodes = self.end_nodes[0].copy()
+        nodes[:, -1] = self.ends[:, 1]
+        return nodes
+
+    @cached_property
+    def outward(self) -> Array:
+        """(n_e, N+1): times f at the ends of an element it is the boundary term [f v]."""
+        return np.tile(np.diff(np.eye(self.element.N + 1)[[0, -1]], axis=0), (self.n_elements, 1))
 
     @cached_property
     def elimination(self) -> Elimination:
@@ -240,6 +264,10 @@ class Layout:
     def size(self) -> int:
         """Numbers of a state."""
         return sum(map(math.prod, self.shapes.values()))
+
+    def columns(self, name: str) -> Array:
+        """The columns of a part, in its shape."""
+        return np.arange(self.size)[self.places[name]].reshape(self.shapes[name])
 
     def part(self, y: Array, name: str) -> Array:
         """A view of one part, (..., *shape)."""

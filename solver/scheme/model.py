@@ -13,7 +13,7 @@ from ..effect import Drag, Points
 from ..network import Network
 from ..validation import check_parameters
 from ..wall import Wall
-from .inlet import FlowInlet, Inlet, PressureInlet
+from .inlet import Inlets
 from .mesh import Layout, Mesh, build_mesh
 from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
 
@@ -54,7 +54,8 @@ class Model:
     Q (n_e, N+1) [m³/s]; P_C (n_outlets,) [Pa]; stress (m, n_e, N) [Pa], of the elements of walls with memory; history
     (m, n_e, N+1) [m/s], of a force with memory.
     wall : (B, n_e, N). outlet_wall : (B, n_outlets). minus_J_inverse, kinetic : (B, n_e, N) -1/J and ½ρα.
-    mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, 2) ½ρ(α - k) at the element ends.
+    mass, friction : (B, n_e, N+1) ρ w J and ρ w J C_f. end_kinetic : (B, n_e, N+1) ½ρ(α - k) at the
+    element ends, by the outward normal there.
     A_rest : (B, n_e, N). flow_floor, pressure_floor : (B,) corrections that are round-off; impedance : (B,) ρ c0/A0,
     which turns flow into pressure: all of them per member, so that a batch does not change a member's answer.
     memo : operators by dt, made by :func:`~solver.scheme.stage.operators`.
@@ -75,7 +76,7 @@ class Model:
     end_kinetic: Array
     force: Force
     storage: Storage
-    inlets: tuple[Inlet, ...]
+    inlets: Inlets
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array
@@ -139,10 +140,10 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         mass=mass,
         friction=mass * c.C_f[..., None],
         kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
-        end_kinetic=node_kinetic[:, mesh.ends],
+        end_kinetic=node_kinetic[:, mesh.outer_nodes] * mesh.outward,
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
-        inlets=_inlets(network, wall, mesh),
+        inlets=_inlets(network, wall, mesh, layout),
         A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
@@ -152,14 +153,11 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
     return model
 
 
-def _inlets(network: Network, wall: Wall, mesh: Mesh) -> tuple[Inlet, ...]:
+def _inlets(network: Network, wall: Wall, mesh: Mesh, layout: Layout) -> Inlets:
     """What stands at the first nodes."""
-    found = list[Inlet]()
-    for inlet, element in zip(network.inlets, mesh.inlet_element.tolist(), strict=True):
-        at = (..., element, 0)
-        by_flow = inlet.causality == "flow"
-        found.append(FlowInlet() if by_flow else PressureInlet(wall.A0[at] / (wall.rho[at] * wall.c0[at])))
-    return tuple(found)
+    at = (..., mesh.inlet_element, 0)
+    by_flow = np.array([inlet.causality == "flow" for inlet in network.inlets])
+    return Inlets.of(by_flow, wall.A0[at] / (wall.rho[at] * wall.c0[at]), layout.columns("Q")[mesh.inlet_element, 0])
 
 
 def _layout(c: Coefficients, mesh: Mesh, wall: Wall, force: Force) -> Layout:

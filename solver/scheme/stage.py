@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +12,13 @@ from ..wall import Wall
 from . import terms
 from .elimination import Factor
 from .guards import refuse
+from .mesh import Index, as_slice
 from .model import Model
 from .optional import Force
 from .sdirk import GAMMA
 from .terms import Start
 
 Array = np.ndarray
-Index = Array | slice
 
 CORRECTIONS = 8  # chord iterations before the Jacobian is refreshed
 REFRESHES = 5  # fresh Jacobians before the step is given up
@@ -46,14 +45,24 @@ class Loads:
 class Condensed:
     """The inverse of the Jacobian of a stage, its elements condensed onto the nodes.
 
-    K_inverse : (B, n_e, N+1, N+1) of each element's momentum. K_left, K_right : (B, n_e, N+1) response of Q to the
-    pressures at its ends. nodal : the system of the nodal pressures.
+    K_inverse : (B, n_e, N+1, N+1) of each element's momentum. by_ends : (B, 2, n_e, N+1) response of Q to the pressures
+    at its left and its right end. nodal : the system of the nodal pressures. end_nodes : of the mesh.
     """
 
     K_inverse: Array
-    K_left: Array
-    K_right: Array
+    by_ends: Array
     nodal: Factor
+    end_nodes: Array
+
+    def for_long(self) -> Condensed:
+        """The same, made faster for many uses."""
+        return replace(self, nodal=self.nodal.whole())
+
+    def add_to(self, Q: Array, H: Array) -> None:
+        """Add to Q : (B, n_e, N+1) what flows by pressures H : (B, n_nodes)."""
+        flows = self.by_ends * H.take(self.end_nodes, 1)
+        Q += flows[:, 0]
+        Q += flows[:, 1]
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,7 @@ def operators(model: Model, dt: float) -> Operators:
         c = model.coefficients
         H = np.broadcast_to(c.P_0, (c.B, model.mesh.n_nodes))
         made = operators_about(model, GAMMA * dt, model.at_rest(), H)
+        made = replace(made, at_rest=made.at_rest.for_long())
     model.memo[dt] = made
     return made
 
@@ -108,14 +118,16 @@ class Memory:
     def recall(self, model: Model, y: Array, tau: float, loads: Loads, P_venous: Array) -> tuple[Wall, Force, Array]:
         _, _, P_C, stress, history = model.layout.split(y)
         behind = loads.keep * P_C + loads.give * P_venous
-        return model.wall.remembering(np.moveaxis(stress, 1, 0), tau), model.force.since(history, tau), behind
+        return model.wall.remembering(stress.swapaxes(0, 1), tau), model.force.since(history, tau), behind
 
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         s, layout = stage.start, stage.start.model.layout
         _, _, P_C, stress, history = layout.split(end)
         P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
-        stress[:] = np.moveaxis(s.wall.carried(A, A_t), 0, 1)
-        history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
+        if stress.size:
+            stress[:] = s.wall.carried(A, A_t).swapaxes(0, 1)
+        if history.size:
+            history[:] = s.force.history(layout.part(s.y, "history"), Q, A)
 
 
 def memory_of(model: Model) -> Memory | NoMemory:
@@ -137,61 +149,52 @@ def _loads(model: Model, tau: float) -> Loads:
     scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
     scale = scale.astype(type(tau))
     keep, give, charge = (np.zeros((c.B, len(outlet_nodes)), type(tau)) for _ in range(3))
-    for node, inlet in enumerate(model.inlets):
-        scale[:, node] *= inlet.scale
+    scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
     for ends in c.outlets:
         load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
         at = outlet_nodes[ends.index]
         scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
         charge[:, ends.index] = load.charge
-        kinds.append((_as_slice(at), _as_slice(ends.index), load))
+        kinds.append((as_slice(at), as_slice(ends.index), load))
     return Loads(scale, model.mesh.signs(scale), keep, give, charge, tuple(kinds))
-
-
-def _as_slice(index: Array) -> Index:
-    """The same as a slice where there is one, which is faster."""
-    together = slice(int(index[0]), int(index[-1]) + 1)
-    return together if np.array_equal(np.arange(together.start, together.stop), index) else index
 
 
 def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> Condensed:
     """Invert the element Jacobians K and condense them onto the nodes; outlets linearised at H : (B, n_nodes)."""
     mesh = model.mesh
     K_inverse = np.linalg.inv(K)
-    K_left = np.ascontiguousarray(K_inverse[..., 0])
-    K_right = np.ascontiguousarray(-K_inverse[..., -1])
-    by_left, by_right = K_left[..., mesh.element.both_ends], K_right[..., mesh.element.both_ends]
+    by_ends = np.stack([K_inverse[..., 0], -K_inverse[..., -1]], axis=1)
+    by_left, by_right = by_ends[..., mesh.element.both_ends].swapaxes(0, 1)
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
     less = np.zeros((len(K), mesh.n_nodes), loads.scale.dtype)  # several states may have one parameter set
-    for node, inlet in enumerate(model.inlets):
-        less[:, node] += inlet.slope
+    less[:, mesh.topology.inlets] += model.inlets.slope
     for nodes, outlets, load in loads.kinds:
         less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])
     nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
-    return Condensed(K_inverse, K_left, K_right, nodal)
+    return Condensed(K_inverse, by_ends, nodal, mesh.end_nodes)
 
 
 class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
-    behind : (B, n_outlets) [Pa] the pressures behind the outlets. drives : for each inlet the inflow [m³/s], or the
-    pressure [Pa]. P_venous : (B, n_outlets) [Pa].
+    behind : (B, n_outlets) [Pa] the pressures behind the outlets. given : (B, n_inlets) [m³/s] what drives the inlets,
+    by their gain. P_venous : (B, n_outlets) [Pa].
     """
 
     start: Start
     operators: Operators
     behind: Array
-    drives: Sequence[Array]
+    given: Array
     P_venous: Array
     t: float
 
     @staticmethod
-    def of(model: Model, o: Operators, y: Array, drives: Sequence[Array], P_venous: Array, t: float) -> Stage:
+    def of(model: Model, o: Operators, y: Array, given: Array, P_venous: Array, t: float) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
         s, behind = start(model, o.tau, o.inertia, o.memory, o.loads, y, P_venous)
-        return Stage(s, o, behind, drives, P_venous, t)
+        return Stage(s, o, behind, given, P_venous, t)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
@@ -206,11 +209,11 @@ class Stage(NamedTuple):
         done, before, together = np.zeros(len(Q), bool), Q, True
         for _ in range(1 + REFRESHES):
             for _ in range(CORRECTIONS):
-                Q_new, H_new = self.correct(jacobian, Q, H)
-                change_Q = np.abs(Q_new - Q).reshape(len(Q), -1).max(axis=1)
-                change_H = np.abs(H_new - H).max(axis=1)
+                Q_new, dH = self.correct(jacobian, Q, H)
+                change_Q, change_H = largest((Q_new - Q).reshape(len(Q), -1)), largest(dH)
                 near = (change_Q <= small_Q) & (change_H <= small_H)
-                if together and near.all():
+                H_new = H + dH
+                if together and np.count_nonzero(near) == len(near):
                     return Q_new, H_new, start.area_rate(Q_new)
                 moves = ~done & np.isfinite(change_Q) & np.isfinite(change_H)
                 if moves.all():
@@ -236,22 +239,19 @@ class Stage(NamedTuple):
         refuse(model, start.area(A_t), A_t, *last, changes, self.P_venous, done, self.t)
 
     def correct(self, jacobian: Condensed, Q: Array, H: Array) -> tuple[Array, Array]:
-        """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow."""
+        """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow. Returns the flow
+        and the change of the pressures."""
         R = terms.residual(self.start, Q, H)
-        Q_free = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
-        net = self.node_residual(Q_free, H)
-        dH = jacobian.nodal.solve(net)
-        at_ends = dH.take(self.start.model.mesh.ends, axis=1)
-        Q_free += jacobian.K_left * at_ends[..., :1]
-        Q_free += jacobian.K_right * at_ends[..., 1:]
-        return Q_free, H + dH
+        Q_new = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
+        dH = jacobian.nodal.solve(self.node_residual(Q_new, H))
+        jacobian.add_to(Q_new, dH)
+        return Q_new, dH
 
     def node_residual(self, Q: Array, H: Array) -> Array:
         """ΣQ at the nodes; what drives the inlets; flow minus load at the outlets : (B, n_nodes) [m³/s]."""
-        mesh, loads = self.start.model.mesh, self.operators.loads
-        net = mesh.net_inflow(Q, loads.signs)
-        for node, (inlet, drive) in enumerate(zip(self.start.model.inlets, self.drives, strict=True)):
-            net[:, node] += inlet.surplus(drive, H[:, node])
+        model, loads = self.start.model, self.operators.loads
+        net, inlets = model.mesh.net_inflow(Q, loads.signs), model.mesh.topology.inlets
+        net[:, inlets] += model.inlets.flow(self.given, H[:, inlets])
         for nodes, outlets, load in loads.kinds:
             net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])
         return net
@@ -264,3 +264,8 @@ class Stage(NamedTuple):
         end[:, model.layout.places["Q"]] = Q.reshape(B, -1)
         self.operators.memory.store(self, end, A, A_t, Q)
         return end
+
+
+def largest(x: Array) -> Array:
+    """(B,) sizes of the largest of each row of x : (B, n)."""
+    return np.maximum.reduce(np.abs(x), 1)

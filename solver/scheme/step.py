@@ -16,7 +16,6 @@ alike, so the answer is continuous as φ0 → 0, and it does not ring when an in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,10 +25,11 @@ from .guards import check
 from .mesh import Layout
 from .model import Model
 from .sdirk import HALVES, SDIRK3, STAGES
-from .stage import Stage, operators
+from .stage import Stage, largest, operators
 
 Array = np.ndarray
 
+_BEFORE = [row[:stage] for stage, row in enumerate(SDIRK3.tolist())]  # what earlier stages count for, as plain numbers
 _FURTHEST = 10.0  # lengths of the last step over which the unknowns are extrapolated
 _HALVINGS = 4  # a step that does not converge is cut into halves, quarters, … this often before it is given up
 _PRESSURES = 10.0  # nodal pressures, which follow the flows' rates, may be off by this much more than the flows
@@ -122,10 +122,10 @@ def adopt(model: Model, state: State) -> State:
 def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> State:
     """Advance by dt [s]; where that does not converge, by shorter steps: ``halved`` of the state counts how often.
 
-    drive : (4,) or (4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa] of an inlet that
-    is driven by it; of several inlets (n_inlets, 4) or (n_inlets, 4, B). P_venous : (n_outlets,) or (B, n_outlets) [Pa]
-    during the step, default the parameters'. A model of one parameter set steps B states as well; all of them are
-    halved where one is.
+    drive : (n_inlets, 4) or (n_inlets, 4, B), the inflow [m³/s] at the times t + INFLOW_TIMES dt, or the pressure [Pa]
+    of an inlet that is driven by it; the axis of a single inlet may lack. P_venous : (n_outlets,) or (B, n_outlets)
+    [Pa] during the step, default the parameters'. A model of one parameter set steps B states as well; all of them
+    are halved where one is.
     Raises NonPhysicalState if the result is not physical.
     """
     return parts(model, state, dt, drive, P_venous)[-1]
@@ -134,7 +134,7 @@ def step(model: Model, state: State, dt: float, drive: Array, P_venous: Array | 
 def parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None = None) -> list[State]:
     """As :func:`step`: the states at the ends of the parts into which the step was cut, as a rule the one."""
     with np.errstate(all="ignore"):
-        return _parts(model, state, dt, drive, P_venous, _HALVINGS)
+        return _parts(model, state, dt, model.inlets.each(drive), P_venous, _HALVINGS)
 
 
 def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None, halvings: int) -> list[State]:
@@ -146,8 +146,7 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
         end, found = state.t + dt, [replace(state, halved=state.halved + 1)]
         try:
             for half in HALVES:
-                halved = half @ drive if len(model.inlets) == 1 else np.array([half @ each for each in drive])
-                found += _parts(model, found[-1], 0.5 * dt, halved, P_venous, halvings - 1)
+                found += _parts(model, found[-1], 0.5 * dt, np.matmul(half, drive), P_venous, halvings - 1)
         except NonPhysicalState:
             raise error from None
     return [*found[1:-1], replace(found[-1], t=end)]
@@ -156,24 +155,22 @@ def _parts(model: Model, state: State, dt: float, drive: Array, P_venous: Array 
 def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Array | None) -> State:
     """A step: at every stage start = y + dt Σ a_j k_j, end = solve(start), k = (end - start)/τ."""
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
-    given = per_inlet(model, drive)
-    drives = zip(*(inlet.at_stages @ each for inlet, each in zip(model.inlets, given, strict=True)), strict=True)
+    drives = model.inlets.at_stages(drive)
     venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
-    small = _tolerances(model, state, [each[-1] for each in given])
+    small = _tolerances(model, state, model.inlets.gain * drive[:, -1].T)
     y = state.y.copy()
-    for inlet, element, each in zip(model.inlets, model.mesh.inlet_element, given, strict=True):
-        inlet.begin(layout.part(y, "Q")[:, element, 0], each[0])
+    model.inlets.begin(y, drive[:, 0])
     # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
     last, before = _at_stages_of(state, dt)
     guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
-    for a, guessed, found, driven in zip(SDIRK3, guesses, unknowns, drives, strict=True):
+    changes, heads = o.tau * guess.part(guesses, "rates"), guesses[..., guess.places["heads"]]
+    for a, change, head, found, given in zip(_BEFORE, changes, heads, unknowns, drives, strict=True):
         start = y
-        for a_j, k_j in zip(a, k, strict=False):
+        for a_j, k_j in zip(a, k, strict=True):
             start = start + (dt * a_j) * k_j
-        stage = Stage.of(model, o, start, driven, venous, state.t + dt)
-        Q_guess = stage.start.Q + o.tau * guess.part(guessed, "rates")
-        Q, H, A_t = stage.solve(Q_guess, guessed[:, guess.places["heads"]], small)
+        stage = Stage.of(model, o, start, given, venous, state.t + dt)
+        Q, H, A_t = stage.solve(stage.start.Q + change, head, small)
         end = stage.end(Q, A_t)
         k_i = end - start
         k_i /= o.tau
@@ -182,11 +179,6 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
         k.append(k_i)
     check(model, layout.part(end, "A"), A_t, Q, state.t + dt)
     return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt, state.halved)
-
-
-def per_inlet(model: Model, drive: Array) -> Sequence[Array]:
-    """What drives each inlet, of what drives them all: that of a single one has no axis for it."""
-    return [drive] if len(model.inlets) == 1 else list(drive)
 
 
 def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
@@ -206,12 +198,11 @@ def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
 
 
-def _tolerances(model: Model, state: State, drives: Sequence[Array]) -> tuple[Array, Array]:
+def _tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
     """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
-    flow = np.abs(state.y[:, state.layout.places["Q"]]).max(axis=1)
-    for node, (inlet, drive) in enumerate(zip(model.inlets, drives, strict=True)):
-        flow = np.maximum(flow, inlet.flow(drive, state.H[:, node]))
-    pressure = np.abs(state.H - model.coefficients.P_0).max(axis=1)
+    driven = model.inlets.flow(given, state.H[:, model.mesh.topology.inlets])
+    flow = np.maximum(largest(state.y[:, state.layout.places["Q"]]), largest(driven))
+    pressure = largest(state.H - model.coefficients.P_0)
     tolerance = model.settings.tolerance
     return (
         tolerance * flow + model.flow_floor,

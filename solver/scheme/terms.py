@@ -168,19 +168,16 @@ def d_force(s: Start, f: Flow, d: Change) -> Array:
 
 def ends(s: Start, f: Flow, H: Array) -> Array:
     """[v H'] at the ends of the element, H' = H + ½ρ(α - k) U²: static pressure, and the kinetic one H leaves out."""
-    el = s.model.mesh.element
-    U = f.U_end[..., el.both_ends]
-    flux = H.take(s.model.mesh.ends, axis=1)
-    flux += s.model.end_kinetic * (U * U)
-    return flux @ el.end_flux
+    mesh = s.model.mesh
+    flux = H.take(mesh.outer_nodes, 1)
+    flux *= mesh.outward
+    flux += s.model.end_kinetic * (f.U_end * f.U_end)
+    return flux
 
 
 def d_ends(s: Start, f: Flow, d: Change) -> Array:
-    el = s.model.mesh.element
-    A = f.A_end[..., el.both_ends]
-    U = f.U_end[..., el.both_ends]
-    dU = (np.eye(el.N + 1)[el.both_ends] - U[..., None] * d.A_end[:, :, el.both_ends]) / A[..., None]
-    return np.einsum("ni,benj->beij", el.end_flux, (2.0 * s.model.end_kinetic * U)[..., None] * dU)
+    by_U = 2.0 * s.model.end_kinetic * f.U_end / f.A_end
+    return _diagonal(by_U) - (by_U * f.U_end)[..., None] * d.A_end
 
 
 def _diagonal(x: Array) -> Array:

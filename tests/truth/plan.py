@@ -63,7 +63,7 @@ class Group:
 
 _SPREADS = (0.5, 1.0, 1.5)
 GROUPS = {
-    "standard": Group(11, 20310109, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
+    "standard": Group(11, 20310113, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
     "walls": Group(21, 20310107, {"network": 320}, 0.4, walls=_SPREADS),
     "sensors": Group(22, 20290613, {"bench": 240, "network": 120}, 0.4, sensors=tuple(SENSORS)),
     "varying": Group(23, 20290614, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),

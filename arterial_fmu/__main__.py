@@ -1,0 +1,55 @@
+"""The command line: ``arterial-fmu COMMAND``, also ``python -m arterial_fmu COMMAND``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from fmu_src import __version__
+
+from .commands import COMMANDS, load
+
+
+class _Lazy(TyperGroup):
+    """Names and sentences for --help and completion; the command itself is imported when it is run."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, stub, rest = super().resolve_command(ctx, args)
+        return name, stub if name is None else load(name), rest
+
+
+app = typer.Typer(cls=_Lazy, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"arterial-fmu {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def everything(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Pulse waves in viscoelastic arteries: simulate, build FMUs, fit recordings, find what a model lacks."""
+
+
+def _stub() -> None:
+    """Stands for a command that is not imported yet."""
+
+
+for _name, _command in COMMANDS.items():
+    app.command(_name, help=_command.does)(_stub)
+
+
+def main() -> None:
+    """The console script."""
+    app(prog_name="arterial-fmu")
+
+
+if __name__ == "__main__":
+    main()

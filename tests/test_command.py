@@ -1,0 +1,306 @@
+"""``arterial-fmu``: one command for everything. Its names, its exit codes, its JSON, its progress, its completion."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_discrepancy_cli import outcome, plan
+from typer.testing import CliRunner
+
+import arterial_fmu.__main__
+import discrepancy.__main__
+import fitting.__main__
+import solver.commands
+from arterial_fmu.commands import COMMANDS, load
+from discrepancy.outcome import verdict_json
+from discrepancy.sensor_plan import plan_json
+from fitting.parameter_set import read_set
+from solver import exit_codes, progress
+from solver.exit_codes import ExitCode
+from solver.options import networks_for
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = {"numpy", "scipy", "matplotlib", "polars", "fmpy", "pint", "rich.progress", "solver", "fitting", "discrepancy"}
+
+
+def run(*arguments: object, **environment: str) -> Any:
+    """A command in this process, without a terminal."""
+    runner = CliRunner(env={"COLUMNS": "160", **environment})
+    return runner.invoke(arterial_fmu.__main__.app, [str(each) for each in arguments], prog_name="arterial-fmu")
+
+
+def printed(*arguments: object) -> dict[str, Any]:
+    """The JSON object on the output of a command that went well, which holds nothing else."""
+    done = run(*arguments, "--json")
+    assert done.exit_code == ExitCode.DONE, done.output
+    found = json.loads(done.stdout)
+    assert isinstance(found, dict)
+    return found
+
+
+# --- names ----------------------------------------------------------------------------------------------------------
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """--help knows every name, and loads neither NumPy nor the packages behind the commands."""
+    code = (
+        "import sys; from arterial_fmu.__main__ import main; sys.argv[1:] = ['--help']\n"
+        "try: main()\n"
+        f"finally: print(sorted({HEAVY} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.strip()) == (0, "[]")
+    assert all(f"  {name} " in done.stdout and command.does in done.stdout for name, command in COMMANDS.items())
+
+
+def test_the_same_functions() -> None:
+    """Whatever ``python -m`` and build_fmu.py have is here, and is the same function."""
+    there = {module: import_module(module).main for module in ("solver.__main__", "fmu_src.run", "fmu_src.doctor")}
+    known = {command.where for command in COMMANDS.values()}
+    assert {f"{module}:main" for module in there} <= known
+    for app in (fitting.__main__.app, discrepancy.__main__.app, solver.commands.app):
+        for each in app.registered_commands:
+            assert each.callback is not None
+            assert f"{each.callback.__module__}:{each.callback.__name__}" in known
+    assert {"build_fmu:app", "solver.commands:importers"} <= known
+
+
+def commands() -> list[tuple[str, ...]]:
+    """Every command, and those inside build and import."""
+    found: list[tuple[str, ...]] = []
+    for name in COMMANDS:
+        inside = getattr(load(name), "commands", None)
+        found += [(name, each) for each in inside] if inside else [(name,)]
+    return found
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_help_and_json(words: tuple[str, ...]) -> None:
+    """Every command has a --help of its own, and --json."""
+    done = run(*words, "--help")
+    assert done.exit_code == 0
+    assert f"Usage: arterial-fmu {' '.join(words)} " in done.stdout
+    assert "--json" in done.stdout
+
+
+def test_version_and_unknown_names() -> None:
+    """--version; a name that is none is answered with one that is."""
+    assert run("--version").stdout == f"arterial-fmu {import_module('fmu_src').__version__}\n"
+    done = run("solv")
+    assert done.exit_code == ExitCode.BAD_INPUT
+    assert "Did you mean 'solve'?" in done.stderr
+
+
+# --- exit codes -----------------------------------------------------------------------------------------------------
+
+BAD = {
+    "solve": [("no.toml",), ("sheep", "--dt", "1 kg")],
+    "list": [("--nonsense",)],
+    "import": [("csv", "no.csv"), ("openbf", "no.yaml")],
+    "export": [("no.toml",)],
+    "build": [("no.toml",), ("heart", "--species", "cat"), ("body", "--set", "x"), ("system", "cca")],
+    "run": [("no.fmu",), ("README.md",)],
+    "doctor": [("no.fmu",), ("README.md",)],
+    "virtual": [("--animals", "0", "--out", "v")],
+    "fit": [("no.csv", "--site", "AA", "--h", "1 mm"), ("README.md", "--site", "AA", "--h", "1 mm"), ("no.csv",)],
+    "cohort": [("no.csv", "--out", "c")],
+    "calibrate": [("no.csv", "sheep", "--free", "all.E")],
+    "check": [("sheep_table1", "no.fmu", "no.csv")],
+    "discover": [("no.csv", "--model", "sheep", "--out", "o")],
+    "isolability": [("no.toml", "--channels", "AA.P"), ("sheep", "--channels", "XX.P")],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_bad_input(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Exit code 2 and one sentence on the error stream; nothing on the output, no traceback, no file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "README.md").write_text("not what was asked for")
+    for arguments in BAD[name]:
+        for option in ((), ("--json",)):
+            done = run(name, *arguments, *option)
+            assert done.exit_code == ExitCode.BAD_INPUT == 2, done.output
+            if name != "doctor":  # whose findings are its result
+                assert done.stdout == ""
+                assert done.stderr.strip().splitlines()[-1].startswith("Error: ")
+                assert done.stderr.count("Error: ") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
+
+
+def test_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C: 130, and one sentence that says what is left."""
+
+    def stop(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("solver.__main__.simulate_periodic", stop)
+    done = run("solve", "sheep")
+    assert (done.exit_code, done.stderr) == (ExitCode.INTERRUPTED, "Interrupted: nothing was written.\n")
+
+
+def test_the_table_of_exit_codes() -> None:
+    """Every code has a meaning; the page of the command line has the table."""
+    assert set(exit_codes.MEANING) == set(ExitCode)
+    assert exit_codes.markdown() in (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+
+
+# --- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def test_json_of_a_run(tmp_path: Path) -> None:
+    """solve: the range and the mean of every variable of the last beat, as in the table; a mean over time."""
+    out = tmp_path / "beat.csv"
+    found = printed("solve", "sheep", "--dt", "5 ms", "--out", out)
+    titles = out.read_text().splitlines()[0].split(",")
+    table = dict(
+        zip((title.split(" ")[0] for title in titles), np.loadtxt(out, delimiter=",", skiprows=1).T, strict=True)
+    )
+    time = table.pop("time")
+    assert list(found["variables"]) == list(table)
+    for name, values in table.items():
+        mean = np.trapezoid(values, time) / np.ptp(time)
+        each = found["variables"][name]
+        np.testing.assert_allclose([each["min"], each["max"], each["mean"]], [values.min(), values.max(), mean], 1e-9)
+    assert found["network"] == "sheep" and found["change"] < 1e-5 and found["written"] == [str(out)]
+    assert printed("solve", "sheep", "--dt", "5 ms", "--duration", "10 ms")["change"] is None
+
+
+def test_json_of_networks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """list, export, import: what it is, how large, and which files were written."""
+    monkeypatch.chdir(tmp_path)
+    listed = {each["name"]: each for each in printed("list")["networks"]}
+    assert listed["sheep"]["segments"] == 10 and listed["sheep"]["species"] == "sheep"
+    assert printed("export", "sheep") == {"name": "sheep", "segments": 10, "outlets": 5, "written": ["sheep.csv"]}
+    again = printed("import", "csv", "sheep.csv", "--out", "again.toml")
+    assert (again["segments"], again["outlets"], again["written"]) == (10, 5, ["again.toml"])
+
+
+def test_json_of_fmus(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """build, run, doctor: a file and its size; the ranges of all inputs and outputs; the findings."""
+    monkeypatch.chdir(tmp_path)
+    built = printed("build", "sheep")
+    assert built == {"written": ["dist/sheep.fmu"], "bytes": Path("dist/sheep.fmu").stat().st_size}
+    line = [sys.executable, "-m", "arterial_fmu", "run", "dist/sheep.fmu", "--stop-time", "10 ms", "--json"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # a process that has run an FMU keeps its code
+    done = subprocess.run(line, capture_output=True, text=True, check=True, env=environment)
+    found = json.loads(done.stdout)
+    assert found["written"] == ["result.csv"] and Path("result.csv").is_file()
+    assert found["variables"]["CA.P"]["unit"] == "Pa"
+    examined = run("doctor", "dist/sheep.fmu", "--json")
+    assert examined.exit_code in (ExitCode.DONE, ExitCode.DOES_NOT_RUN)
+    assert json.loads(examined.stdout)["findings"][0]["what"] == "file"
+
+
+def test_json_of_fits(tmp_path: Path) -> None:
+    """virtual: its files; fit: a parameter set, as --out writes it."""
+    made = printed("virtual", "--animals", "1", "--out", tmp_path / "v")["written"]
+    assert made[0] == str(tmp_path / "v" / "cohort.csv") and len(made) > 1 and all(map(os.path.isfile, made))
+    record = next(name for name in made if name.endswith("_AA.csv"))
+    out = tmp_path / "AA.json"
+    done = run("fit", record, "--site", "AA", "--h", "0.38 mm", "--bootstrap", "0", "--out", out, "--json")
+    assert done.exit_code == 0, done.output
+    assert done.stdout == out.read_text(encoding="utf-8")
+    assert read_set(out).values["AA.E"].ci95 is not None
+    assert f"wrote {out}" in done.stderr
+
+
+def test_json_of_diagnoses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """discover: what verdict.json holds; isolability: the plan."""
+    monkeypatch.setattr("discrepancy.workflow.discover", lambda *_, **__: outcome())
+    monkeypatch.setattr("discrepancy.sensor_plan.plan_sensors", lambda *_, **__: plan())
+    assert printed("discover", "r.csv", "--model", "sheep", "--out", "o") == verdict_json(outcome())
+    assert printed("isolability", "sheep", "--channels", "AA.P") == plan_json(plan())
+    unusable = outcome(verdict="unusable", effects=(), gap_before=None, gap_after=None, reason="too short.")
+    monkeypatch.setattr("discrepancy.workflow.discover", lambda *_, **__: unusable)
+    done = run("discover", "r.csv", "--model", "sheep", "--out", "o", "--json")
+    assert done.exit_code == ExitCode.UNUSABLE == 3
+    assert json.loads(done.stdout)["verdict"] == "unusable" and "Unusable: too short." in done.stderr
+
+
+# --- progress -------------------------------------------------------------------------------------------------------
+
+
+def test_lines_come_in_time() -> None:
+    """None in the first two seconds, then one every ten."""
+    now, written = [0.0], list[str]()
+    report = progress.lines(written.append, lambda: now[0])
+    for now[0], fraction in ((0.0, 0.0), (1.9, 0.1), (2.0, 0.0), (3.0, 0.3), (11.9, 0.4), (12.0, 0.5), (30.0, 1.0)):
+        report(fraction, f"at {now[0]:g} s")
+    assert written == ["at 2 s", "at 12 s (50 %)", "at 30 s (100 %)"]
+
+
+def test_progress_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain lines on the error stream, nothing among the JSON; none with --quiet."""
+    monkeypatch.setattr(progress, "FIRST", 0.0)
+    monkeypatch.setattr(progress, "NEXT", 0.0)
+    done = run("solve", "sheep", "--dt", "5 ms", "--json")
+    assert json.loads(done.stdout)["network"] == "sheep"
+    lines = done.stderr.splitlines()
+    assert len(lines) >= 5 and "\x1b" not in done.stderr and lines[-1].endswith("%)")
+    assert run("solve", "sheep", "--dt", "5 ms", "--quiet").output == ""
+
+
+def test_progress_in_a_terminal() -> None:
+    """A bar is drawn on the terminal and erased; the JSON goes where the output goes."""
+    main, side = pty.openpty()
+    line = [sys.executable, "-m", "arterial_fmu", "solve", "sheep", "--dt", "5 ms", "--json"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "80"}
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=side, env=environment, cwd=ROOT) as process:
+        os.close(side)
+        drawn = b""
+        while chunk := _read(main):
+            drawn += chunk
+        assert process.stdout is not None
+        assert json.loads(process.stdout.read())["network"] == "sheep"
+    os.close(main)
+    assert process.returncode == 0
+    assert "━".encode() in drawn and b"\x1b[2K" in drawn  # the bar, and the line erased
+
+
+def _read(terminal: int) -> bytes:
+    """What was written; nothing once the other side is closed, which Linux says by an error."""
+    try:
+        return os.read(terminal, 65536)
+    except OSError:
+        return b""
+
+
+# --- completion -----------------------------------------------------------------------------------------------------
+
+
+def completed(*words: str) -> list[str]:
+    """What bash offers for the last word."""
+    line = {"COMP_WORDS": " ".join(["arterial-fmu", *words]), "COMP_CWORD": str(len(words))}
+    return run(_ARTERIAL_FMU_COMPLETE="complete_bash", **line).stdout.splitlines()
+
+
+def test_completion(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Commands, options, networks that come along and files that could be models."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("she.toml", "she.fmu", "she.csv"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "sheds").mkdir()
+    assert completed("so") == ["solve"]
+    assert completed("solve", "she") == ["sheep", "sheep_nonlinear", "she.fmu", "she.toml", "sheds/"]
+    assert completed("solve", "sheep", "--sch") == ["--scheme"]
+    assert completed("build", "sy") == ["system"] and completed("build", "wa") == ["wang55"]
+    assert completed("import", "") == ["openbf", "csv"]
+    assert completed("discover", "r.csv", "--model", "wa") == ["wang55"]
+    assert networks_for("no") == []
+
+
+def test_completion_is_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """``--install-completion bash`` writes a script for the name arterial-fmu."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert run("--install-completion", "bash").exit_code == 0
+    script = (tmp_path / ".bash_completions" / "arterial-fmu.sh").read_text()
+    assert "_ARTERIAL_FMU_COMPLETE=complete_bash" in script and "arterial-fmu" in (tmp_path / ".bashrc").read_text()
