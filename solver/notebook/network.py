@@ -40,9 +40,9 @@ def draw(network: Network, mark: Mark = lambda kind, place: None) -> tuple[Pictu
     axes.set_axis_off()
     axes.set_xlim(-0.35, columns + 0.35)
     axes.set_ylim(rows + 0.7, -0.7)
+    under = _names_below(list(drawn.values()), width / (columns + 0.7))
     for name, lane in drawn.items():
-        fits = len(name) * _LETTER < abs(lane.x1 - lane.x0) * width / (columns + 0.7)
-        _vessel(axes, lane, mark("segment", name), above=fits or lane.x0 % 2 == 0)
+        _vessel(axes, lane, mark("segment", name), above=name not in under)
         if lane.outlet is not None:
             colour = mark("outlet", name)
             axes.plot([lane.x1], [lane.y1], "|", ms=16, mew=5.0 if colour else 1.8, color=colour or FAINT, zorder=4)
@@ -67,8 +67,21 @@ def below(axes: Axes, text: str, x: float, y: float) -> None:
     axes.annotate(text, (x, y), (0.0, -17.0), textcoords="offset points", ha="center", fontsize=7.5, color=FAINT)
 
 
+def _names_below(drawn: list[Lane], column: float) -> set[str]:
+    """In a row of vessels that are shorter than their names, every other name. column : inches."""
+    below: set[str] = set()
+    ends: dict[tuple[float, float], str] = {}
+    for lane in sorted(drawn, key=lambda lane: lane.x0):
+        name, before = lane.segment.name, ends.get((lane.x0, lane.y))
+        long = max(len(name), len(before or "")) * _LETTER > abs(lane.x1 - lane.x0) * column
+        if before and before not in below and long:
+            below.add(name)
+        ends[lane.x1, lane.y1] = name
+    return below
+
+
 def _vessel(axes: Axes, lane: Lane, colour: str | None, above: bool) -> None:
-    """A line as wide as its radius; a name that is longer than its vessel stands below every other one."""
+    """A line as wide as its radius."""
     width = 3.0 + 7.0 * lane.relative_radius
     if colour:
         axes.plot(*lane.path.T, color=colour, lw=width + 8, solid_capstyle="butt", alpha=0.95, zorder=1)
