@@ -28,6 +28,8 @@ STARTS = ("rest", "periodic")
 
 _STEADY = 1e-4  # of an output's size: a smaller pulse counts as none when beats are compared
 _LARGEST_TABLE = 4e9  # bytes of one run's or one beat's outputs
+_NEARER = 0.5  # of the least change so far: accelerated beats that come no nearer are iterated further
+_FINEST = 1e-12  # to which iterations are ever told to go
 
 
 class NotPeriodic(ArithmeticError):
@@ -109,6 +111,7 @@ def simulate_periodic(
     accelerate = accelerate and run.scheme.accelerates
     state, resort = run.begin_beats(start, n * run.dt, accelerate)
     before, change, gap, beats = None, math.inf, math.inf, Beats(run.model.mesh.topology.outlets)
+    least, nearer = math.inf, _NEARER if accelerate else 1.0
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
         begun = state
@@ -120,14 +123,16 @@ def simulate_periodic(
             state, resort, beats = resort, None, Beats(beats.outlets)
             continue
         if before is not None:
-            last, change = change, change_of(table, before, run.report.names)
+            change = change_of(table, before, run.report.names)
             if change <= tolerance:
                 return run.waveforms(table, beat, change, state)
-            if change >= last:
-                run = run.iterated_to(0.1 * tolerance)
+            if change >= nearer * least:
+                run = run.iterated_further(tolerance)
+            least = min(change, least)
         before, resort, gap = table, None, gap_of(table, run.report.names)
         beats = beats.followed(begun, state, gap)
-        mixed = beats.mixed() if accelerate and gap > tolerance else None
+        two_left = beat + 2 <= max_beats  # what is mixed takes two to compare
+        mixed = beats.mixed() if accelerate and gap > tolerance and two_left else None
         if mixed is not None:
             state, before, change, resort = mixed, None, math.inf, state
     # where nothing is left to compare the last beat with, its end is compared with its beginning
@@ -231,12 +236,13 @@ class _Run:
             return self.near(period), self.begin("rest", period)
         return self.begin(start, period), None
 
-    def iterated_to(self, tolerance: float) -> _Run:
-        """The same whose iterations end no sooner: what they leave over differs from beat to beat."""
+    def iterated_further(self, tolerance: float) -> _Run:
+        """The same with iterations to a tenth, of a tolerance at most: what they leave over differs between beats."""
         settings = self.model.settings
-        if not getattr(settings, "tolerance", 0.0) > tolerance:
+        if not hasattr(settings, "tolerance"):
             return self
-        return replace(self, model=replace(self.model, settings=replace(settings, tolerance=tolerance)))
+        finer = replace(settings, tolerance=max(0.1 * min(tolerance, settings.tolerance), _FINEST))
+        return replace(self, model=replace(self.model, settings=finer))
 
     def near(self, period: float) -> Any:
         """A state near the periodic one, or rest."""
