@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,14 @@ import numpy as np
 from .coefficients import Parameters
 from .inflow import Drives, Inflows, drives_of
 from .mixing import Beats, fills_slowly
-from .muscl.step import State as CellState
 from .network import Network
 from .outputs import Reporter
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .scheme.sdirk import INFLOW_TIMES
-from .scheme.step import State
 from .schemes import AnySettings, Scheme, scheme_of
 from .units import SIGNAL_UNITS
+from .waveforms import End, Waveforms
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -43,71 +41,6 @@ class NotPeriodic(ArithmeticError):
             f"after {beats} beats the last differs by {change:.2g} from the one before (tolerance {tolerance:g}); "
             "allow more beats, start nearer to the mean pressure (network.P_0) or loosen the tolerance."
         )
-
-
-@dataclass(frozen=True)
-class End:
-    """Where a run ended: its last state, and the mesh and step [s] that give it meaning."""
-
-    state: State | CellState
-    mesh: Any
-    dt: float
-
-
-@dataclass(frozen=True)
-class Waveforms(Mapping[str, Array]):
-    """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
-
-    units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
-    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from. halved : how
-    many times a step of the run did not converge and was cut into halves.
-    """
-
-    time: Array
-    columns: Mapping[str, Array]
-    units: Mapping[str, str]
-    beats: float
-    change: float = math.nan
-    end: End | None = field(default=None, compare=False, repr=False)
-    halved: int = 0
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is to be known of the run, in sentences; none as a rule."""
-        if not self.halved:
-            return ()
-        return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
-
-    def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.columns)
-
-    def __len__(self) -> int:
-        return len(self.columns)
-
-    def member(self, i: int) -> Waveforms:
-        """One parameter set of a batch."""
-        values = {name: value[i] if value.ndim == 2 else value for name, value in self.columns.items()}
-        end = self.end
-        if end is not None and len(end.state.y) > 1:
-            end = replace(end, state=end.state.members(slice(i, i + 1 or None)))
-        return replace(self, columns=values, end=end)
-
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write ``time [s]`` and one column ``name [unit]`` per variable, in SI, whole or not at all.
-
-        Raises ValueError for a batch (write its members) or when the file cannot be written.
-        """
-        if any(value.ndim != 1 for value in self.columns.values()):
-            raise ValueError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
-        from .files import write_whole
-
-        header = ",".join(["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)])
-        table = np.column_stack([self.time, *self.columns.values()])
-        rows = "\n".join(",".join(f"{value:.12g}" for value in row) for row in table)
-        write_whole(path, f"{header}\n{rows}\n")
 
 
 def simulate(
