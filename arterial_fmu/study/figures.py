@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fitting.pages.panels import Drawing, by_place, drawing, shown
-from fitting.pages.style import BLACK, BLUE, ORANGE, SKY, STYLE
+from solver.notebook.style import BLACK, BLUE, ORANGE, SKY, STYLE
 
 from .measures import POINTS
 from .outcome import Study
