@@ -32,6 +32,7 @@ DOCUMENTS = {
     "docs/simulators.md": (0, 4),
     "docs/effects.md": (1, 0),
     "docs/schemes.md": (1, 1),
+    "docs/studies.md": (1, 1),
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),
     "docs/tutorial-fmu.md": (1, 2),
