@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fitting.pages.panels import Drawing, by_place, drawing, shown
+from fitting.pages.panels import Drawing, drawing, shown
+from solver.notebook.panels import by_place
 from solver.notebook.style import BLACK, BLUE, ORANGE, SKY, STYLE
 
 from .measures import POINTS
