@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from solver.units import base_units, display_factor, display_units
 
+from .host import PACKAGES, PYTHONS
 from .variable import Variable
 
 
@@ -18,7 +19,10 @@ def complete(root: Element, table: tuple[Variable, ...], version: str) -> Elemen
     root.insert(after, _unit_definitions(table))
     if any(variable.choices for variable in table):
         root.insert(after + 1, _type_definitions(table))
-    for node, variable in zip(root.find("ModelVariables"), table, strict=True):  # type: ignore[arg-type]
+    variables = root.find("ModelVariables")
+    assert variables is not None
+    root.insert(list(root).index(variables), _annotations())
+    for node, variable in zip(variables, table, strict=True):
         if variable.quantity is not None:
             _add_range(node[0], variable)
         else:
@@ -40,6 +44,14 @@ def complete(root: Element, table: tuple[Variable, ...], version: str) -> Elemen
                 unknowns, "Unknown", index=str(index), dependencies=" ".join(map(str, sources)), dependenciesKind=kinds
             )
     return root
+
+
+def _annotations() -> Element:
+    """What the host needs, for programs that look before they load: ``<Host python="3.10 to 3.13" …/>``."""
+    annotations = Element("VendorAnnotations")
+    tool = SubElement(annotations, "Tool", name="arterial-fmu")
+    SubElement(tool, "Host", python=PYTHONS, packages=PACKAGES)
+    return annotations
 
 
 def _unit_definitions(table: tuple[Variable, ...]) -> Element:

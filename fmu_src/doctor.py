@@ -35,7 +35,8 @@ from solver.options import Json, files_for, one_command
 from solver.progress import bar
 
 from . import content, trial
-from .interpreter import TESTED, Interpreter, interpreter
+from .host import PYTHONS, TESTED
+from .interpreter import Interpreter, interpreter
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {
@@ -67,13 +68,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Archive:
-    """What the doctor reads of an FMU: its files, and of its description the model, GUID and flags."""
+    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons."""
 
     names: tuple[str, ...]
     size: int
     model: str
     guid: str
     execution_tool: bool
+    python: str
 
 
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
@@ -93,7 +95,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         where = interpreter(python)
     except ValueError as error:
         return [*findings, Finding("Python", PROBLEM, str(error))]
-    findings += [*_python(where), _numpy(where), *_host(where), *_paths(path)]
+    findings += [*_python(where, archive.python), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
         known = any(finding.state == PROBLEM for finding in findings)
         findings.append(_trial(path, where, "mend what is said above" if known else "report it, with this table"))
@@ -152,7 +154,9 @@ def _archive(path: Path) -> Archive:
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
-    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool)
+    host = root.find("VendorAnnotations/Tool[@name='arterial-fmu']/Host")
+    python = "" if host is None else f"Python {host.get('python')} with {host.get('packages')}"
+    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python)
 
 
 def _made_here(path: Path, archive: Archive) -> Finding:
@@ -211,13 +215,12 @@ def _binaries(archive: Archive) -> Iterator[Finding]:
 # --- the Python -----------------------------------------------------------------------------------------------------
 
 
-def _python(where: Interpreter) -> Iterator[Finding]:
-    first, last = (".".join(map(str, version)) for version in TESTED)
-    found = f"{where.name}, {where.executable}"
+def _python(where: Interpreter, asked: str) -> Iterator[Finding]:
+    found = f"{where.name}, {where.executable}" + (f"; the FMU asks for {asked}" if asked else "")
     if where.bits != 64 or where.version[:2] < TESTED[0]:
-        yield Finding("Python", PROBLEM, found, f"use a 64-bit Python {first} to {last}")
+        yield Finding("Python", PROBLEM, found, f"use a 64-bit Python {PYTHONS}")
     elif where.version[:2] > TESTED[1]:
-        yield Finding("Python", NOTE, found, f"tested are {first} to {last}")
+        yield Finding("Python", NOTE, found, f"tested are {PYTHONS}")
     else:
         yield Finding("Python", OK, found)
 

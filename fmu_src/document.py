@@ -14,6 +14,7 @@ from solver.outlets import OUTLETS
 from solver.units import display_factor
 
 from .drawing import model_png, network_svg
+from .host import PACKAGES, PYTHONS
 from .variable import Variable
 
 
@@ -122,10 +123,10 @@ _DRIVES = {
     },
 }
 
-HOST = """
+HOST = f"""
 <h2>What the host needs</h2>
 <ul>
-<li>Python 3.10 to 3.13 with numpy, and nothing else.</li>
+<li>Python {PYTHONS} with {PACKAGES}, and nothing else.</li>
 <li>On Linux, hosts that are not Python load libpython first, for example with
 <code>LD_PRELOAD=libpython3.11.so.1.0</code> in front of their command. <code>python build_fmu.py doctor</code> of
 arterial-fmu prints the whole line.</li>

@@ -6,7 +6,10 @@ import os
 import sys
 from importlib.util import find_spec
 
-OLDEST = (3, 10)
+TESTED = ((3, 10), (3, 13))  # first and last Python that the FMUs were run under; an older one is refused
+OLDEST = TESTED[0]
+PYTHONS = " to ".join(".".join(map(str, version)) for version in TESTED)
+PACKAGES = "numpy"
 
 
 def check() -> None:

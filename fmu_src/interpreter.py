@@ -10,8 +10,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-TESTED = ((3, 10), (3, 13))  # first and last Python that the FMUs were run under
-
 # Where libpython lies differs: beside an interpreter of its own, in the system's folder of libraries (Debian), or in
 # the folder of the configuration. An installation without a shared library has none.
 _ASK = """

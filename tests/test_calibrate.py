@@ -6,7 +6,6 @@ waveforms of an independent solver.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -214,7 +213,7 @@ TEN = (
 def test_ten_parameters_from_the_independent_reference(sheep: Network) -> None:
     """Seven sites of the reference waveforms (another solver), ten unknowns 0.5–20 % off: Table 1 to 2e-5, nu to 1e-4.
 
-    Measured 6e-6 and 5e-5, limited by the record's sampling of the half-sine's kinks. At most 20 s of one core.
+    Measured 6e-6 and 5e-5, limited by the record's sampling of the half-sine's kinks.
     """
     waves = reference("sheep_kelvin_voigt")
     names = ["inlet.Q", *(f"{site}.{kind}" for site in ("AA", "PD", "MD", "DD", "BT", "CA", "FA") for kind in "PQR")]
@@ -224,14 +223,12 @@ def test_ten_parameters_from_the_independent_reference(sheep: Network) -> None:
         | {f"{s.name}.phi0": 0.85 * s.phi0 for s in sheep.segments}
         | {"CA.E": 0.9 * sheep.segment("CA").E, "CA.outlet.R_t": 0.2, "AA.R0": 1.005 * 9.48e-3}
     )
-    before = time.process_time()
     found = calibrate(beats, start, TEN)
-    seconds = time.process_time() - before
     error = {name: abs(value / sheep.parameters()[name] - 1.0) for name, value in found.values.items()}
-    print(f"{seconds:.1f} s, {found.simulations} simulations, chi2/dof {found.chi2 / found.dof:.3f}", error)
+    print(f"{found.simulations} simulations, chi2/dof {found.chi2 / found.dof:.3f}", error)
     assert error.pop("fluid.nu") <= 1e-4
     assert max(error.values()) <= 2e-5, error
-    assert found.report == () and found.converged and seconds <= 20.0
+    assert found.report == () and found.converged and found.simulations <= 75
 
 
 def test_inflow_of_the_record_is_what_drives() -> None:

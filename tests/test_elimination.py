@@ -55,8 +55,10 @@ def test_against_dense(chords: int, imaginary: float) -> None:
         expected = -np.linalg.solve(dense(ends, n, products, scale, less), net[..., None])[..., 0]
         for core in (1, 4, 30):
             plan = eliminate(ends, n, core)
-            found = plan.factor(products, scale, less).solve(net)
-            np.testing.assert_allclose(found, expected, rtol=0.0, atol=5e-15 * np.abs(expected).max())
+            factor = plan.factor(products, scale, less)
+            assert factor.whole().plan.rounds == ()
+            for found in (factor.solve(net), factor.whole().solve(net)):
+                np.testing.assert_allclose(found, expected, rtol=0.0, atol=5e-15 * np.abs(expected).max())
             assert plan.rounds or n <= max(core, 40)
 
 

@@ -58,6 +58,8 @@ def test_head_of_the_description(fmus: dict[str, Path]) -> None:
     assert "with PythonFMU 0." in root.attrib["generationTool"]
     assert {"modelName": "sheep", "license": "MIT", "fmiVersion": "2.0"}.items() <= root.attrib.items()
     assert root.attrib["version"] and root.attrib["author"]
+    host = find(root, "VendorAnnotations/Tool[@name='arterial-fmu']/Host")
+    assert host.attrib == {"python": "3.10 to 3.13", "packages": "numpy"}
     assert "doi:10.1115/1.4034832" in root.attrib["description"]
     assert "generationDateAndTime" not in root.attrib
     slave = find(root, "CoSimulation").attrib

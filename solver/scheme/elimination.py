@@ -20,7 +20,7 @@ Array = np.ndarray
 Index = Array | slice
 
 CORE = 96  # nodes that are inverted as a whole: below, a product with the inverse costs less than a round
-_WHOLE = 100_000  # numbers, 0.8 MB: inverses no larger cost less in a product than rounds do
+_WHOLE = 160_000  # numbers, 1.3 MB: inverses no larger cost less in a product than rounds do
 _WORTH = 0.1  # of the nodes, which a round must take: where many loops meet, few can go
 
 
@@ -114,7 +114,8 @@ class Factor:
         """The same as the inverse of the whole system, where that is small: for a factor that is used often."""
         if not self.plan.rounds or len(self.inverse) * self.plan.n**2 > _WHOLE:
             return self
-        columns = [self._member(slice(b, b + 1)).solve(np.eye(self.plan.n)) for b in range(len(self.inverse))]
+        unit = np.eye(self.plan.n, dtype=self.inverse.dtype)
+        columns = [self._member(slice(b, b + 1)).solve(unit) for b in range(len(self.inverse))]
         inverse = np.ascontiguousarray(np.swapaxes(columns, 1, 2))
         return Factor(replace(self.plan, rounds=(), core=slice(None)), (), (), (), inverse)
 

@@ -89,4 +89,6 @@ def _fail(error: type[NonPhysicalState], model: Model, margin: Array, t: float, 
     b, e, g = map(int, np.unravel_index(int(np.argmin(np.nan_to_num(margin, nan=-np.inf))), margin.shape))
     s = int(model.mesh.segment[e])
     x = float(model.mesh.positions(model.mesh.element.x_gauss)[e, g]) * _length(model, b, s)
+    if model.wall.phi0[b if model.coefficients.batched else 0, e, g] == 0.0:
+        remedy += ", or use shorter elements: a wall without viscosity damps no short waves"
     raise error(reason + _member(model, b), model.network.segments[s].name, x, t, remedy)

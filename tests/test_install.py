@@ -1,0 +1,181 @@
+"""What is published, as people install it: outside the checkout, from the wheel alone.
+
+The wheel is built from the source distribution, without a network. What it depends on is that of the Python which runs
+the tests: their folder is put on the path of the new environment.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+from test_client_pythons import installed
+
+from arterial_fmu.commands import COMMANDS
+from build_fmu import build
+from solver import load
+from solver.files import bundled_names
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu")
+PARTS = ("pyproject.toml", "README.md", "LICENSE", "build_fmu.py", *PACKAGES)
+
+
+@pytest.fixture(scope="module")
+def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the source distribution and the wheel made of it."""
+    checkout, out = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("dist")
+    for name in PARTS:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, checkout / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, checkout)
+    line = [sys.executable, "-m", "build", "--no-isolation", "--outdir", os.fspath(out), os.fspath(checkout)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+@pytest.fixture(scope="module")
+def home(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with the wheel, and a folder to work in; nothing of the checkout is on its path."""
+    home = tmp_path_factory.mktemp("home")
+    venv.create(home / "venv", with_pip=False, symlinks=True)
+    python = home / "venv" / "bin" / "python"
+    (wheel,) = dist.glob("*.whl")
+    line = [sys.executable, "-m", "pip", "--python", os.fspath(python), "install", "--quiet", "--no-deps", "--no-index"]
+    subprocess.run([*line, os.fspath(wheel)], check=True)
+    # after the wheel, so that pip does not find this project's own entry there; its .pth files are not read
+    paths = {sysconfig.get_path(kind) for kind in ("purelib", "platlib")}
+    (site,) = (home / "venv").glob("lib/python3*/site-packages")
+    (site / "dependencies.pth").write_text("\n".join(sorted(paths)) + "\n")
+    (home / "work").mkdir()
+    return home
+
+
+def run(home: Path, *line: str) -> str:
+    """The output of a command of the environment, run in the empty folder."""
+    folder = home / "venv" / "bin"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    environment["PATH"] = f"{folder}{os.pathsep}{environment['PATH']}"
+    command, work = [os.fspath(folder / line[0]), *line[1:]], home / "work"
+    done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_what_is_in_them(dist: Path) -> None:
+    """Every file of the packages is in the wheel and in the source, and nothing of tests or benchmarks in the wheel."""
+    (wheel,), (source,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
+    files = {path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*")
+             if path.is_file() and "__pycache__" not in path.parts} | {"build_fmu.py"}  # fmt: skip
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        (metadata,) = (archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
+    assert {name for name in names if ".dist-info/" not in name} == files
+    with tarfile.open(source) as archive:
+        assert files <= {name.partition("/")[2] for name in archive.getnames()}
+    assert "License-Expression: MIT" in metadata and "Requires-Python: >=3.11" in metadata
+
+
+@pytest.mark.slow
+def test_it_is_the_installed_one(home: Path) -> None:
+    """Every package, and the function of every command, come from the environment; all networks come along."""
+    code = (
+        "import sys; from arterial_fmu.commands import COMMANDS, load; print(*map(load, COMMANDS)); "
+        f"print(*(sys.modules[name].__file__ for name in {PACKAGES}))"
+    )
+    loaded, places = run(home, "python", "-c", code).splitlines()
+    assert loaded.count("Command") + loaded.count("Group") >= len(COMMANDS)
+    assert all(place.startswith(os.fspath(home / "venv")) for place in places.split())
+    found = json.loads(run(home, "arterial-fmu", "list", "--json"))["networks"]
+    assert [each["name"] for each in found] == bundled_names()
+
+
+@pytest.mark.slow
+def test_network_to_fmu(home: Path) -> None:
+    """solve, export, import, build of the arteries and of heart, arteries and body, doctor, run."""
+    assert "sheep" in run(home, "arterial-fmu", "solve", "sheep", "--dt", "5 ms", "--out", "beat.csv")
+    run(home, "arterial-fmu", "export", "sheep")
+    run(home, "arterial-fmu", "import", "csv", "sheep.csv", "--out", "again.toml")
+    run(home, "arterial-fmu", "build", "again.toml")
+    run(home, "arterial-fmu", "build", "system", "human")
+    (fmu,) = (home / "work" / "dist").glob("*.fmu")
+    assert (home / "work" / "dist" / "human.ssp").is_file()
+    done = run(home, "arterial-fmu", "doctor", f"dist/{fmu.name}", "--json")
+    assert json.loads(done)["findings"][-1]["found"] == "loaded, initialized, stepped, read, freed"
+    run(home, "arterial-fmu", "run", f"dist/{fmu.name}", "--stop-time", "0.05 s", "--out", "run.csv")
+    assert (home / "work" / "run.csv").read_text().startswith("time [s],inlet.Q")
+
+
+@pytest.mark.slow
+def test_the_same_fmu(home: Path, tmp_path: Path) -> None:
+    """Byte for byte the FMU that the checkout builds."""
+    run(home, "arterial-fmu", "build", "cca", "--out", "same")
+    here = build(load("cca"), tmp_path)
+    assert (home / "work" / "same" / "cca.fmu").read_bytes() == here.read_bytes()
+
+
+@pytest.mark.slow
+def test_record_to_verdict(home: Path) -> None:
+    """virtual, fit, check with its FMU, cohort, discover with its report and an FMU."""
+    run(home, "arterial-fmu", "virtual", "--animals", "2", "--out", "virtual", "--quiet")
+    record = "virtual/virtual-S01_AA.csv"
+    fit = ["fit", record, "--site", "AA", "--h", "0.38 mm", "--model", "linear", "--bootstrap", "0"]
+    run(home, "arterial-fmu", *fit, "--out", "AA.json", "--figure", "AA.png", "--bench", "AA.toml")
+    run(home, "arterial-fmu", "build", "AA.toml", "--out", "bench")
+    (fmu,) = (home / "work" / "bench").iterdir()
+    checked = json.loads(run(home, "arterial-fmu", "check", "AA.json", f"bench/{fmu.name}", record, "--json"))
+    assert "AA.R" in checked["channels"]
+    cohort = json.loads(run(home, "arterial-fmu", "cohort", "virtual/cohort.csv", "--out", "cohort", "--json"))
+    assert cohort["claims"]
+    study = run(home, "arterial-fmu", "discover", record, "--model", "AA.toml", "--out", "study", "--json")
+    assert json.loads(study)["verdict"] == "effect"
+    assert {"report.html", "model.fmu"} <= {path.name for path in (home / "work" / "study").iterdir()}
+
+
+@pytest.mark.slow
+def test_calibrate(home: Path) -> None:
+    """A record of the network's own beat: E is found again to 1e-4, a parameter set on the output."""
+    code = """
+import numpy as np
+from fitting.records.record import write_record
+from solver import load, simulate_periodic
+beat = simulate_periodic(load("sheep"))
+channels = {name: np.append(np.tile(beat[name][:-1], 3), beat[name][-1]) for name in ("inlet.Q", "AA.P", "CA.P")}
+write_record("net.csv", np.arange(1501) * 1e-3, channels)
+"""
+    run(home, "python", "-c", code)
+    found = json.loads(run(home, "arterial-fmu", "calibrate", "net.csv", "sheep", "--free", "all.E", "--json"))
+    assert found["values"]["CA.E"]["value"] == pytest.approx(load("sheep").segment("CA").E, rel=1e-4)
+
+
+@pytest.mark.endurance  # by hand: it takes from the package index what the wheel depends on
+@pytest.mark.parametrize("version", [(3, 11), (3, 12), (3, 13), (3, 14)])
+def test_other_pythons(version: tuple[int, int], dist: Path, tmp_path: Path) -> None:
+    """With each Python that this machine has: solve, build, doctor, run, virtual, fit, isolability."""
+    subprocess.run([installed(version).command, "-m", "venv", os.fspath(tmp_path / "venv")], check=True)
+    (tmp_path / "work").mkdir()
+    (wheel,) = dist.glob("*.whl")
+    run(tmp_path, "python", "-m", "pip", "install", "--quiet", os.fspath(wheel))
+    for line in (
+        'solve sheep --dt "5 ms"',
+        "build sheep",
+        "doctor dist/sheep.fmu",
+        'run dist/sheep.fmu --stop-time "0.05 s"',
+        "virtual --animals 1 --out v",
+        'fit v/virtual-S01_AA.csv --site AA --h "0.38 mm" --bootstrap 0 --out AA.json --figure AA.png',
+        "isolability sheep --channels AA.P",
+    ):
+        run(tmp_path, "arterial-fmu", *shlex.split(line))
