@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -51,20 +52,28 @@ def profiled(naming: Naming, runs: Runs) -> Naming:
 
 
 def _at_minimum(naming: Naming, runs: Runs) -> Naming:
-    """With the best searched for anew, with fresh derivatives, until that gains nothing."""
-    best, *rest = naming.ranked
+    """With the best searched for anew: where its walls are odd, from the file's, and with fresh derivatives until that
+    gains nothing."""
+    problem, (best, *rest) = naming.problem, naming.ranked
     fit = best.fit
+    if fit.odd:
+        fit = _lower(fit, problem.refit([fit.terms], None, runs))
     for _ in range(_SEARCHES):
-        (again,) = naming.problem.refine([fit], runs)
-        if again is None or again.cost > fit.cost - _GAIN:
+        before, fit = fit, _lower(fit, problem.refine([fit], runs))
+        if fit is before:
             break
-        fit = again
     if fit is best.fit:
         return naming
     score = best.score + evidence.score(fit) - evidence.score(best.fit)
-    found = replace(best, fit=fit, score=score, misfit=misfit(fit, naming.problem.dof_of_noise))
+    found = replace(best, fit=fit, score=score, misfit=misfit(fit, problem.dof_of_noise))
     members = tuple(found if m is best else m for m in naming.members)
     return replace(naming, ranked=(found, *rest), members=members)
+
+
+def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
+    """The fit of the lowest cost; what gains nothing does not count."""
+    lower = [f for f in others if f is not None and f.cost < fit.cost - _GAIN]
+    return min(lower, key=lambda f: f.cost, default=fit)
 
 
 def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:
