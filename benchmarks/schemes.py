@@ -37,8 +37,10 @@ WALLS = {"viscoelastic": "sheep_kelvin_voigt", "elastic": "sheep_elastic"}
 LINES = {  # label, colour (Okabe and Ito's), marker, line
     "default": ("default scheme", "#000000", "o", "-"),
     "coupled": ("MUSCL, coupled ends", "#0072B2", "s", "--"),
-    "neumann": ("MUSCL, published ends", "#D55E00", "^", ":"),
+    "neumann": ("MUSCL, neumann ends", "#D55E00", "^", ":"),
+    "neumann, central slopes": ("MUSCL, neumann ends, central slopes", "#009E73", "v", ":"),
 }
+OTHER_SLOPES = ("monotonized central", "central")
 DEFAULTS = {
     "viscoelastic": [Settings(dt=5e-3, tolerance=1e-3), Settings(dt=2.5e-3), Settings(), Settings(dt=5e-4)],
     "elastic": [Settings(dt=2.5e-3), Settings(), Settings(5e-4, 0.025, 3), Settings(5e-4, 0.0125, 4)],
@@ -48,9 +50,13 @@ DEFAULTS = {
 def cases() -> list[tuple[str, str, Any]]:
     """Line, wall and settings. In elastic walls both kinds of ends are the same to the last bit."""
     found: list[tuple[str, str, Any]] = [("default", wall, s) for wall in WALLS for s in DEFAULTS[wall]]
-    for cell in CELLS:
-        found += [(ends, "viscoelastic", MusclSettings(cell=1e-3 * cell, ends=ends)) for ends in ("coupled", "neumann")]
-        found.append(("coupled", "elastic", MusclSettings(cell=1e-3 * cell)))
+    for cell in (1e-3 * cell for cell in CELLS):
+        found += [(ends, "viscoelastic", MusclSettings(cell=cell, ends=ends)) for ends in ("coupled", "neumann")]
+        found.append(("coupled", "elastic", MusclSettings(cell=cell)))
+        for slopes in OTHER_SLOPES:
+            settings = MusclSettings(cell=cell, ends="neumann", slopes=slopes)
+            found.append((f"neumann, {slopes} slopes", "viscoelastic", settings))
+            found.append((f"coupled, {slopes} slopes", "elastic", MusclSettings(cell=cell, slopes=slopes)))
     return found
 
 
@@ -90,8 +96,17 @@ def measured(line: str, wall: str, settings: Settings | MusclSettings) -> dict[s
     worst = max(PQ, key=lambda name: PQ[name])
     return {
         "line": line, "wall": wall, "settings": name_of(settings), "seconds": seconds,
-        **{name: every[name] for name in FOUR}, "worst": PQ[worst], "where": worst,
+        **{name: every[name] for name in FOUR}, "worst": PQ[worst], "where": worst, "every": PQ,
     }  # fmt: skip
+
+
+def sites(rows: list[dict[str, Any]]) -> Table:
+    """All ten sites with the shortest cells."""
+    own = [row for row in rows if row["settings"] == name_of(MusclSettings(cell=1e-3 * CELLS[-1])) and "every" in row]
+    table = Table("site", *(f"{row['line']}, {row['wall']}" for row in own))
+    for name in own[0]["every"] if own else ():
+        table.add_row(name, *(f"{row['every'][name]:.1e}" for row in own))
+    return table
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
@@ -132,6 +147,7 @@ def main(
         worst = f"{row['worst']:.1e} {row['where']}"
         table.add_row(row["line"], row["wall"], row["settings"], f"{row['seconds']:.2f}", *numbers, worst)
     Console(width=150).print(table)
+    Console(width=150).print(sites(found))
     draw(found, figure)
 
 

@@ -6,20 +6,20 @@ data there are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
-from fitting.pages.style import BLACK, BLUE, ORANGE, STYLE, VERMILION
-from solver.layout import Lane, lanes
+from solver.layout import Lane
 from solver.network import Network
+from solver.notebook.network import below, draw
+from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
@@ -30,84 +30,55 @@ Array = np.ndarray
 
 MEASURED, BEFORE, AFTER = BLACK, VERMILION, BLUE
 NAMES = ("network", "z_map", "waveforms", "loops", "gap", "isolability")
-_VESSEL, _TEXT, _FAINT, _MISSING = "#c9ccd1", "#1a1a1a", "#555555", "#e6e6e6"
+_MISSING = "#e6e6e6"
 _MOST_FRAMED = 60  # cells in a row that still have room for a frame
 
 
 def figures(outcome: Outcome) -> dict[str, Drawing]:
     """The figures by file name (of :data:`NAMES`); one that has no data is not among them."""
-    drawn: dict[str, Drawing] = {}
     with rc_context(STYLE):
-        if outcome.network_before is not None and outcome.kind == "network":
-            drawn["network"] = _network(outcome, outcome.network_before)
-        if outcome.z_map.size:
-            drawn["z_map"] = _z_map(outcome)
-        if outcome.channels:
-            drawn["waveforms"] = _waveforms(outcome)
-            drawn["gap"] = _gap(outcome)
-        if loop_sites(outcome):
-            drawn["loops"] = _loops(outcome)
-        if outcome.isolability is not None and outcome.isolability.labels:
-            drawn["isolability"] = _isolability(outcome.isolability)
+        return {name: drawing(*draw()) for name, draw in _there(outcome).items()}
+
+
+def figure(outcome: Outcome, name: str | None = None) -> Picture:
+    """One of them as matplotlib has it, by default the first. Raises ValueError for one that has no data."""
+    there = _there(outcome)
+    name = name or next(iter(there), "any")
+    if name not in there:
+        raise ValueError(f"{name}: no such figure of this study; it has {', '.join(there) or 'none'}.")
+    with rc_context(STYLE):
+        return there[name]()[0]
+
+
+def _there(outcome: Outcome) -> dict[str, Callable[[], tuple[Picture, str]]]:
+    """How the figures are drawn that have data, in the order of NAMES."""
+    network, isolability = outcome.network_before, outcome.isolability
+    drawn: dict[str, Callable[[], tuple[Picture, str]]] = {}
+    if network is not None and outcome.kind == "network":
+        drawn["network"] = lambda: _network(outcome, network)
+    if outcome.z_map.size:
+        drawn["z_map"] = lambda: _z_map(outcome)
+    if outcome.channels:
+        drawn["waveforms"] = lambda: _waveforms(outcome)
+    if loop_sites(outcome):
+        drawn["loops"] = lambda: _loops(outcome)
+    if outcome.channels:
+        drawn["gap"] = lambda: _gap(outcome)
+    if isolability is not None and isolability.labels:
+        drawn["isolability"] = lambda: _isolability(isolability)
     return drawn
 
 
 # --- the network --------------------------------------------------------------------------------------------------
 
 
-def _network(outcome: Outcome, network: Network) -> Drawing:
+def _network(outcome: Outcome, network: Network) -> tuple[Picture, str]:
     """Vessels from left to right, the places of the effects marked, every measured site in the colour of its z."""
-    drawn = {lane.segment.name: lane for lane in lanes(network)}
-    columns = max(max(lane.x0, lane.x1) for lane in drawn.values())
-    rows = max(lane.y for lane in drawn.values())
-    figure = Figure(figsize=(min(14.0, max(7.0, 2.2 + 1.9 * columns)), 1.5 + 0.6 * rows), layout="constrained")
-    axes = figure.add_subplot()
-    axes.set_axis_off()
-    axes.set_xlim(-0.35, columns + 0.35)
-    axes.set_ylim(rows + 0.7, -0.7)
     marked = marks(outcome)
-    for lane in drawn.values():
-        _vessel(axes, lane, marked)
-    for lane in drawn.values():
-        if lane.outlet is not None:
-            color = _colour([m for m in marked if m.is_at("outlet", lane.segment.name)])
-            axes.plot([lane.x1], [lane.y1], "|", ms=16, mew=5.0 if color else 1.8, color=color or _FAINT, zorder=4)
-    for junction in network.junctions:
-        lane = drawn[junction.name]
-        color = _colour([m for m in marked if m.is_at("junction", junction.name)])
-        if color:
-            axes.plot([lane.x1], [lane.y1], "o", ms=17, mfc="none", mec=color, mew=3.0, zorder=4)
-    root = drawn[network.inlet.segment]
-    color = _colour([m for m in marked if m.is_at("channel", "inlet")])
-    axes.annotate(
-        "",
-        (root.x0, root.y0),
-        (-28.0, 0.0),
-        textcoords="offset points",
-        arrowprops={"arrowstyle": "-|>", "color": color or _TEXT, "lw": 3.0 if color else 1.4},
-    )
+    figure, axes, drawn = draw(network, lambda kind, place: _colour([m for m in marked if m.is_at(kind, place)]))
     _sites(axes, outcome, network, drawn, marked)
     _network_legend(figure, marked)
-    return drawing(figure, _network_caption(marked))
-
-
-def _vessel(axes: Axes, lane: Lane, marked: Sequence[Mark]) -> None:
-    width = 3.0 + 7.0 * lane.relative_radius
-    color = _colour([m for m in marked if m.is_at("segment", lane.segment.name)])
-    if color:
-        axes.plot(*lane.path.T, color=color, lw=width + 8, solid_capstyle="butt", alpha=0.95, zorder=1)
-    axes.plot(*lane.path.T, color=_VESSEL, lw=width, solid_capstyle="butt" if lane.outlet else "round", zorder=2)
-    axes.annotate(
-        lane.segment.name,
-        (lane.middle, lane.y),
-        (0.0, 0.5 * width + 6.0),
-        textcoords="offset points",
-        ha="center",
-        fontsize=9,
-        fontweight="bold" if color else "normal",
-        color=_TEXT,
-        zorder=6,
-    )
+    return figure, _network_caption(marked)
 
 
 def _sites(axes: Axes, outcome: Outcome, network: Network, drawn: dict[str, Lane], marked: Sequence[Mark]) -> None:
@@ -119,10 +90,9 @@ def _sites(axes: Axes, outcome: Outcome, network: Network, drawn: dict[str, Lane
         x, y = drawn[site.segment].at(site.position)
         color = _colour([m for m in marked if m.is_at("channel", site.name)])
         z = max(worst[name] for name in channels)
-        edge, wide = (color, 3.0) if color else (_TEXT, 1.0)
+        edge, wide = (color, 3.0) if color else (TEXT, 1.0)
         axes.plot([x], [y], "o", ms=11, mfc=Z.colour(z), mec=edge, mew=wide, zorder=5)
-        letters = " ".join(name[-1] for name in channels)
-        axes.annotate(letters, (x, y), (0, -17), textcoords="offset points", ha="center", fontsize=7.5, color=_FAINT)
+        below(axes, " ".join(name[-1] for name in channels), x, y)
 
 
 def _colour(here: Sequence[Mark]) -> str | None:
@@ -132,9 +102,9 @@ def _colour(here: Sequence[Mark]) -> str | None:
     return VERMILION if any(mark.named for mark in here) else ORANGE
 
 
-def _network_legend(figure: Figure, marked: Sequence[Mark]) -> None:
+def _network_legend(figure: Picture, marked: Sequence[Mark]) -> None:
     handles = [
-        Line2D([], [], marker="o", ls="", ms=9, mfc=colour, mec=_TEXT, label=text if i else f"site: |z| {text}")
+        Line2D([], [], marker="o", ls="", ms=9, mfc=colour, mec=TEXT, label=text if i else f"site: |z| {text}")
         for i, (colour, text) in enumerate(zip(Z.colours, Z.texts, strict=True))
     ]
     if any(mark.named for mark in marked):
@@ -155,13 +125,13 @@ def _network_caption(marked: Sequence[Mark]) -> str:
 # --- where it disagrees -------------------------------------------------------------------------------------------
 
 
-def _z_map(outcome: Outcome) -> Drawing:
+def _z_map(outcome: Outcome) -> tuple[Picture, str]:
     """Channels by harmonics, in classes of |z|; a frame around what is significant."""
     shown_harmonics = harmonics_shown(outcome)
     names = [channel.name for channel in outcome.channels[: outcome.z_map.shape[1]]]
     z = np.abs(outcome.z_map[:shown_harmonics]).T
     size = (float(np.clip(2.4 + 0.3 * shown_harmonics, 7.2, 13.0)), 1.3 + 0.24 * len(names))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Picture(figsize=size, layout="constrained")
     axes = figure.add_subplot()
     _classes(axes, z, Z)
     axes.set_yticks(range(len(names)), names)
@@ -174,18 +144,18 @@ def _z_map(outcome: Outcome) -> Drawing:
             corner = (at.harmonic - 0.5, names.index(name) - 0.5)
             axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, ec=BLACK, lw=1.6, zorder=3, clip_on=False))
     _scale(figure, Z)
-    return drawing(
+    return (
         figure,
         "Residual over its standard deviation, |z|, of every channel and harmonic before anything was added. Framed: "
         "the loudest that are significant once all channels and harmonics looked at are taken into account.",
     )
 
 
-def _isolability(isolability: Isolability) -> Drawing:
+def _isolability(isolability: Isolability) -> tuple[Picture, str]:
     """Separation of every pair of effects, in classes."""
     n = len(isolability.labels)
     side = float(np.clip(0.2 * n, 2.0, 9.5))
-    figure = Figure(figsize=(max(side + 3.4, 7.2), side + 2.2), layout="constrained")
+    figure = Picture(figsize=(max(side + 3.4, 7.2), side + 2.2), layout="constrained")
     axes = figure.add_subplot()
     separation = np.array(isolability.separation, float)
     np.fill_diagonal(separation, np.nan)
@@ -198,7 +168,7 @@ def _isolability(isolability: Isolability) -> Drawing:
     axes.set_xlabel("if this is refitted instead")
     axes.set_ylabel("true effect, of typical size")
     _scale(figure, APART)
-    return drawing(figure, f"Separation d′ of every pair of {n} effects and places by this set of sensors.")
+    return (figure, f"Separation d′ of every pair of {n} effects and places by this set of sensors.")
 
 
 def _classes(axes: Axes, values: Array, scale: Scale) -> None:
@@ -221,7 +191,7 @@ def _classes(axes: Axes, values: Array, scale: Scale) -> None:
     axes.spines[:].set_visible(False)
 
 
-def _scale(figure: Figure, scale: Scale) -> None:
+def _scale(figure: Picture, scale: Scale) -> None:
     handles = [
         Line2D([], [], marker="s", ls="", ms=9, mfc=colour, mec="#888888", label=text)
         for colour, text in zip(scale.colours, scale.texts, strict=True)
@@ -235,15 +205,15 @@ def _scale(figure: Figure, scale: Scale) -> None:
 _CURVES: tuple[Curve, ...] = (("measured", MEASURED, "-"), ("before", BEFORE, DASHED), ("after", AFTER, (0, (1, 1))))
 
 
-def _waveforms(outcome: Outcome) -> Drawing:
+def _waveforms(outcome: Outcome) -> tuple[Picture, str]:
     """Every channel: measured mean beat with its band, the model before, and after."""
     beats = {c.name: (c.measured, c.before, c.after)[: len(_curves(outcome))] for c in outcome.channels}
     bands = {c.name: c.band for c in outcome.channels}
     figure, _ = waveforms(period(outcome), beats, bands, _curves(outcome), "± 2 sd of the mean")
-    return drawing(figure, "Mean beats of every channel. The band is ± 2 standard deviations of the measured mean.")
+    return (figure, "Mean beats of every channel. The band is ± 2 standard deviations of the measured mean.")
 
 
-def _loops(outcome: Outcome) -> Drawing:
+def _loops(outcome: Outcome) -> tuple[Picture, str]:
     """Pressure against radius of every site that has both."""
     beats = {c.name: (c.measured, c.before, c.after) for c in outcome.channels}
     pairs = {
@@ -253,13 +223,13 @@ def _loops(outcome: Outcome) -> Drawing:
         ]
         for site in loop_sites(outcome)
     }
-    return drawing(loops(pairs, _curves(outcome)), "Pressure against radius, mean beats.")
+    return (loops(pairs, _curves(outcome)), "Pressure against radius, mean beats.")
 
 
-def _gap(outcome: Outcome) -> Drawing:
+def _gap(outcome: Outcome) -> tuple[Picture, str]:
     """Whitened RMS of every channel on held-out beats (filled) and fitted beats (hollow), before and after."""
     names = [channel.name for channel in outcome.channels]
-    figure = Figure(figsize=(8.0, 1.3 + 0.24 * len(names)), layout="constrained")
+    figure = Picture(figsize=(8.0, 1.3 + 0.24 * len(names)), layout="constrained")
     axes = figure.add_subplot()
     for pairs, color, marker, label in (
         ([c.gap_before for c in outcome.channels], BEFORE, "o", "before"),
@@ -272,7 +242,7 @@ def _gap(outcome: Outcome) -> Drawing:
                 [pair[0] for _, pair in known], rows, marker, mfc="white", mec=color, ms=7, label=f"{label}, fitted"
             )
             axes.plot([pair[1] for _, pair in known], rows, marker, color=color, ms=5, label=f"{label}, held out")
-    axes.axvline(1.0, color=_FAINT, lw=0.9, ls=DASHED)
+    axes.axvline(1.0, color=FAINT, lw=0.9, ls=DASHED)
     axes.set_xscale("log")
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
@@ -286,7 +256,7 @@ def _gap(outcome: Outcome) -> Drawing:
     axes.minorticks_off()
     axes.set_xlabel("whitened RMS of the gap (1 = noise)")
     figure.legend(loc="outside upper right", ncols=4)
-    return drawing(figure, "Gap of every channel in units of its sensor's noise; 1 is noise alone.")
+    return (figure, "Gap of every channel in units of its sensor's noise; 1 is noise alone.")
 
 
 def _curves(outcome: Outcome) -> tuple[Curve, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from fitting.result_files import finite
 from solver.network import Network
 
 from . import thresholds
+
+if TYPE_CHECKING:
+    from solver.notebook.style import Picture
 
 Array = np.ndarray
 
@@ -226,6 +229,38 @@ class Outcome:
     def invisible(self) -> tuple[str, ...]:
         """Effects that these sensors cannot see."""
         return self.isolability.invisible if self.isolability else ()
+
+    # --- in a notebook --------------------------------------------------------------------------------------------
+
+    def _repr_html_(self) -> str:
+        from .notebook import html
+
+        return html(self)
+
+    def to_polars(self) -> Any:
+        """A polars.DataFrame: a row for each hypothesis that was refitted, best first."""
+        from solver.notebook import frames
+
+        from .notebook import columns
+
+        return frames.polars(columns(self))
+
+    def to_pandas(self) -> Any:
+        """The same as pandas.DataFrame. Raises ImportError where pandas is missing."""
+        from solver.notebook import frames
+
+        from .notebook import columns
+
+        return frames.pandas(columns(self))
+
+    def plot(self, figure: str | None = None) -> Picture:
+        """A figure of the report: "network", "z_map", "waveforms", "loops", "gap" or "isolability".
+
+        Default: the first of them that this study has. Raises ValueError for one that it has not.
+        """
+        from .notebook import plotted
+
+        return plotted(self, figure)
 
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:

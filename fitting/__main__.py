@@ -247,8 +247,9 @@ def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFi
 
 
 def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
+    from solver.notebook.style import png
+
     from .pages.figures import loop_figure  # matplotlib takes a second
-    from .pages.style import png
 
     return png(loop_figure(fits, beats))
 

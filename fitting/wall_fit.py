@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +18,11 @@ from .parameter_set import ParameterSet, Value
 from .provenance import software
 from .records import spectral
 from .wall_model import PARAMETERS, UNITS, WallModel, evaluate
+
+if TYPE_CHECKING:
+    from solver.notebook.style import Picture
+
+    from .records.beats import Beats
 
 Array = np.ndarray
 
@@ -134,3 +140,32 @@ class WallFit:
                 "software": software(),
             },
         )
+
+    # --- in a notebook --------------------------------------------------------------------------------------------
+
+    def _repr_html_(self) -> str:
+        from .notebook import html
+
+        return html(self)
+
+    def to_polars(self) -> Any:
+        """A polars.DataFrame: a row for each parameter, with its 95 % interval, in SI."""
+        from solver.notebook import frames
+
+        from .notebook import columns
+
+        return frames.polars(columns(self))
+
+    def to_pandas(self) -> Any:
+        """The same as pandas.DataFrame. Raises ImportError where pandas is missing."""
+        from solver.notebook import frames
+
+        from .notebook import columns
+
+        return frames.pandas(columns(self))
+
+    def plot(self, beats: Beats | None = None) -> Picture:
+        """The loop, measured and fitted, and the spectrum of the residual. beats : fitted ones, each to be shown."""
+        from .notebook import figure
+
+        return figure(self, beats)

@@ -12,7 +12,8 @@ from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
 from .outlets import Pressure, Reflection, Resistance, Windkessel
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
-from .simulate import NotPeriodic, Waveforms, repeating_beat, simulate, simulate_periodic
+from .simulate import NotPeriodic, repeating_beat, simulate, simulate_periodic
+from .waveforms import Waveforms
 
 
 def load(name_or_path: str) -> Network:

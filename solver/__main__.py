@@ -42,7 +42,12 @@ def main(
     cell: Annotated[str | None, typer.Option(help="Longest cell of muscl; default: 5 mm.")] = None,
     cfl: Annotated[float | None, typer.Option(help="CFL number of muscl, 0.45 at most; default: 0.45.")] = None,
     ends: Annotated[
-        str | None, typer.Option(help="Viscous pressure at the ends, of muscl: coupled (default) or neumann.")
+        str | None,
+        typer.Option(help="Viscous pressure at the ends, of muscl: coupled (default) or neumann, as published."),
+    ] = None,
+    slopes: Annotated[
+        str | None,
+        typer.Option(help="Slopes in cells, of muscl: van Albada (default), minmod, monotonized central or central."),
     ] = None,
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
@@ -53,7 +58,7 @@ def main(
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
-        settings = _settings(scheme, seconds, element_length, cell, cfl, ends)
+        settings = _settings(scheme, seconds, element_length, cell, cfl, ends, slopes)
         model = model.with_parameters(_assignments(model, set_ or []))
         result = _run(model, scheme, settings, duration, start, tolerance, max_beats, quiet)
         if out is not None:
@@ -67,18 +72,25 @@ def main(
 
 
 def _settings(
-    scheme: str, dt: float, element_length: str | None, cell: str | None, cfl: float | None, ends: str | None
+    scheme: str,
+    dt: float,
+    element_length: str | None,
+    cell: str | None,
+    cfl: float | None,
+    ends: str | None,
+    slopes: str | None,
 ) -> AnySettings:
     """Of a scheme; an option of the other one is refused."""
-    mine, others = {"--element-length": element_length}, {"--cell": cell, "--cfl": cfl, "--ends": ends}
+    volumes = {"--cell": cell, "--cfl": cfl, "--ends": ends, "--slopes": slopes}
     muscl = scheme == "muscl"
-    for option, value in (mine if muscl else others).items():
+    for option, value in ({"--element-length": element_length} if muscl else volumes).items():
         if value is not None:
             whose = "staggered" if muscl else "muscl"
             raise ValueError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
     if not muscl:
         return Settings(dt, parse_quantity(element_length or "5 cm", "m", "--element-length"))
-    return MusclSettings(dt, parse_quantity(cell or "5 mm", "m", "--cell"), cfl or 0.45, ends or "coupled")
+    own, length = MusclSettings(), parse_quantity(cell or "5 mm", "m", "--cell")
+    return MusclSettings(dt, length, own.cfl if cfl is None else cfl, ends or own.ends, slopes or own.slopes)
 
 
 def _assignments(network: Network, texts: list[str]) -> dict[str, float]:

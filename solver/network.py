@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from .outlets import OUTLETS, Outlet
 from .quantity import Quantity, quantities, quantity
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms
+
+if TYPE_CHECKING:
+    from .notebook.style import Picture
 
 _BOTH = ("network", "wall")
 
@@ -269,6 +272,12 @@ class Network:
             if segment.name == name:
                 return segment
         raise KeyError(name)
+
+    def plot(self) -> Picture:
+        """A figure of the network from left to right, for notebooks: vessels, inlets, outlets and sites."""
+        from .notebook.network import figure
+
+        return figure(self)
 
 
 # --- plain data: what the FMU carries -----------------------------------------------------------------------------

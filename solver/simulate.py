@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,14 @@ import numpy as np
 from .coefficients import Parameters
 from .inflow import Drives, Inflows, drives_of
 from .mixing import Beats, fills_slowly
-from .muscl.step import State as CellState
 from .network import Network
 from .outputs import Reporter
 from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .scheme.sdirk import INFLOW_TIMES
-from .scheme.step import State
 from .schemes import AnySettings, Scheme, scheme_of
 from .units import SIGNAL_UNITS
+from .waveforms import End, Waveforms
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -30,6 +28,8 @@ STARTS = ("rest", "periodic")
 
 _STEADY = 1e-4  # of an output's size: a smaller pulse counts as none when beats are compared
 _LARGEST_TABLE = 4e9  # bytes of one run's or one beat's outputs
+_NEARER = 0.5  # of the least change so far: accelerated beats that come no nearer are iterated further
+_FINEST = 1e-12  # to which iterations are ever told to go
 
 
 class NotPeriodic(ArithmeticError):
@@ -41,71 +41,6 @@ class NotPeriodic(ArithmeticError):
             f"after {beats} beats the last differs by {change:.2g} from the one before (tolerance {tolerance:g}); "
             "allow more beats, start nearer to the mean pressure (network.P_0) or loosen the tolerance."
         )
-
-
-@dataclass(frozen=True)
-class End:
-    """Where a run ended: its last state, and the mesh and step [s] that give it meaning."""
-
-    state: State | CellState
-    mesh: Any
-    dt: float
-
-
-@dataclass(frozen=True)
-class Waveforms(Mapping[str, Array]):
-    """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
-
-    units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
-    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from. halved : how
-    many times a step of the run did not converge and was cut into halves.
-    """
-
-    time: Array
-    columns: Mapping[str, Array]
-    units: Mapping[str, str]
-    beats: float
-    change: float = math.nan
-    end: End | None = field(default=None, compare=False, repr=False)
-    halved: int = 0
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is to be known of the run, in sentences; none as a rule."""
-        if not self.halved:
-            return ()
-        return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
-
-    def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.columns)
-
-    def __len__(self) -> int:
-        return len(self.columns)
-
-    def member(self, i: int) -> Waveforms:
-        """One parameter set of a batch."""
-        values = {name: value[i] if value.ndim == 2 else value for name, value in self.columns.items()}
-        end = self.end
-        if end is not None and len(end.state.y) > 1:
-            end = replace(end, state=end.state.members(slice(i, i + 1 or None)))
-        return replace(self, columns=values, end=end)
-
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write ``time [s]`` and one column ``name [unit]`` per variable, in SI, whole or not at all.
-
-        Raises ValueError for a batch (write its members) or when the file cannot be written.
-        """
-        if any(value.ndim != 1 for value in self.columns.values()):
-            raise ValueError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
-        from .files import write_whole
-
-        header = ",".join(["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)])
-        table = np.column_stack([self.time, *self.columns.values()])
-        rows = "\n".join(",".join(f"{value:.12g}" for value in row) for row in table)
-        write_whole(path, f"{header}\n{rows}\n")
 
 
 def simulate(
@@ -176,6 +111,7 @@ def simulate_periodic(
     accelerate = accelerate and run.scheme.accelerates
     state, resort = run.begin_beats(start, n * run.dt, accelerate)
     before, change, gap, beats = None, math.inf, math.inf, Beats(run.model.mesh.topology.outlets)
+    least, nearer = math.inf, _NEARER if accelerate else 1.0
     for beat in range(1, max_beats + 1):
         label = f"beat {beat}" + ("" if before is None or not math.isfinite(change) else f", change {change:.1e}")
         begun = state
@@ -187,14 +123,16 @@ def simulate_periodic(
             state, resort, beats = resort, None, Beats(beats.outlets)
             continue
         if before is not None:
-            last, change = change, change_of(table, before, run.report.names)
+            change = change_of(table, before, run.report.names)
             if change <= tolerance:
                 return run.waveforms(table, beat, change, state)
-            if change >= last:
-                run = run.iterated_to(0.1 * tolerance)
+            if change >= nearer * least:
+                run = run.iterated_further(tolerance)
+            least = min(change, least)
         before, resort, gap = table, None, gap_of(table, run.report.names)
         beats = beats.followed(begun, state, gap)
-        mixed = beats.mixed() if accelerate and gap > tolerance else None
+        two_left = beat + 2 <= max_beats  # what is mixed takes two to compare
+        mixed = beats.mixed() if accelerate and gap > tolerance and two_left else None
         if mixed is not None:
             state, before, change, resort = mixed, None, math.inf, state
     # where nothing is left to compare the last beat with, its end is compared with its beginning
@@ -298,12 +236,13 @@ class _Run:
             return self.near(period), self.begin("rest", period)
         return self.begin(start, period), None
 
-    def iterated_to(self, tolerance: float) -> _Run:
-        """The same whose iterations end no sooner: what they leave over differs from beat to beat."""
+    def iterated_further(self, tolerance: float) -> _Run:
+        """The same with iterations to a tenth, of a tolerance at most: what they leave over differs between beats."""
         settings = self.model.settings
-        if not getattr(settings, "tolerance", 0.0) > tolerance:
+        if not hasattr(settings, "tolerance"):
             return self
-        return replace(self, model=replace(self.model, settings=replace(settings, tolerance=tolerance)))
+        finer = replace(settings, tolerance=max(0.1 * min(tolerance, settings.tolerance), _FINEST))
+        return replace(self, model=replace(self.model, settings=finer))
 
     def near(self, period: float) -> Any:
         """A state near the periodic one, or rest."""

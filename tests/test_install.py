@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,13 +19,12 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from test_client_pythons import installed
 
 from arterial_fmu.commands import COMMANDS
 from build_fmu import build
 from solver import load
 from solver.files import bundled_names
-
-pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu")
@@ -74,6 +74,7 @@ def run(home: Path, *line: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_what_is_in_them(dist: Path) -> None:
     """Every file of the packages is in the wheel and in the source, and nothing of tests or benchmarks in the wheel."""
     (wheel,), (source,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
@@ -88,6 +89,7 @@ def test_what_is_in_them(dist: Path) -> None:
     assert "License-Expression: MIT" in metadata and "Requires-Python: >=3.11" in metadata
 
 
+@pytest.mark.slow
 def test_it_is_the_installed_one(home: Path) -> None:
     """Every package, and the function of every command, come from the environment; all networks come along."""
     code = (
@@ -101,6 +103,7 @@ def test_it_is_the_installed_one(home: Path) -> None:
     assert [each["name"] for each in found] == bundled_names()
 
 
+@pytest.mark.slow
 def test_network_to_fmu(home: Path) -> None:
     """solve, export, import, build of the arteries and of heart, arteries and body, doctor, run."""
     assert "sheep" in run(home, "arterial-fmu", "solve", "sheep", "--dt", "5 ms", "--out", "beat.csv")
@@ -116,6 +119,7 @@ def test_network_to_fmu(home: Path) -> None:
     assert (home / "work" / "run.csv").read_text().startswith("time [s],inlet.Q")
 
 
+@pytest.mark.slow
 def test_the_same_fmu(home: Path, tmp_path: Path) -> None:
     """Byte for byte the FMU that the checkout builds."""
     run(home, "arterial-fmu", "build", "cca", "--out", "same")
@@ -123,6 +127,7 @@ def test_the_same_fmu(home: Path, tmp_path: Path) -> None:
     assert (home / "work" / "same" / "cca.fmu").read_bytes() == here.read_bytes()
 
 
+@pytest.mark.slow
 def test_record_to_verdict(home: Path) -> None:
     """virtual, fit, check with its FMU, cohort, discover with its report and an FMU."""
     run(home, "arterial-fmu", "virtual", "--animals", "2", "--out", "virtual", "--quiet")
@@ -140,6 +145,7 @@ def test_record_to_verdict(home: Path) -> None:
     assert {"report.html", "model.fmu"} <= {path.name for path in (home / "work" / "study").iterdir()}
 
 
+@pytest.mark.slow
 def test_calibrate(home: Path) -> None:
     """A record of the network's own beat: E is found again to 1e-4, a parameter set on the output."""
     code = """
@@ -153,3 +159,23 @@ write_record("net.csv", np.arange(1501) * 1e-3, channels)
     run(home, "python", "-c", code)
     found = json.loads(run(home, "arterial-fmu", "calibrate", "net.csv", "sheep", "--free", "all.E", "--json"))
     assert found["values"]["CA.E"]["value"] == pytest.approx(load("sheep").segment("CA").E, rel=1e-4)
+
+
+@pytest.mark.endurance  # by hand: it takes from the package index what the wheel depends on
+@pytest.mark.parametrize("version", [(3, 11), (3, 12), (3, 13), (3, 14)])
+def test_other_pythons(version: tuple[int, int], dist: Path, tmp_path: Path) -> None:
+    """With each Python that this machine has: solve, build, doctor, run, virtual, fit, isolability."""
+    subprocess.run([installed(version).command, "-m", "venv", os.fspath(tmp_path / "venv")], check=True)
+    (tmp_path / "work").mkdir()
+    (wheel,) = dist.glob("*.whl")
+    run(tmp_path, "python", "-m", "pip", "install", "--quiet", os.fspath(wheel))
+    for line in (
+        'solve sheep --dt "5 ms"',
+        "build sheep",
+        "doctor dist/sheep.fmu",
+        'run dist/sheep.fmu --stop-time "0.05 s"',
+        "virtual --animals 1 --out v",
+        'fit v/virtual-S01_AA.csv --site AA --h "0.38 mm" --bootstrap 0 --out AA.json --figure AA.png',
+        "isolability sheep --channels AA.P",
+    ):
+        run(tmp_path, "arterial-fmu", *shlex.split(line))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,16 @@ from tubes import artery, tube
 from typer import Typer
 from typer.testing import CliRunner
 
-from solver import MusclSettings, Network, NonPhysicalState, Reflection, Settings, simulate, simulate_periodic
+from solver import (
+    MusclSettings,
+    Network,
+    NonPhysicalState,
+    Reflection,
+    Settings,
+    Windkessel,
+    simulate,
+    simulate_periodic,
+)
 from solver.__main__ import main
 
 COARSE = MusclSettings(cell=0.02)
@@ -26,6 +36,14 @@ def test_a_batch_is_its_members(sheep: Network) -> None:
     assert max(relative_error(name, both.member(1)[name], one[name]) for name in one) <= 1e-11
 
 
+def test_a_batch_of_equal_members_is_the_single_run(sheep: Network) -> None:
+    """Each of three equal members: the run of one, to 1e-13 (the steps of a batch are those of its fastest member)."""
+    E = sheep.segment("AA").E
+    batch = simulate(sheep, duration=0.05, parameters={"AA.E": np.full(3, E)}, settings=COARSE, scheme="muscl")
+    one = simulate(sheep, duration=0.05, settings=COARSE, scheme="muscl")
+    assert max(relative_error(name, batch.member(i)[name], one[name]) for i in range(3) for name in one) <= 1e-13
+
+
 def test_beats_until_they_repeat() -> None:
     """Periodic beats, and a start where the last run ended, which takes two."""
     network = tube(artery(phi0=1e4), Reflection("A", 0.3))
@@ -34,6 +52,17 @@ def test_beats_until_they_repeat() -> None:
     assert again.beats == 2
     expected = simulate_periodic(network)
     assert max(relative_error(name, again[name], expected[name]) for name in again) <= 3e-3
+
+
+def test_periodic_start() -> None:
+    """The default scheme's state near the periodic beat, on cells: two of its beats for a batch of two tubes with
+    Windkessels that fill with a time constant of 3 s, a beat being 0.5 s."""
+    network = replace(tube(artery(phi0=1e4), Windkessel("A", 2e7, 1e-8, 3e8)), P_0=1e3)
+    options: dict[str, Any] = {"parameters": {"A.E": np.array([1e6, 9e5])}, "tolerance": 1e-2}
+    beat = simulate_periodic(network, start="periodic", settings=COARSE, scheme="muscl", **options)
+    assert beat.beats == 2
+    expected = simulate_periodic(network, **options)
+    assert max(relative_error(name, beat[name], expected[name]) for name in beat) <= 1e-2
 
 
 def test_pressure_inlet() -> None:
@@ -70,12 +99,12 @@ def test_refused(sheep: Network) -> None:
         simulate(sheep, scheme="fem")
     with pytest.raises(ValueError, match="takes MusclSettings, not Settings"):
         simulate(sheep, settings=Settings(), scheme="muscl")
-    with pytest.raises(ValueError, match="start = 'periodic': scheme 'muscl' has none"):
-        simulate(sheep, start="periodic", settings=COARSE, scheme="muscl")
     with pytest.raises(ValueError, match="cfl = 0.9 must be a number in"):
         MusclSettings(cfl=0.9)
     with pytest.raises(ValueError, match="ends = 'open' must be 'coupled' or 'neumann'"):
         MusclSettings(ends="open")
+    with pytest.raises(ValueError, match="slopes = 'superbee' must be 'van Albada' or 'minmod' or 'monotonized"):
+        MusclSettings(slopes="superbee")
     with pytest.raises(ValueError, match="use longer cells"):
         simulate(sheep, settings=MusclSettings(cell=1e-5), scheme="muscl")
 
@@ -87,10 +116,12 @@ def test_breakdown_is_located(sheep: Network) -> None:
 
 
 def test_command_line(tmp_path: Path) -> None:
-    """--scheme muscl --cell --ends; another --ends is refused."""
+    """--scheme muscl --cell --ends --slopes; others of these are refused, and --slopes of the default scheme."""
     app = Typer()
     app.command()(main)
     options = ["sheep", "--scheme", "muscl", "--cell", "2cm", "--duration", "10 ms", "--out", str(tmp_path / "out.csv")]
     assert CliRunner().invoke(app, options).exit_code == 0
     assert len((tmp_path / "out.csv").read_text().splitlines()) == 12
-    assert CliRunner().invoke(app, [*options, "--ends", "open"]).exit_code != 0
+    assert CliRunner().invoke(app, [*options, "--slopes", "central", "--ends", "neumann"]).exit_code == 0
+    for wrong in (["--ends", "open"], ["--slopes", "steep"], ["--scheme", "staggered", "--slopes", "central"]):
+        assert CliRunner().invoke(app, [*options, *wrong]).exit_code != 0

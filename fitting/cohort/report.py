@@ -12,9 +12,9 @@ from rich.table import Table
 
 from solver.console import right
 from solver.files import write_whole
+from solver.notebook.style import png
 
 from ..estimate import decimals
-from ..pages.style import png
 from ..parameter_set import write_set
 from ..provenance import software
 from ..result_files import json_text, make_folder

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from solver.files import write_whole
+from solver.notebook.style import STYLE
 from solver.units import of_signal, readable
 
 from ..agreement import Agreement, LoopArea
@@ -18,7 +19,6 @@ from ..check import CheckReport
 from ..result_files import make_folder
 from .page import environment, words
 from .panels import DASHED, MEASURED, SIMULATED, Curve, Drawing, drawing, loops, waveforms
-from .style import STYLE
 
 
 def write_check(report: CheckReport, directory: str | os.PathLike[str]) -> Path:

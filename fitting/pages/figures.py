@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from solver.notebook.style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
 from solver.units import MMHG
 
 from ..records.beats import Beats
 from ..wall import without_lag
 from ..wall_fit import WallFit
-from .style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION
 
 Array = np.ndarray
 
@@ -28,29 +27,32 @@ _TITLES = {
 }
 
 
-def loop_figure(fits: Sequence[WallFit], beats: Beats) -> Figure:
+def loop_figure(fits: Sequence[WallFit], beats: Beats | None = None) -> Picture:
     """Recorded loop and model for each fit side by side, and the residuals' spectrum of each against its noise.
 
-    The title begins with the name of the record's file, so that what is virtual says so.
+    beats : those that were fitted, to show every one beside their mean. The title begins with the name of the record's
+    file, so that what is virtual says so.
     """
+    first = fits[0]
     with rc_context(STYLE):
-        figure = Figure(figsize=(3.6 * (len(fits) + 1), 3.6), layout="constrained")
+        figure = Picture(figsize=(3.6 * (len(fits) + 1), 3.6), layout="constrained")
         axes = figure.subplots(1, len(fits) + 1)
         for ax, fitted in zip(axes, fits, strict=False):
             _loop(ax, fitted, beats)
         for ax in axes[1 : len(fits)]:
             ax.sharey(axes[0])
         _spectrum(axes[-1], fits)
-        title = f"{Path(beats.source).name}, site {fits[0].site}: {beats.n_beats} beats of {beats.T:.4g} s"
+        title = f"{Path(first.source).name}, site {first.site}: {first.n_beats} beats of {first.loop.T:.4g} s"
         figure.suptitle(title, fontsize=10)
     return figure
 
 
-def _loop(ax: Axes, fitted: WallFit, beats: Beats) -> None:
+def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
     """Every recorded beat, their mean, and the model."""
-    P, R = without_lag(beats, fitted).site(fitted.site)
-    ax.plot(1e3 * R.T, P.T / MMHG, ".", color=SKY, markersize=2, alpha=0.35, zorder=1)
-    ax.plot([], [], ".", color=SKY, label="all beats")
+    if beats is not None:
+        P, R = without_lag(beats, fitted).site(fitted.site)
+        ax.plot(1e3 * R.T, P.T / MMHG, ".", color=SKY, markersize=2, alpha=0.35, zorder=1)
+        ax.plot([], [], ".", color=SKY, label="all beats")
     ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")
     R_model, P_model = _closed(1e3 * fitted.solution.R, fitted.P_fitted / MMHG)
     ax.plot(R_model, P_model, color=VERMILION, linewidth=1.8, linestyle=(0, (4, 2)), label="model")

@@ -13,16 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from solver.notebook.panels import by_place
+from solver.notebook.style import BLACK, SKY, VERMILION, Picture, png
 from solver.units import of_signal
-
-from .style import BLACK, SKY, VERMILION, png
 
 Array = np.ndarray
 
 MEASURED, SIMULATED, BAND = BLACK, VERMILION, SKY
 DASHED = (0, (4, 2))
 Curve = tuple[str, str, Any]  # text of the legend (empty: none), colour, line style
-_COLUMNS, _LOOPS = 3, 4  # panels in a row
+_LOOPS = 4  # panels in a row
 _MOST_POINTS = 1000  # of a curve on the page
 _PIXELS = 100  # an inch of figure on the page; the image itself has twice as many
 
@@ -47,39 +47,13 @@ def shown(name: str, *beats: Array) -> tuple[Array, ...]:
     return tuple(np.append(beat[::step], beat[0]) * of_signal(name)[1] for beat in beats)
 
 
-def by_place(names: Sequence[str]) -> tuple[Figure, dict[str, Axes]]:
-    """A panel for each channel; where places have several, each place begins a row."""
-    places = [name.rpartition(".")[0] for name in names]
-    several = len(set(places)) < len(places)
-    cells: dict[str, tuple[int, int]] = {}
-    row, column = 0, -1
-    for i, name in enumerate(names):
-        column += 1
-        if column == _COLUMNS or (several and i and places[i] != places[i - 1]):
-            row, column = row + 1, 0
-        cells[name] = (row, column)
-    columns = 1 + max(column for _, column in cells.values())
-    figure = Figure(figsize=(3.6 * max(2, columns), 1.9 * (row + 1) + 0.4), layout="constrained")
-    grid = figure.add_gridspec(row + 1, columns)
-    panels = {name: figure.add_subplot(grid[cell]) for name, cell in cells.items()}
-    for name, panel in panels.items():
-        panel.set_title(name, loc="left")
-        panel.set_ylabel(of_signal(name)[0])
-        panel.locator_params(nbins=4)
-        if cells[name][0] == max(r for r, c in cells.values() if c == cells[name][1]):
-            panel.set_xlabel("time [s]")
-        else:
-            panel.tick_params(labelbottom=False)  # the same times as below it
-    return figure, panels
-
-
 def waveforms(
     T: float,
     beats: Mapping[str, Sequence[Array | None]],
     bands: Mapping[str, Array],
     curves: Sequence[Curve],
     band: str,
-) -> tuple[Figure, dict[str, Axes]]:
+) -> tuple[Picture, dict[str, Axes]]:
     """A panel for each channel: its beats [SI], one for each curve, and a band of ± 2 ``bands`` about the first."""
     figure, panels = by_place(list(beats))
     for name, panel in panels.items():
@@ -95,11 +69,11 @@ def waveforms(
     return figure, panels
 
 
-def loops(sites: Mapping[str, Sequence[tuple[Array, Array] | None]], curves: Sequence[Curve]) -> Figure:
+def loops(sites: Mapping[str, Sequence[tuple[Array, Array] | None]], curves: Sequence[Curve]) -> Picture:
     """Pressure against radius of each site: (P, R) [SI], one for each curve."""
     columns = min(_LOOPS, len(sites))
     rows = -(-len(sites) // columns)
-    figure = Figure(figsize=(2.8 * max(2, columns), 2.4 * rows + 0.4), layout="constrained")
+    figure = Picture(figsize=(2.8 * max(2, columns), 2.4 * rows + 0.4), layout="constrained")
     for i, (site, pairs) in enumerate(sites.items()):
         panel = figure.add_subplot(rows, columns, i + 1)
         for pair, (_, color, style) in zip(pairs, curves, strict=True):

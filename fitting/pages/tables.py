@@ -26,7 +26,7 @@ def _shown(parameter: str) -> tuple[str, float]:
     return f"{parameter.replace('phi', 'φ')}, {unit}", factor
 
 
-_SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
+SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
@@ -34,7 +34,7 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     models = [right(fitted.model.name + (" (kept)" if fitted is chosen else "")) for fitted in fits]
     title = f"Wall of {chosen.site}: {chosen.n_beats} beats of {chosen.loop.T:.5g} s, {chosen.source}"
     table = Table("± half the 95 % interval", *models, title=title)
-    for name, (label, factor) in _SHOWN.items():
+    for name, (label, factor) in SHOWN.items():
         if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
     table.add_row("φ0/E, ms", *(f"{1e3 * f.relaxation_time[0]:.4g}" for f in fits))
@@ -55,10 +55,10 @@ def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, f
     columns = ("95 % interval", *(["bootstrap"] if bootstrapped else []), *moved)
     table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}")
     for name in fitted.model.free:
-        label, factor = _SHOWN[name]
-        row = [label, _interval(fitted.ci95(name), factor)]
+        label, factor = SHOWN[name]
+        row = [label, interval(fitted.ci95(name), factor)]
         if bootstrapped:
-            row.append(_interval(bootstrapped[name], factor))
+            row.append(interval(bootstrapped[name], factor))
         lag = factor * fitted.by_lag[name] * fitted.values[name] if name in fitted.by_lag else None
         bias = factor * (fitted.ignored_noise[name] - fitted.values[name])
         row += ["–" if lag is None else f"{lag:+.2g}", f"{bias:+.2g}"]
@@ -72,7 +72,7 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     table = Table(*columns, title=f"{site} at the mean pressure of the beat")
     for name, estimate in indices.items():
         unit, factor = read_in(estimate.unit)
-        table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", _interval(estimate.ci95, factor), unit)
+        table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", interval(estimate.ci95, factor), unit)
     return table
 
 
@@ -92,7 +92,7 @@ def calibration_table(result: Calibration) -> Table:
     title = f"{result.network} calibrated: χ²/dof {result.chi2 / result.dof:.3g}"
     table = Table("parameter", right("value (SI)"), right("95 % interval"), title=title)
     for name, value in result.values.items():
-        table.add_row(name, f"{value:.5g}", _interval(result.ci95[name], 1.0))
+        table.add_row(name, f"{value:.5g}", interval(result.ci95[name], 1.0))
     return table
 
 
@@ -101,21 +101,21 @@ def _estimate(fitted: WallFit, name: str, factor: float) -> str:
     if name not in fitted.model.free:
         return f"{value:.5g} (given)" if fitted.values[name] else "–"
     half = factor * (fitted.ci95(name)[1] - fitted.ci95(name)[0]) / 2.0
-    return f"{_rounded(value, half)} ± {_rounded(half, half)}"
+    return f"{rounded(value, half)} ± {rounded(half, half)}"
 
 
-def _rounded(value: float, half: float) -> str:
+def rounded(value: float, half: float) -> str:
     """The value to the digits that an interval of ± ``half`` leaves: two of the half."""
     if not (math.isfinite(half) and half > 0.0):
         return f"{value:.5g}"
     return f"{value:.{min(8, max(0, decimals(half)))}f}"
 
 
-def _interval(ends: tuple[float, float] | None, factor: float) -> str:
+def interval(ends: tuple[float, float] | None, factor: float) -> str:
     if ends is None:
         return "–"
     low, high = factor * ends[0], factor * ends[1]
-    return f"{_rounded(low, (high - low) / 2.0)} … {_rounded(high, (high - low) / 2.0)}"
+    return f"{rounded(low, (high - low) / 2.0)} … {rounded(high, (high - low) / 2.0)}"
 
 
 def _plus_minus(estimate: Estimate | None, factor: float) -> str:

@@ -5,7 +5,7 @@
 
 with Π = ∫ A/ρ dP_el at fixed x, and the wall of `sheep_constitutive`, whose viscous part is ν_s ∂A/∂t = -ν_s ∂Q/∂x.
 
-Space: cells; elastic pressure and flow are reconstructed with van Albada's slopes, fluxes are Rusanov's. A wall that
+Space: cells; elastic pressure and flow are reconstructed with (limited) slopes, fluxes are Rusanov's. A wall that
 changes along the segment enters by ∂Π/∂x at fixed pressure, so that a fluid at rest stays at rest. Viscous pressure: by
 central differences. Time: two steps, the hyperbolic part extrapolated, the viscous one implicit and L-stable (SBDF2:
 U. M. Ascher, S. J. Ruuth, B. T. R. Wetton, SIAM J. Numer. Anal. 32 (1995) 797); each step of the output is cut into as
@@ -22,6 +22,7 @@ Biomech. Biomed. Engng 18 (2015) 1704; rest on tapered walls: O. Delestre, P.-Y.
 from .model import Model, build
 from .sampling import reporter
 from .settings import MusclSettings
-from .step import State, adopt, initial_state, periodic_state, step
+from .start import periodic_state
+from .step import State, adopt, initial_state, step
 
 __all__ = ["Model", "MusclSettings", "State", "adopt", "build", "initial_state", "periodic_state", "reporter", "step"]

@@ -6,10 +6,9 @@ import numpy as np
 
 from ..wall import Wall
 from .model import Model
+from .slopes import SLOPES
 
 Array = np.ndarray
-
-_NOTHING = 1e-300  # where both differences vanish
 
 
 def rates(model: Model, A: Array, Q: Array, Q_end: Array, P_end: Array) -> tuple[Array, Array]:
@@ -61,14 +60,14 @@ def speeds(model: Model, wall: Wall, s: Array, U: Array) -> tuple[Array, Array]:
 def _at_faces(model: Model, x: Array) -> Array:
     """Values at the left and right face of every cell : (B, 2, n_cells), from those of the cells.
 
-    The slope is van Albada's mean of the differences a and b to the neighbours, (a b² + b a²)/(a² + b²); that to the
-    one neighbour where a segment ends.
+    The slope is the settings' mean of the differences to both neighbours; that to the one neighbour where a segment
+    ends.
     """
     grid, difference = model.mesh, np.diff(x, axis=-1)
     a, b = np.empty_like(x), np.empty_like(x)
     a[:, 1:], b[:, :-1] = difference, difference
     a[:, grid.first], b[:, grid.last] = b[:, grid.first], a[:, grid.last]
-    half = 0.5 * (a * b) * (a + b) / (a * a + b * b + _NOTHING)
+    half = 0.5 * SLOPES[model.settings.slopes](a, b)
     return np.stack([x - half, x + half], axis=1)
 
 

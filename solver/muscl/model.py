@@ -19,14 +19,16 @@ Array = np.ndarray
 class Model:
     """A network, or a batch of B parameter sets of it, on cells. Made by :func:`build`.
 
-    dx : (B, n_cells) [m]. wall : (B, n_cells) at the centres; faces : (B, 2, n_cells) at the left and right face of
-    each cell; ends : (B, 2, n_segments) where segments begin and end. viscosity : (B, n_cells - 1) ν_s A [Pa·s] between
-    cells of one segment, else 0; end_viscosity : (B, 2, n_segments). tapered : whether walls change along a segment.
-    kinetic : (B, 2, n_segments) ρ k of the pressure that a junction keeps. A_rest : (B, n_cells).
+    parameters : what was laid over the network's own numbers. dx : (B, n_cells) [m]. wall : (B, n_cells) at the
+    centres; faces : (B, 2, n_cells) at the left and right face of each cell; ends : (B, 2, n_segments) where segments
+    begin and end. viscosity : (B, n_cells - 1) ν_s A [Pa·s] between cells of one segment, else 0; end_viscosity :
+    (B, 2, n_segments). tapered : whether walls change along a segment. kinetic : (B, 2, n_segments) ρ k of the pressure
+    that a junction keeps. A_rest : (B, n_cells).
     """
 
     network: Network
     settings: MusclSettings
+    parameters: Parameters
     coefficients: Coefficients
     mesh: Grid
     dx: Array
@@ -58,6 +60,7 @@ def build(network: Network, parameters: Parameters | None = None, settings: Musc
     model = Model(
         network=network,
         settings=settings,
+        parameters=dict(parameters or {}),
         coefficients=c,
         mesh=grid,
         dx=c.L[:, grid.segment] / grid.count[grid.segment],

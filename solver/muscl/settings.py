@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .slopes import SLOPES
+
 ENDS = ("coupled", "neumann")
 
 
@@ -14,13 +16,16 @@ class MusclSettings:
     """dt : between outputs [s]; steps are shorter as cfl asks. cell : longest cell [m]. cfl : of (|U| + c) dt/dx.
 
     ends : where segments end, "coupled": the total pressure is common; "neumann": ∂Q/∂x = 0, as published, so that the
-    elastic pressure is. Raises ValueError for what is not allowed.
+    elastic pressure is. slopes : by which pressure and flow are linear in the cells (:mod:`~solver.muscl.slopes`).
+    A batch takes the steps of its fastest member, so that the answer of a member depends, within the error of a step,
+    on those beside it. Raises ValueError for what is not allowed.
     """
 
     dt: float = 1e-3
     cell: float = 5e-3
     cfl: float = 0.45
     ends: str = "coupled"
+    slopes: str = "van Albada"
 
     def __post_init__(self) -> None:
         for name, unit, low, high in (("dt", "s", 1e-7, 0.1), ("cell", "m", 1e-5, 1.0), ("cfl", "", 1e-3, 0.45)):
@@ -28,5 +33,7 @@ class MusclSettings:
             if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
                 allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
                 raise ValueError(f"muscl settings: {name} = {value!r} must be a number in {allowed}.")
-        if self.ends not in ENDS:
-            raise ValueError(f"muscl settings: ends = {self.ends!r} must be {' or '.join(map(repr, ENDS))}.")
+        for name, choices in (("ends", ENDS), ("slopes", tuple(SLOPES))):
+            value = getattr(self, name)
+            if value not in choices:
+                raise ValueError(f"muscl settings: {name} = {value!r} must be {' or '.join(map(repr, choices))}.")

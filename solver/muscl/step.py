@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -89,11 +89,6 @@ def initial_state(model: Model, t: float = 0.0) -> State:
     H = np.broadcast_to(c.P_0, (c.B, grid.topology.n_nodes)).copy()
     P_C = np.broadcast_to(c.P_0, (c.B, len(grid.topology.outlet_segment))).copy()
     return State(t, model.A_rest, Solved(0.0 * model.A_rest, ends, ends + c.P_0[..., None], H), P_C)
-
-
-def periodic_state(model: Model, *_: Any, **__: Any) -> State:
-    """Raises ValueError: only the default scheme knows a state near the periodic one."""
-    raise ValueError("start = 'periodic': scheme 'muscl' has none; start from rest or from an earlier result of it.")
 
 
 def adopt(model: Model, state: State) -> State:

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 # Okabe and Ito's colours, which colour-blind readers can tell apart
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
+# vessels, and texts on them
+ARTERY, TEXT, FAINT = "#c9ccd1", "#1a1a1a", "#555555"
 
 STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -28,3 +30,10 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=dpi, metadata={"Software": None})
     return stream.getvalue()
+
+
+class Picture(Figure):
+    """A figure that a notebook shows as it is, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return png(self, 100)

@@ -1,0 +1,237 @@
+"""What openBF's own method leaves as error: the method written anew, and its parts switched one at a time.
+
+    python benchmarks/openbf_method.py [--data DIR] [--networks ibif,cca] [--figure FILE]
+
+The method, by openBF's public source (version 2): cells of 1 mm; A and Q reconstructed with superbee slopes; fluxes
+of Lax and Friedrichs, of the speed dx/dt; Heun's steps at CFL 0.9; ghost cells that copy the end cells. What inlet,
+junction and outlet say by Riemann invariants overwrites A and Q of the end cells, vessel after vessel within a step.
+Two beats from the periodic state of this solver; openBF's recorded beat is the reference, as in benchmarks/openbf.py.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from openbf import PLACES, compared, reference, with_sites  # type: ignore[import-not-found]
+from rich.table import Table
+from scipy.optimize import brentq
+
+from solver import Network, Settings, Site, Waveforms, Windkessel, load, simulate_periodic
+from solver.console import right, show
+from solver.muscl.slopes import van_albada
+
+Array = np.ndarray
+Slopes = Callable[[Array, Array], Array]
+
+
+def superbee(a: Array, b: Array) -> Array:
+    """The largest slope that makes no new extremum (P. L. Roe, Annu. Rev. Fluid Mech. 18 (1986) 337)."""
+    small, large = np.minimum(np.abs(a), np.abs(b)), np.maximum(np.abs(a), np.abs(b))
+    return np.where(a * b > 0.0, np.copysign(np.minimum(2.0 * small, large), a), 0.0)
+
+
+@dataclass
+class Cells:
+    """A vessel: P = K (√(A/A0) - 1), c = k A^¼. U : (2, n + 2) A [m²] and Q [m³/s] with a ghost cell at both ends."""
+
+    dx: float
+    A0: float
+    K: float
+    k: float
+    U: Array
+    load: Any = None  # the Windkessel behind it, if any
+    P_C: float = 0.0
+
+    def pressure(self, A: Any) -> Any:
+        return self.K * (np.sqrt(A / self.A0) - 1.0)
+
+    def invariant(self, cell: int, sign: float) -> float:
+        A, Q = self.U[:, cell]
+        return float(Q / A + sign * 4.0 * self.k * A**0.25)
+
+    def put(self, cell: int, sign: float, P: float, W: float) -> float:
+        """A and Q of a cell under P with the invariant W that reaches it; the flow."""
+        A = self.A0 * (P / self.K + 1.0) ** 2
+        self.U[:, cell] = A, A * (W - sign * 4.0 * self.k * A**0.25)
+        return float(self.U[1, cell])
+
+    def flow(self, sign: float, P: float, W: float) -> float:
+        A = self.A0 * (P / self.K + 1.0) ** 2
+        return float(A * (W - sign * 4.0 * self.k * A**0.25))
+
+
+def divergence(v: Cells, U: Array, speed: float, slopes: Slopes) -> Array:
+    """Flux differences over the cells : (2, n) [value m/s]."""
+    d = np.diff(U)
+    half = np.zeros_like(U)
+    half[:, 1:-1] = 0.5 * slopes(d[:, :-1], d[:, 1:])
+    left, right_ = (U + half)[:, :-1], (U - half)[:, 1:]  # of every face
+    flux = [np.stack([Q, Q * Q / A + v.k**2 / 1.5 * A**1.5]) for A, Q in (left, right_)]
+    return np.diff(0.5 * (flux[0] + flux[1] - speed * (right_ - left)))
+
+
+def advance(v: Cells, dt: float, friction: float, slopes: Slopes) -> None:
+    """Heun's step of the cells, then friction."""
+    first, half = v.U.copy(), v.U.copy()
+    half[:, 1:-1] -= dt / v.dx * divergence(v, half, v.dx / dt, slopes)
+    half[:, 0], half[:, -1] = half[:, 1], half[:, -2]
+    v.U[:, 1:-1] = 0.5 * (first[:, 1:-1] + half[:, 1:-1] - dt / v.dx * divergence(v, half, v.dx / dt, slopes))
+    v.U[1, 1:-1] *= 1.0 - dt * friction / v.U[0, 1:-1]
+
+
+def meet(parent: Cells, daughters: list[Cells]) -> None:
+    """One pressure in the end cells, ΣQ = 0."""
+    W, Ws = parent.invariant(-2, 1.0), [d.invariant(1, -1.0) for d in daughters]
+
+    def net(P: float) -> float:
+        return parent.flow(1.0, P, W) - sum(d.flow(-1.0, P, w) for d, w in zip(daughters, Ws, strict=True))
+
+    guess = float(parent.pressure(parent.U[0, -2]))
+    P = float(brentq(net, guess - 2e3, guess + 2e3, xtol=1e-9))
+    parent.put(-2, 1.0, P, W)
+    for d, w in zip(daughters, Ws, strict=True):
+        d.put(1, -1.0, P, w)
+
+
+def leave(v: Cells, dt: float) -> None:
+    """The Windkessel by Euler's step, then its R1 at the last cell."""
+    W, guess = v.invariant(-2, 1.0), float(v.pressure(v.U[0, -2]))
+    v.P_C += dt / v.load.C * (v.U[1, -2] - v.P_C / v.load.R2)
+
+    def net(P: float) -> float:
+        return v.flow(1.0, P, W) - (P - v.P_C) / v.load.R1
+
+    v.put(-2, 1.0, float(brentq(net, guess - 2e3, guess + 2e3, xtol=1e-9)), W)
+
+
+def started(network: Network, cell: float) -> list[Cells]:
+    """The periodic state of this solver on cells."""
+    count = {s.name: max(5, int(np.ceil(s.L / cell - 1e-9))) for s in network.segments}
+    sites = [Site(f"{name}_{i}", name, (i + 0.5) / n) for name, n in count.items() for i in range(n)]
+    beat = simulate_periodic(
+        replace(network, sites=tuple(sites)), settings=Settings(dt=2e-3), tolerance=1e-4, start="periodic"
+    )
+    loads = {o.segment: o for o in network.outlets if isinstance(o, Windkessel)}
+    found = []
+    for s in network.segments:
+        R, Q = (np.array([beat[f"{s.name}_{i}.{x}"][-1] for i in range(count[s.name])]) for x in "RQ")
+        A0, K, o = np.pi * s.R0**2, s.E * s.h / (1.0 - network.eta**2) / s.R0, loads.get(s.name)
+        k = np.sqrt(K / (2.0 * network.fluid.rho)) / A0**0.25
+        P_C = beat[f"{s.name}.outlet.P"][-1] - o.R1 * beat[f"{s.name}.outlet.Q"][-1] if o else 0.0
+        U = np.pad(np.stack([np.pi * R * R, Q]), ((0, 0), (1, 1)), mode="edge")
+        found.append(Cells(s.L / count[s.name], A0, K, float(k), U, o, float(P_C)))
+    return found
+
+
+def simulated(network: Network, cell: float = 1e-3, cfl: float = 0.9, slopes: Slopes = superbee) -> Waveforms:
+    """The second beat, P and Q at the five places, in the cells that openBF records."""
+    vessels, T, t = started(network, cell), network.inlet.T, 0.0
+    friction = np.pi * network.fluid.friction * network.fluid.nu
+    names = [f"{s.name}_{round(100 * x)}.{signal}" for s in network.segments for x in PLACES for signal in "PQ"]
+    times, rows = list[float](), list[list[float]]()
+    while t < 2.0 * T:
+        dt = cfl * min(v.dx / np.max(np.abs(v.U[1] / v.U[0] + v.k * v.U[0] ** 0.25)) for v in vessels)
+        vessels[0].U[1, 1] = network.inlet.Q(np.array([t]))[0]
+        for i, v in enumerate(vessels):
+            advance(v, dt, friction, slopes)
+            if i == 0 and len(vessels) > 1:
+                meet(v, vessels[1:])
+            if v.load is not None:
+                leave(v, dt)
+        for v in vessels:
+            v.U[:, 0], v.U[:, -1] = v.U[:, 1], v.U[:, -2]
+        at = [[min(max(round(x * (v.U.shape[1] - 2)), 1), v.U.shape[1] - 2) for x in PLACES] for v in vessels]
+        times.append(t)
+        rows.append(
+            [y for v, n in zip(vessels, at, strict=True) for j in n for y in (v.pressure(v.U[0, j]), v.U[1, j])]
+        )
+        t += dt
+    table, kept = np.array(rows), np.array(times) >= times[-1] - T
+    since = np.array(times)[kept]
+    order = np.argsort(np.mod(since, T))
+    time = np.mod(since, T)[order]
+    columns = {name: table[kept][order, i] for i, name in enumerate(names)}
+    ends = {name: np.interp([0.0, T], time, values, period=T) for name, values in columns.items()}
+    whole = {name: np.concatenate([ends[name][:1], values, ends[name][1:]]) for name, values in columns.items()}
+    return Waveforms(np.concatenate([[0.0], time, [T]]), whole, dict.fromkeys(names, ""), 2, np.nan)
+
+
+def own(network: Network) -> Waveforms:
+    """This solver's periodic beat."""
+    return simulate_periodic(with_sites(network), settings=Settings(dt=2e-3), tolerance=1e-4, start="periodic")
+
+
+SWITCHES: dict[str, Callable[[Network], Waveforms]] = {
+    "this solver": own,
+    "openBF's method": simulated,
+    "slopes: van Albada": lambda n: simulated(n, slopes=van_albada),
+    "CFL number: 0.45": lambda n: simulated(n, cfl=0.45),
+    "cells: 0.5 mm": lambda n: simulated(n, cell=5e-4),
+}
+
+
+def main(
+    data: Annotated[Path | None, typer.Option(help="openBF's results, a directory per network.")] = None,
+    networks: Annotated[str, typer.Option(help="Names, with commas: cca, ibif.")] = "ibif",
+    figure: Annotated[Path | None, typer.Option(help="Draw the differences of the flow in the first here.")] = None,
+) -> None:
+    """Compare the method, and its parts switched, with openBF's results."""
+    for i, name in enumerate(networks.split(",")):
+        network, results = load(name), dict[str, Waveforms]()
+        found = {key: x for key, x in reference(network, data).items() if key[-1] in "PQ"}
+        table = Table(
+            "switched", "signal", *map(right, ("shape", "worst", "pulse", "worst")), title=f"{name}, % of pulse"
+        )
+        for label, run in SWITCHES.items():
+            results[label] = run(network)
+            errors = compared(results[label], found)
+            for signal in "PQ":
+                each = 100.0 * np.abs([e for key, e in errors.items() if key.endswith(signal)])
+                numbers = np.median(each[:, 0]), each[:, 0].max(), np.median(each[:, 2]), each[:, 2].max()
+                table.add_row(label if signal == "P" else "", signal, *(f"{x:.2f}" for x in numbers))
+        show(table)
+        if i == 0 and figure is not None:
+            draw(results, found, figure)
+
+
+def draw(results: dict[str, Waveforms], found: Any, path: Path) -> None:
+    """How far from this solver's flow openBF's is, and its method's, where the shape differs most in each vessel."""
+    import matplotlib.pyplot as plt
+
+    ours = results["this solver"]
+    errors = {key: e[0] for key, e in compared(ours, found).items() if key.endswith(".Q")}
+    vessels = dict.fromkeys(key.split("_")[0] for key in errors)
+    keys = [max((key for key in errors if key.startswith(v)), key=lambda key: errors[key]) for v in vessels]
+    figure, axes = plt.subplots(1, min(2, len(keys)), figsize=(9.0, 3.4), squeeze=False, layout="constrained")
+    lines = (
+        ("openBF's method", "#D55E00", "-"),
+        ("slopes: van Albada", "#009E73", ":"),
+        ("cells: 0.5 mm", "#0072B2", "--"),
+    )
+    for axis, key in zip(axes[0], keys, strict=False):
+        t, wanted = found[key]
+        at, size = np.mod(t, ours.time[-1]), 0.01 * np.ptp(wanted)
+        axis.plot(
+            at, (wanted - np.interp(at, ours.time, ours[key])) / size, "o", color="0.5", mfc="none", label="openBF"
+        )
+        for label, colour, style in lines:
+            difference = np.interp(ours.time, results[label].time, results[label][key]) - ours[key]
+            axis.plot(ours.time, difference / size, color=colour, linestyle=style, label=label)
+        axis.set(title=f"Q, {key[:-2].replace('_', ', ')} % of its length", xlabel="t [s]")
+    axes[0][0].set_ylabel("less this solver's, % of pulse")
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,62 @@
+"""The fitted wall of a site in a notebook: its parameters with their intervals, as HTML and as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from solver.network import Segment
+from solver.notebook.style import Picture
+from solver.notebook.tables import table
+from solver.quantity import quantities
+from solver.units import printed
+
+from .pages.figures import loop_figure
+from .pages.tables import SHOWN, interval, rounded
+from .records.beats import Beats
+from .wall_fit import WallFit
+from .wall_model import PARAMETERS, UNITS
+
+
+def html(fitted: WallFit) -> str:
+    """Every parameter in the unit that people read, what else tells how good the fit is, and its warnings."""
+    rows = [_row(fitted, name) for name in PARAMETERS if name in fitted.model.free or fitted.values[name]]
+    given = quantities(Segment)["h"]
+    rows.append((f"h, {given.display}", f"{1e3 * fitted.h:.4g}", "given"))
+    quality = (
+        f"φ0/E {1e3 * fitted.relaxation_time[0]:.4g} ms; R² {fitted.r2:.6f}; χ²/dof {fitted.chi2 / fitted.dof:.3g}; "
+        f"condition number {fitted.condition:.0f}"
+    )
+    of = f"{fitted.n_beats} beats of {fitted.loop.T:.5g} s, {Path(fitted.source).name}"
+    title = f"Wall of {fitted.site}, model {fitted.model.name}: {of}"
+    return table(title, ("parameter", "value", "95 % interval"), rows, (quality, *fitted.warnings))
+
+
+def columns(fitted: WallFit) -> Mapping[str, Sequence[Any]]:
+    """The five parameters, h and eta; both ends of the interval are the value itself where it was given."""
+    units = {**UNITS, "h": "m", "eta": "1"}
+    ends = [fitted.ci95(name) for name in units]
+    return {
+        "site": [fitted.site] * len(units),
+        "parameter": list(units),
+        "value": [float(fitted.values[name]) for name in units],
+        "low": [low for low, _ in ends],
+        "high": [high for _, high in ends],
+        "unit": [printed(unit) for unit in units.values()],
+        "free": [name in fitted.model.free for name in units],
+    }
+
+
+def figure(fitted: WallFit, beats: Beats | None) -> Picture:
+    """The loop, measured and fitted, and the spectrum of the residual."""
+    return loop_figure([fitted], beats)
+
+
+def _row(fitted: WallFit, name: str) -> tuple[str, str, str]:
+    label, factor = SHOWN[name]
+    value = factor * fitted.values[name]
+    if name not in fitted.model.free:
+        return label, f"{value:.5g}", "given"
+    low, high = fitted.ci95(name)
+    return label, rounded(value, 0.5 * factor * (high - low)), interval((low, high), factor)

@@ -1,0 +1,119 @@
+"""The result of a run: waveforms of every output."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .muscl.step import State as CellState
+from .scheme.step import State
+
+if TYPE_CHECKING:
+    from .notebook.style import Picture
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a run ended: its last state, and the mesh and step [s] that give it meaning."""
+
+    state: State | CellState
+    mesh: Any
+    dt: float
+
+
+@dataclass(frozen=True)
+class Waveforms(Mapping[str, Array]):
+    """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
+
+    units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
+    (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from. halved : how
+    many times a step of the run did not converge and was cut into halves.
+    """
+
+    time: Array
+    columns: Mapping[str, Array]
+    units: Mapping[str, str]
+    beats: float
+    change: float = math.nan
+    end: End | None = field(default=None, compare=False, repr=False)
+    halved: int = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be known of the run, in sentences; none as a rule."""
+        if not self.halved:
+            return ()
+        return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        return len(self.columns)
+
+    def heading(self, name: str) -> str:
+        """The name of a variable with its unit in SI, as tables are headed: "CA.P [Pa]"."""
+        return f"{name} [{self.units[name]}]"
+
+    def member(self, i: int) -> Waveforms:
+        """One parameter set of a batch."""
+        values = {name: value[i] if value.ndim == 2 else value for name, value in self.columns.items()}
+        end = self.end
+        if end is not None and len(end.state.y) > 1:
+            end = replace(end, state=end.state.members(slice(i, i + 1 or None)))
+        return replace(self, columns=values, end=end)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write ``time [s]`` and one column ``name [unit]`` per variable, in SI, whole or not at all.
+
+        Raises ValueError for a batch (write its members) or when the file cannot be written.
+        """
+        if any(value.ndim != 1 for value in self.columns.values()):
+            raise ValueError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
+        from .files import write_whole
+
+        header = ",".join(["time [s]", *map(self.heading, self.columns)])
+        table = np.column_stack([self.time, *self.columns.values()])
+        rows = "\n".join(",".join(f"{value:.12g}" for value in row) for row in table)
+        write_whole(path, f"{header}\n{rows}\n")
+
+    # --- in a notebook --------------------------------------------------------------------------------------------
+
+    def _repr_html_(self) -> str:
+        from .notebook.waveforms import html
+
+        return html(self)
+
+    def to_polars(self) -> Any:
+        """A polars.DataFrame in SI with the columns of :meth:`to_csv`; a batch has its members one below the other.
+
+        The first column of a batch is ``member``.
+        """
+        from .notebook import frames, waveforms
+
+        return frames.polars(waveforms.columns(self))
+
+    def to_pandas(self) -> Any:
+        """The pandas.DataFrame of the columns of :meth:`to_polars`. Raises ImportError where pandas is missing."""
+        from .notebook import frames, waveforms
+
+        return frames.pandas(waveforms.columns(self))
+
+    def plot(self, *names: str) -> Picture:
+        """A figure with a panel for each variable. names : variables ("CA.P") or places ("CA"): all that is there.
+
+        Default: P and Q of inlets and sites, of the first twelve places. Raises ValueError for an unknown name.
+        """
+        from .notebook.waveforms import figure
+
+        return figure(self, names)
