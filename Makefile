@@ -26,7 +26,7 @@ help:
 	@echo "make test-slow run the long ones that make test leaves out: examples, snippets, generators"
 	@echo "make check     formatting, lint, types"
 	@echo "make bench     measure speed and memory, and the accuracy of the fits"
-	@echo "make docs      write the API reference to build/docs"
+	@echo "make docs      write the documentation and the API reference to build/docs"
 	@echo "make clean     remove .venv and everything that was built"
 
 demo: $(VENV)/installed-run
@@ -62,7 +62,8 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
-	$(BIN)/python -m pdoc --output-directory build/docs solver fmu_src fitting discrepancy arterial_fmu build_fmu
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	$(BIN)/python -m pdoc --output-directory build/docs/api solver fmu_src fitting discrepancy arterial_fmu build_fmu
 	@echo "Open build/docs/index.html"
 
 clean:

@@ -33,6 +33,7 @@ COMMANDS: Mapping[str, Command] = {
     "check": Command("fitting.__main__:check_command", "Compare an FMU that has a parameter set with a record."),
     "discover": Command("discrepancy.__main__:discover_command", "Find, name and add what a model lacks."),
     "isolability": Command("discrepancy.__main__:isolability_command", "What sensors could tell apart, beforehand."),
+    "study": Command("arterial_fmu.study.command:main", "Vary parameters: which of them matter where."),
 }
 
 

@@ -232,6 +232,9 @@ class Outcome:
 
     # --- in a notebook --------------------------------------------------------------------------------------------
 
+    def __repr__(self) -> str:
+        return f"<Outcome {self.verdict}: {self.sentence}>"
+
     def _repr_html_(self) -> str:
         from .notebook import html
 

@@ -143,6 +143,9 @@ class WallFit:
 
     # --- in a notebook --------------------------------------------------------------------------------------------
 
+    def __repr__(self) -> str:
+        return f"<WallFit of {self.site}, model {self.model.name}, {self.source}>"
+
     def _repr_html_(self) -> str:
         from .notebook import html
 

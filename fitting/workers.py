@@ -12,8 +12,8 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from threading import Lock, local
 from typing import Any, BinaryIO, TypeVar
@@ -64,8 +64,7 @@ class Workers:
         """
         if self.jobs < 2 or len(tasks) < 2:
             return [here(task) for task in tasks]
-        self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (there.__module__,))
-        answers = [self._pool.submit(self._ask, there, task) for task in tasks]
+        answers = self._asked(tasks, there)
         results: dict[int, Result] = {}
         try:
             for i in reversed(range(len(tasks))):
@@ -78,6 +77,30 @@ class Workers:
                 answer.cancel()
         return [results[i] for i in range(len(tasks))]
 
+    def stream(self, tasks: Sequence[Task], function: Callable[[Task], Answer]) -> Iterator[tuple[int, Answer]]:
+        """(i, function(task i)) as they end, each once: those of other processes, and those that this one does.
+
+        function : of a module, as in :meth:`share`.
+        """
+        if self.jobs < 2 or len(tasks) < 2:
+            yield from ((i, function(task)) for i, task in enumerate(tasks))
+            return
+        left = {answer: i for i, answer in enumerate(self._asked(tasks, function))}
+        try:
+            while left:
+                mine = next((answer for answer in reversed(left) if answer.cancel()), None)  # nobody has begun it
+                if mine is None:
+                    wait(left, return_when=FIRST_COMPLETED)
+                else:
+                    i = left.pop(mine)
+                    yield i, function(tasks[i])
+                for answer in [each for each in left if each.done() and not each.cancelled()]:
+                    i = left.pop(answer)
+                    yield i, answer.result() if self._answered(answer) else function(tasks[i])
+        finally:
+            for answer in left:
+                answer.cancel()
+
     def close(self) -> None:
         """End the other processes, whatever they do; what is asked later is done here."""
         with self._lock:
@@ -89,6 +112,11 @@ class Workers:
         for process in processes:
             with suppress(OSError), process:  # waits for it, and closes its pipes
                 pass
+
+    def _asked(self, tasks: Sequence[Task], there: Callable[[Task], Answer]) -> list[Future[Answer]]:
+        """What other processes will answer to all tasks that are not cancelled before one begins them."""
+        self._pool = self._pool or ThreadPoolExecutor(self.jobs - 1, "worker", self._begin, (there.__module__,))
+        return [self._pool.submit(self._ask, there, task) for task in tasks]
 
     def _answered(self, answer: Future[Any]) -> bool:
         if answer.exception() is None:

@@ -89,6 +89,9 @@ class Waveforms(Mapping[str, Array]):
 
     # --- in a notebook --------------------------------------------------------------------------------------------
 
+    def __repr__(self) -> str:
+        return f"<Waveforms of {len(self)} variables at {len(self.time)} times>"
+
     def _repr_html_(self) -> str:
         from .notebook.waveforms import html
 

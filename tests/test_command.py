@@ -117,6 +117,16 @@ BAD = {
     "check": [("sheep_table1", "no.fmu", "no.csv")],
     "discover": [("no.csv", "--model", "sheep", "--out", "o")],
     "isolability": [("no.toml", "--channels", "AA.P"), ("sheep", "--channels", "XX.P")],
+    "study": [
+        ("sheep", "--out", "o"),
+        ("no.toml", "--vary", "all.E=0.8..1.2x", "--out", "o"),
+        ("sheep", "--vary", "all.X=0.8..1.2x", "--out", "o"),
+        ("sheep", "--vary", "all.E=0.8..1.2x", "--out", "o", "--samples", "3"),
+        ("sheep", "--vary", "all.E=0.8..1.2x", "--out", "o", "--sites", "XX"),
+        ("sheep", "--vary", "all.E=0.8..1.2x", "--out", "o", "--jobs", "0"),
+        ("sheep", "--vary", "all.E=0.8..1.2x", "--out", "o", "--inflow", "no.csv"),
+        ("no.fmu", "--vary", "all.E=0.8..1.2x", "--out", "o"),
+    ],
 }
 
 

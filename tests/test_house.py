@@ -16,9 +16,10 @@ MAY_IMPORT = {
     "solver": {"solver", "numpy", "scipy", "pint", "typer", "rich", "yaml"},
     "fmu_src": {"fmu_src", "solver", "numpy", "typer", "rich", "pythonfmu", "fmpy", "matplotlib"},
     "fitting": {"fitting", "solver", "numpy", "scipy", "polars", "threadpoolctl", "fmpy", "typer", "rich", "matplotlib",
-                "jinja2"},
+                "jinja2", "distributed"},
     "discrepancy": {"discrepancy", "fitting", "solver", "numpy", "scipy", "typer", "rich", "matplotlib", "jinja2"},
-    "arterial_fmu": {"arterial_fmu", "build_fmu", "discrepancy", "fitting", "fmu_src", "solver", "typer"},
+    "arterial_fmu": {"arterial_fmu", "build_fmu", "discrepancy", "fitting", "fmu_src", "solver", "typer", "rich",
+                     "numpy", "polars", "matplotlib", "SALib", "fmpy"},
 }  # fmt: skip
 IN_NOTEBOOKS = {"matplotlib", "polars", "pandas"}  # of solver, its package notebook alone
 LONGEST = 400  # lines of a file

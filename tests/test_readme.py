@@ -32,11 +32,16 @@ DOCUMENTS = {
     "docs/simulators.md": (0, 4),
     "docs/effects.md": (1, 0),
     "docs/schemes.md": (1, 1),
+    "docs/studies.md": (1, 1),
     "docs/fitting.md": (2, 2),
     "docs/discrepancy.md": (2, 2),
+    "docs/tutorial-fmu.md": (1, 2),
+    "docs/tutorial-lab.md": (0, 3),
+    "docs/tutorial-effect.md": (2, 1),
 }
 SLOW = ("docs/command-line.md", "docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md",
-        "docs/fmu.md", "docs/coupling.md", "docs/effects.md")  # fmt: skip
+        "docs/fmu.md", "docs/coupling.md", "docs/effects.md", "docs/tutorial-fmu.md", "docs/tutorial-lab.md",
+        "docs/tutorial-effect.md")  # fmt: skip
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 

@@ -1,0 +1,100 @@
+"""The command ``arterial-fmu study``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from fitting.result_files import finite
+from solver.console import put, right, say, say_notes, say_written, sentences, show
+from solver.options import Json, Quiet, networks_for
+from solver.progress import PACE, bar
+from solver.units import readable
+
+from .models import read_model
+from .outcome import Study, summary
+from .plan import Plan, plan_of
+from .report import write
+from .run import run
+from .store import Store
+from .varied import parse_varied
+
+SHOWN = 3  # parameters of a number in the table
+
+
+def main(
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="A bundled network, a network file (TOML), or an FMU.", metavar="NETWORK", autocompletion=networks_for
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results; what is done there already is not done again.")],
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(help='A range: "CA.phi0=10..120kPa*s", or factors of the file\'s values: "all.E=0.8..1.2x".'),
+    ] = None,
+    samples: Annotated[int, typer.Option(help="Parameter sets at most: N (D + 2), N a power of two.")] = 1024,
+    seed: Annotated[int, typer.Option(help="Same seed, same files.")] = 1,
+    sites: Annotated[str | None, typer.Option(help="Where results are kept: MD,CA. Default: all sites.")] = None,
+    inflow: Annotated[
+        str | None, typer.Option(help="What drives it: a network, or a record (CSV) with inlet.Q. An FMU needs it.")
+    ] = None,
+    dt: Annotated[str, typer.Option(help="Time step; an FMU has its own.")] = "2.5 ms",
+    element_length: Annotated[str, typer.Option(help="Longest element.")] = "5 cm",
+    tolerance: Annotated[float, typer.Option(help="How well a beat is to repeat.")] = 1e-4,
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="A cluster of dask.distributed in their place: tcp://host:8786.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Vary parameters: which of them matter where, and by how much.
+
+    Thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. First and total indices of
+    pressures, flows and radii, percentiles of waveforms, and one HTML page.
+    """
+    with sentences(ValueError, interrupted=f"what is done is in {out}; the same command goes on from there."):
+        with bar(quiet, pace=PACE) as progress:
+            progress(0.0, "reading")
+            studied = read_model(model, inflow, dt, element_length, tolerance)
+            varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)
+            plan = plan_of(studied, varied, samples, seed, sites)
+            if jobs is not None and jobs < 1:
+                raise ValueError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
+            store = Store(out, plan)
+            run(plan, store, jobs=jobs, scheduler=scheduler, progress=progress)
+            progress(1.0, "indices and figures")
+            study = Study.of(store)
+            paths = write(study, out)
+    if as_json:
+        put(finite(summary(study)))
+    elif not quiet:
+        show(_table(study))
+    if not quiet:
+        say(_size(plan, samples), aside=as_json)
+        say_notes(study.notes, aside=as_json)
+        say_written(*paths, aside=as_json)
+
+
+def _size(plan: Plan, samples: int) -> str:
+    D = len(plan.varied)
+    return f"{plan.size} parameter sets of the {samples} allowed: N (D + 2) with N = {plan.base} and D = {D}"
+
+
+def _table(study: Study) -> Table:
+    """Of every number its percentiles, and what matters most."""
+    title = f"{study.plan.model.name}: {study.plan.size} parameter sets"
+    table = Table("number", *map(right, ("unit", "5 %", "median", "95 %")), "total indices", title=title)
+    for name, unit in study.plan.measures.items():
+        text, factor = readable(unit)
+        low, _, middle, _, high = (f"{factor * value:.4g}" for value in study.found.percentiles[name])
+        most: list[Any] = sorted(study.indices(name), key=lambda each: -each.ST)[:SHOWN]
+        table.add_row(name, text, low, middle, high, ", ".join(f"{each.varied} {each.ST:.2f}" for each in most) or "–")
+    return table

@@ -1,0 +1,258 @@
+"""What a study runs: a network, or an FMU, for some parameter sets at once; and the inflow that drives it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from fitting.records.beats import align
+from fitting.records.inflow import Inflow, inflow
+from fitting.records.record import read_record
+from solver import Network, NonPhysicalState, NotPeriodic, Settings, repeating_beat
+from solver.files import dumps, find_network, parse_quantity, read_network
+from solver.quantity import Quantity
+from solver.units import INFLOW
+
+Array = np.ndarray
+Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time j T/N
+
+BROKEN = (NonPhysicalState, NotPeriodic, ValueError)  # what a parameter set may end in
+MAX_BEATS = 30
+
+
+class Model(Protocol):
+    """What a study runs."""
+
+    @property
+    def name(self) -> str:
+        """As people call it."""
+
+    @property
+    def known(self) -> Mapping[str, Quantity]:
+        """Its parameters."""
+
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        """Their values [SI]."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What it reports, by the names of the FMU's outputs."""
+
+    @property
+    def T(self) -> float:
+        """The period [s]."""
+
+    @property
+    def batch(self) -> int:
+        """Parameter sets that are best run at once."""
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        """All that its answers depend on, as plain data."""
+
+    def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
+        """The periodic beat of every parameter set, or the sentence that says why there is none."""
+
+    def finer(self) -> Model | None:
+        """The same with half the step and half the elements; None where that cannot be asked for."""
+
+
+@dataclass(frozen=True)
+class NetworkModel:
+    """A network that is solved here, in steps of ``settings``, until beats repeat to ``tolerance``.
+
+    flow : what drives the inlet, where it is not the network's own.
+    """
+
+    network: Network
+    settings: Settings
+    tolerance: float
+    flow: Inflow | None = None
+
+    @property
+    def name(self) -> str:
+        return self.network.name
+
+    @property
+    def known(self) -> Mapping[str, Quantity]:
+        return self.network.parameter_quantities()
+
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        return self.network.parameters()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self.network.output_units())
+
+    @property
+    def batch(self) -> int:
+        """64 sheep: twice as many cost as much each, half as many a quarter more (measured)."""
+        return max(8, min(64, 2048 // len(self.network.segments)))
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        s = self.settings
+        return {
+            "network": dumps(self.network),
+            "inflow": None if self.flow is None else _digest(self.flow.X),
+            "T": self.T,
+            "settings": [s.dt, s.element_length, s.degree, s.tolerance],
+            "tolerance": self.tolerance,
+        }
+
+    @property
+    def T(self) -> float:
+        return self.network.inlet.T if self.flow is None else self.flow.T
+
+    def at(self, sites: Sequence[str]) -> NetworkModel:
+        """The same that reports at some sites only."""
+        kept = tuple(site for site in self.network.sites if site.name in sites)
+        return replace(self, network=replace(self.network, sites=kept))
+
+    def finer(self) -> NetworkModel:
+        s = self.settings
+        settings = replace(s, dt=s.dt / 2.0, element_length=s.element_length / 2.0, tolerance=s.tolerance / 10.0)
+        return replace(self, settings=settings, tolerance=self.tolerance / 10.0)
+
+    def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
+        """All at once; where one breaks down, in halves until it is alone."""
+        n = len(next(iter(parameters.values())))
+        try:
+            beat = repeating_beat(
+                self.network, self.flow, self.T, parameters=parameters, settings=self.settings,
+                tolerance=self.tolerance, resolved=self.tolerance, max_beats=MAX_BEATS,
+            )  # fmt: skip
+        except BROKEN as error:
+            if n == 1:
+                return [str(error)]
+            parts = ({name: x[part] for name, x in parameters.items()} for part in (slice(n // 2), slice(n // 2, n)))
+            return [answer for part in parts for answer in self.run(part)]
+        return [{name: beat[name][i, :-1] for name in self.channels} for i in range(n)]
+
+
+@dataclass(frozen=True)
+class FMUModel:
+    """An FMU, run by FMPy in a process of its own for every parameter set, driven by a beat (N,) [m³/s] of T [s]."""
+
+    path: str
+    sha256: str
+    beat: tuple[float, ...]
+    T: float
+    known: Mapping[str, Quantity] = field(repr=False)
+    nominal: Mapping[str, float] = field(repr=False)
+
+    @cached_property
+    def _fmu(self) -> Any:
+        from fitting.fmu_run import read_fmu
+
+        return read_fmu(self.path)
+
+    @property
+    def name(self) -> str:
+        return str(self._fmu.name)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._fmu.outputs)
+
+    @property
+    def batch(self) -> int:
+        return 4  # a process each: they share nothing
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        return {"fmu": self.sha256, "inflow": _digest(np.array(self.beat)), "T": self.T}
+
+    def finer(self) -> None:
+        return None
+
+    def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
+        from fitting.fmu_run import RunFailed, periodic_answer
+
+        answers: list[Beats | str] = []
+        for values in zip(*parameters.values(), strict=True):
+            starts = dict(zip(parameters, map(float, values), strict=True))
+            try:
+                answers.append(periodic_answer(self._fmu, INFLOW, np.array(self.beat), self.T, starts).values)
+            except RunFailed as error:
+                answers.append(str(error))
+        return answers
+
+
+def read_model(source: str, driven_by: str | None, dt: str, element_length: str, tolerance: float) -> Model:
+    """The model of a bundled name, a network file or an FMU.
+
+    driven_by : what the inflow is taken of: a network, or a record (CSV) with inlet.Q. An FMU needs it.
+    Raises ValueError, one sentence.
+    """
+    seconds = parse_quantity(dt, "s", "--dt")
+    if not 0.0 < tolerance <= 0.1:
+        raise ValueError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
+    if source.lower().endswith(".fmu"):
+        return _fmu_model(source, driven_by)
+    network = read_network(find_network(source))
+    settings = Settings(seconds, parse_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
+    if driven_by is None:
+        if any(inlet.given is None for inlet in network.inlets):
+            raise ValueError(f"{source}: what is given at its inlet is not known; add a curve to the network file.")
+        return NetworkModel(network, settings, tolerance)
+    if len(network.inlets) > 1 or network.inlet.causality != "flow":
+        raise ValueError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
+    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds))
+
+
+def _step(tolerance: float) -> float:
+    """Of the iterations of a step, for beats that repeat to a tolerance."""
+    return min(Settings().tolerance, 0.3 * tolerance)
+
+
+def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
+    import fmpy
+
+    from fitting.fmu_run import read_fmu
+
+    fmu = read_fmu(path)
+    if driven_by is None:
+        raise ValueError(
+            f"{path}: an FMU is driven by an inflow; add --inflow with a network, such as sheep, or a record with "
+            f"{INFLOW}."
+        )
+    flow = _flow(driven_by, fmu.dt)
+    n = 2 * flow.X.shape[-1]
+    beat = flow(np.arange(n) * (flow.T / n))
+    known, nominal = {}, {}
+    for variable in fmpy.read_model_description(path).modelVariables:
+        if variable.name in fmu.parameters and variable.type == "Real" and not variable.name.startswith("solver."):
+            low, high = (float(end) if end else sign * np.inf for end, sign in ((variable.min, -1), (variable.max, 1)))
+            unit = variable.unit or "1"
+            known[variable.name] = Quantity(unit, variable.description or variable.name, low, high)
+            nominal[variable.name] = float(variable.start)
+    digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)
+
+
+def _flow(source: str, dt: float) -> Inflow:
+    """The inflow of a network, or the mean beat of a record, with what steps of dt [s] can follow."""
+    if not source.lower().endswith(".csv"):
+        inlet = read_network(find_network(source)).inlet
+        if inlet.causality != "flow":
+            raise ValueError(f"--inflow {source}: a pressure is given at its inlet; give a network with a flow.")
+        n = 2 * max(4, int(inlet.T / (2.0 * dt)))
+        X = np.fft.rfft(inlet.Q(np.arange(n) * (inlet.T / n)), norm="forward")
+        X[-1] *= 0.5
+        return Inflow(inlet.T, X, np.ones(len(X), bool))
+    record = read_record(source)
+    record.require((INFLOW,))
+    return inflow(align(record), dt)
+
+
+def _digest(numbers: Array) -> str:
+    return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()

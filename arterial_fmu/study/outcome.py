@@ -1,0 +1,107 @@
+"""A study that is done: indices, percentiles, bands of waveforms, and what is to be known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fitting.provenance import software
+
+from .plan import Plan
+from .run import finer_differences
+from .sensitivity import LEVELS, Findings, Index, findings
+from .store import Store
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study that is done. bands : percentiles (5, 100) of the beats of every channel [SI]."""
+
+    plan: Plan
+    found: Findings
+    bands: Mapping[str, Array]
+    differences: Mapping[str, Array]
+
+    @staticmethod
+    def of(store: Store) -> Study:
+        """The study of a folder. Raises ValueError if no set could be simulated."""
+        found = findings(store.plan, store.read("sets"))
+        waves = store.read("waveforms")
+        bands = {name: np.percentile(waves[name].drop_nulls().to_numpy(), LEVELS, axis=0) for name in store.plan.waves}
+        return Study(store.plan, found, bands, finer_differences(store))
+
+    @cached_property
+    def _by_measure(self) -> Mapping[str, tuple[Index, ...]]:
+        grouped: dict[str, list[Index]] = {}
+        for index in self.found.indices:
+            grouped.setdefault(index.measure, []).append(index)
+        return {name: tuple(rows) for name, rows in grouped.items()}
+
+    def indices(self, measure: str) -> tuple[Index, ...]:
+        """The indices of one number, in the order of what is varied; none where it does not vary."""
+        return self._by_measure.get(measure, ())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be known of it, in sentences."""
+        said, found, plan = [], self.found, self.plan
+        if self.differences:
+            worst = max(self.differences, key=lambda name: float(self.differences[name].max()))
+            largest, n = float(self.differences[worst].max()), len(self.differences[worst])
+            said.append(
+                f"{n} of the sets were run with half the step and half the elements, too: the beats of P and Q "
+                f"differ by {largest:.1e} at most ({worst}; relative L2, P without its mean)."
+            )
+        if found.failures:
+            said.append(
+                f"{len(found.failures)} of {plan.size} parameter sets could not be simulated; they are kept with their "
+                f"sentences, and the {found.dropped} of {plan.base} groups of D + 2 sets that they belong to are left "
+                "out of the indices."
+            )
+        if found.groups and not found.indices:
+            said.append("there are too few whole groups for indices; allow more --samples, or narrow the ranges.")
+        return tuple(said)
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """The study as plain data, numbers in SI."""
+    plan, found = study.plan, study.found
+    return {
+        "model": plan.model.name,
+        "software": software(),
+        "sets": plan.size,
+        "base": plan.base,
+        "seed": plan.seed,
+        "sites": list(plan.sites),
+        "varied": {v.name: {"low": v.low, "high": v.high, "unit": v.unit, "factor": v.factor} for v in plan.varied},
+        "groups": found.groups,
+        "dropped_groups": found.dropped,
+        "failures": [{"set": number, "sentence": sentence} for number, sentence in found.failures],
+        "finer_steps": {
+            name: {"sets": len(each), "median": float(np.median(each)), "largest": float(each.max())}
+            for name, each in study.differences.items()
+        },
+        "numbers": {
+            name: {
+                "unit": unit,
+                "percentiles": {f"{level:g}": v for level, v in zip(LEVELS, found.percentiles[name], strict=True)},
+                "indices": {i.varied: {k: v for k, v in asdict(i).items() if k[0] == "S"} for i in study.indices(name)},
+            }
+            for name, unit in plan.measures.items()
+        },
+        "notes": list(study.notes),
+    }
+
+
+def indices_csv(study: Study) -> str:
+    """The indices as a table: a line for each number and what is varied."""
+    rows = [
+        f"{i.measure},{i.varied},{i.S1:.6g},{i.S1_conf:.6g},{i.ST:.6g},{i.ST_conf:.6g}" for i in study.found.indices
+    ]
+    return "\n".join(["number,varied,S1,S1_conf,ST,ST_conf", *rows]) + "\n"

@@ -1,0 +1,94 @@
+"""What is written of a study: study.json, indices.csv, figures, and study.html."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fitting.pages.page import environment
+from fitting.provenance import software
+from fitting.result_files import json_text, make_folder
+from solver.files import write_whole
+from solver.units import readable
+
+from .outcome import Study, indices_csv, summary
+
+SHOWN_SITES = 12  # with figures on the page
+SHOWN_FAILURES = 20
+
+
+def write(study: Study, folder: Path) -> list[Path]:
+    """Write study.json, indices.csv, figures/*.png and, last, study.html; the paths that people look for first."""
+    from .figures import figures  # matplotlib takes a second
+
+    drawings = figures(study, study.plan.sites[:SHOWN_SITES])
+    html = page(study, drawings)
+    pictures = make_folder(folder / "figures")
+    for name, drawn in drawings.items():
+        write_whole(pictures / f"{name}.png", drawn.png)
+    write_whole(folder / "study.json", json_text(summary(study)))
+    write_whole(folder / "indices.csv", indices_csv(study))
+    write_whole(folder / "study.html", html)
+    return [folder / name for name in ("study.html", "sets.parquet", "waveforms.parquet", "indices.csv", "study.json")]
+
+
+def page(study: Study, drawings: Mapping[str, Any]) -> str:
+    """The page with its figures inside."""
+    template = environment(Path(__file__).parent / "templates").get_template("study.html.j2")
+    plan, found = study.plan, study.found
+    return template.render(
+        study=study,
+        drawings=drawings,
+        varied=[_varied_row(study, i) for i in range(len(plan.varied))],
+        sites={site: _site_rows(study, site) for site in plan.sites[:SHOWN_SITES]},
+        not_shown=plan.sites[SHOWN_SITES:],
+        failures=found.failures[:SHOWN_FAILURES],
+        software=software(),
+        percent=f"{100 * len(found.failures) / plan.size:.2g}",
+    )
+
+
+def _varied_row(study: Study, i: int) -> dict[str, str]:
+    """What is varied, and the number that hangs on it most."""
+    each = study.plan.varied[i]
+    mine = [index for index in study.found.indices if index.varied == each.name]
+    most = max(mine, key=lambda index: index.ST, default=None)
+    low, high = _range(each)
+    return {
+        "name": each.name,
+        "low": low,
+        "high": high,
+        "moves": f"{len(each.nominal)} parameter{'' if len(each.nominal) == 1 else 's'}",
+        "most": "–" if most is None else f"{most.measure} ({most.ST:.2f})",
+    }
+
+
+def _range(each: Any) -> tuple[str, str]:
+    text, factor = ("×", 1.0) if each.factor else readable(each.unit)
+    ends = (f"{factor * end:.4g}" for end in (each.low, each.high))
+    low, high = (f"{text} {end}" if each.factor else f"{end} {text}" for end in ends)
+    return low, high
+
+
+def _site_rows(study: Study, site: str) -> list[dict[str, Any]]:
+    """Of every number of a site: percentiles, and the index of everything that is varied."""
+    rows = []
+    for name, unit in study.plan.measures.items():
+        if name.split(".")[0] != site:
+            continue
+        text, factor = readable(unit)
+        found = study.indices(name)
+        rows.append(
+            {
+                "name": name.partition(".")[2].replace(".", " "),
+                "unit": text,
+                "percentiles": [f"{factor * v:.4g}" for v in study.found.percentiles[name]],
+                "indices": [f"{i.S1:.2f} | {i.ST:.2f} ± {i.ST_conf:.2f}".replace("-0.00", "0.00") for i in found]
+                or ["–"] * len(study.plan.varied),
+                "most": int(np.argmax([i.ST for i in found])) if found else -1,
+            }
+        )
+    return rows

@@ -1,0 +1,73 @@
+"""What a study says: first and total indices of every number, percentiles, and how good the steps were.
+
+First index S1: the part of a number's variance that one parameter explains alone; total index ST: with all that it does
+together with others. Estimators and their bootstrap intervals by SALib (Saltelli et al. 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from .batch import FAILED
+from .plan import Plan
+from .store import GROUP
+
+Array = np.ndarray
+
+LEVELS = (5.0, 25.0, 50.0, 75.0, 95.0)  # percentiles
+_FEWEST = 8  # groups that indices are computed of
+_CONSTANT = 1e-9  # relative spread of a number that does not vary
+
+
+@dataclass(frozen=True)
+class Index:
+    """One parameter's part in one number's variance, with the half widths of 95 % intervals."""
+
+    measure: str
+    varied: str
+    S1: float
+    S1_conf: float
+    ST: float
+    ST_conf: float
+
+
+@dataclass(frozen=True)
+class Findings:
+    """indices : by number, then by what is varied. groups : that they are computed of; dropped : those with a set that
+    failed. percentiles : by number, at LEVELS. failures : sets and their sentences."""
+
+    indices: tuple[Index, ...]
+    groups: int
+    dropped: int
+    percentiles: dict[str, tuple[float, ...]]
+    failures: tuple[tuple[int, str], ...]
+
+
+def findings(plan: Plan, sets: pl.DataFrame) -> Findings:
+    """What the results of a study say. Raises ValueError if no set could be simulated."""
+    failed = sets.filter(pl.col(FAILED).is_not_null())
+    if len(failed) == len(sets):
+        raise ValueError(f"none of the {len(sets)} parameter sets could be simulated; the first: {failed[FAILED][0]}")
+    good = sets.filter(pl.col(FAILED).is_null())
+    percentiles = {name: tuple(np.percentile(good[name].to_numpy(), LEVELS).tolist()) for name in plan.measures}
+    lost = failed[GROUP].unique()
+    kept = sets.filter(~pl.col(GROUP).is_in(lost.implode()))
+    indices = [index for name in plan.measures for index in _indices(plan, name, kept[name].to_numpy())]
+    why = tuple(zip(failed["set"].to_list(), failed[FAILED].to_list(), strict=True))
+    return Findings(tuple(indices), plan.base - len(lost), len(lost), percentiles, why)
+
+
+def _indices(plan: Plan, name: str, y: Array) -> Sequence[Index]:
+    """Of one number y : (groups (D + 2),); none where it does not vary, or there are too few groups."""
+    if len(y) < _FEWEST * plan.group or not np.ptp(y) > _CONSTANT * np.abs(y).max():
+        return ()
+    from SALib.analyze import sobol
+
+    found = sobol.analyze(plan.problem, y, calc_second_order=False, seed=plan.seed + 1)  # 0 would be no seed
+    columns = (found[key] for key in ("S1", "S1_conf", "ST", "ST_conf"))
+    rows = zip(plan.varied, *columns, strict=True)
+    return [Index(name, each.name, *map(float, numbers)) for each, *numbers in rows]

@@ -1,0 +1,112 @@
+"""The folder of a study: its plan, a file for every batch that is done, and in the end the results.
+
+plan.json is what the study is; parts/00012.parquet what came of batch 12, written whole or not at all. When all are
+there, they become sets.parquet and waveforms.parquet, and are removed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from fitting.result_files import json_text, make_folder
+from solver.files import write_whole
+
+from .batch import FAILED, SET, parquet
+from .plan import Plan
+
+CHECK = "check"  # the part with the sets that were run with finer steps
+GROUP = "group"
+
+
+class Store:
+    """A study's folder, made if it is missing. Raises ValueError where another study is in it."""
+
+    def __init__(self, folder: str | os.PathLike[str], plan: Plan) -> None:
+        self.folder, self.plan = Path(folder), plan
+        path = self.folder / "plan.json"
+        text = json_text(plan.manifest)
+        if path.is_file():
+            different = _difference(_read(path), json.loads(text))
+            if different:
+                raise ValueError(
+                    f"{self.folder}: it holds another study ({different}); give another folder, or the same options."
+                )
+        make_folder(self.folder)
+        write_whole(path, text)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the results are there."""
+        return (self.folder / "sets.parquet").is_file()
+
+    def part(self, name: int | str) -> Path:
+        """The file of a batch."""
+        return self.folder / "parts" / (f"{name:05d}.parquet" if isinstance(name, int) else f"{name}.parquet")
+
+    def has(self, name: int | str) -> bool:
+        """Whether a batch is done."""
+        return self.part(name).is_file()
+
+    def keep(self, name: int | str, content: bytes) -> None:
+        """Write the result of a batch."""
+        make_folder(self.folder / "parts")
+        write_whole(self.part(name), content)
+
+    def finish(self) -> None:
+        """Results of the parts, which must all be there: waveforms.parquet and, last, sets.parquet."""
+        plan = self.plan
+        parts = [self.part(i) for i in range(len(plan.batches))]
+        frame = pl.concat([_table(path) for path in parts])
+        numbers = pl.DataFrame({each.name: plan.x[:, i] for i, each in enumerate(plan.varied)})
+        groups = pl.DataFrame({GROUP: pl.Series([i // plan.group for i in range(plan.size)], dtype=pl.Int64)})
+        results = pl.concat(
+            [frame.select(SET), groups, numbers, frame.select(*plan.measures, FAILED)], how="horizontal"
+        )
+        if plan.checked.size:
+            write_whole(self.folder / "finer.parquet", parquet(_table(self.part(CHECK))))
+        write_whole(self.folder / "waveforms.parquet", parquet(frame.select(SET, *plan.waves)))
+        write_whole(self.folder / "sets.parquet", parquet(results))
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove the parts."""
+        for path in (self.folder / "parts").glob("*.parquet"):
+            path.unlink()
+        if (self.folder / "parts").is_dir():
+            (self.folder / "parts").rmdir()
+
+    def read(self, name: str) -> pl.DataFrame:
+        """A result: sets, waveforms, or finer."""
+        return _table(self.folder / f"{name}.parquet")
+
+
+def _table(path: Path) -> pl.DataFrame:
+    try:
+        return pl.read_parquet(path.read_bytes())
+    except (OSError, pl.exceptions.PolarsError) as error:
+        raise ValueError(f"{path}: cannot be read ({str(error).splitlines()[0]}); remove it, and go on.") from None
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise ValueError(f"{path}: not the plan of a study; give another folder.") from None
+
+
+def _difference(there: Any, asked: Mapping[str, Any]) -> str:
+    """In words, how the study that is there differs from what is asked for; "" if it does not."""
+    if not isinstance(there, Mapping):
+        return "its plan is not readable"
+    for key in asked:
+        mine, its = asked[key], there.get(key)
+        if mine != its:
+            short = isinstance(mine, int | str) and isinstance(its, int | str)
+            return f"{key} {its}, not {mine}" if short else f"another {key}"
+    return ""

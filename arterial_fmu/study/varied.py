@@ -1,0 +1,125 @@
+"""What a study varies: ``CA.phi0=10..120kPa*s``, ``all.E=0.8..1.2x``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.files import parse_quantity
+from solver.quantity import Quantity
+from solver.text import did_you_mean
+
+Array = np.ndarray
+
+OPTION = "--vary"
+_RANGE = re.compile(r"(.+?)\.\.(.+)")
+_BARE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?")
+_FACTOR = re.compile(rf"({_BARE.pattern})\s*x?\s*\.\.\s*({_BARE.pattern})\s*x")
+_NOT_ALL = ("fluid", "network", "solver", "inlet")  # "all" are segments, outlets and junctions
+
+
+@dataclass(frozen=True)
+class Varied:
+    """Parameters that move together: from low to high [unit], all to one value, or each by one factor of its own.
+
+    name : as it was asked for. nominal : value by parameter, in SI; the names are the FMU's.
+    """
+
+    name: str
+    nominal: Mapping[str, float]
+    low: float
+    high: float
+    unit: str
+    factor: bool
+    text: str
+
+    def values(self, x: Array) -> dict[str, Array]:
+        """x : (n,) in [low, high], as the values (n,) [SI] of every parameter."""
+        return {name: x * value if self.factor else x for name, value in self.nominal.items()}
+
+
+def parse_varied(
+    texts: Iterable[str], known: Mapping[str, Quantity], nominal: Mapping[str, float], model: str
+) -> tuple[Varied, ...]:
+    """What is varied, of texts NAME=LOW..HIGH with a unit, or with x for factors of the model's own values.
+
+    NAME : a parameter, several joined by "+" ("CA+FA.outlet.R_t"), or "all.E", of every segment, outlet or junction
+    that has it. known, nominal : the parameters of the model, their quantities and values [SI].
+    Raises ValueError, one sentence that begins with the option, for what is no name, no range, or not allowed.
+    """
+    found = tuple(_parse(text, known, nominal, model) for text in texts)
+    if not found:
+        raise ValueError(
+            f'{OPTION}: nothing is varied; name at least one parameter, such as {OPTION} "all.E=0.8..1.2x".'
+        )
+    moved: dict[str, str] = {}
+    for each in found:
+        for name in each.nominal:
+            if name in moved:
+                raise ValueError(f"{OPTION} {each.name}: {name} is varied by {moved[name]}, too; keep one of them.")
+            moved[name] = each.name
+    return found
+
+
+def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float], model: str) -> Varied:
+    name, equals, span = (part.strip() for part in text.partition("="))
+    if not equals or not _RANGE.fullmatch(span):
+        raise ValueError(
+            f'{OPTION} {text}: must look like NAME=LOW..HIGH, for example "CA.phi0=10..120kPa*s" or "all.E=0.8..1.2x".'
+        )
+    option = f"{OPTION} {name}"
+    names = _names(name, option, known, model)
+    unit = known[names[0]].unit
+    factors = _FACTOR.fullmatch(span)
+    if factors:
+        low, high = (parse_quantity(part, "1", option) for part in factors.groups())
+    else:
+        low, high = _ends(span, unit, option)
+    if not low < high:
+        raise ValueError(f"{option}={span}: the range must begin with its lower end; give two values that differ.")
+    found = Varied(name, {n: nominal[n] for n in names}, low, high, "1" if factors else unit, bool(factors), span)
+    for end in (low, high):
+        for each, value in found.values(np.array(end)).items():
+            if factors and nominal[each] == 0.0:
+                raise ValueError(
+                    f"{option}={span}: {each} is 0 in {model}, which no factor can change; give a range with its unit."
+                )
+            try:
+                known[each].check(each, float(value))
+            except ValueError as error:
+                raise ValueError(f"{option}={span}: {error}") from None
+    return found
+
+
+def _ends(span: str, unit: str, option: str) -> tuple[float, float]:
+    """The two ends of a range [unit]; the unit of the second is that of both where the first has none."""
+    match = _RANGE.fullmatch(span)
+    assert match is not None
+    first, last = (part.strip() for part in match.groups())
+    if _BARE.fullmatch(first):
+        first += " " + _BARE.sub("", last, count=1).strip()
+    return parse_quantity(first.strip(), unit, option), parse_quantity(last, unit, option)
+
+
+def _names(name: str, option: str, known: Mapping[str, Quantity], model: str) -> list[str]:
+    """The parameters that a name stands for. Raises ValueError for a name that stands for none, or for one twice."""
+    target, _, key = name.partition(".")
+    if target == "all":
+        names = [n for n in known if n.partition(".")[2] == key and n.partition(".")[0] not in _NOT_ALL]
+        keys = {n.partition(".")[2] for n in known if n.partition(".")[0] not in _NOT_ALL}
+        if not names:
+            close = did_you_mean(key, keys).replace("(did you mean ", "(did you mean all.")
+            raise ValueError(f"{option}: nothing in {model} has {key or 'no name'}; check the name{close}.")
+        return names
+    names = [f"{part.strip()}.{key}" for part in target.split("+")]
+    for each in names:
+        if each not in known:
+            raise ValueError(
+                f"{option}: {each} is not a parameter of {model}; check the name{did_you_mean(each, known)}."
+            )
+        if names.count(each) > 1:
+            raise ValueError(f"{option}: {each} occurs twice; name it once.")
+    return names

@@ -1,0 +1,32 @@
+"""Independent tasks on the processes of this computer, or on a cluster: results as they end, each once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+from .workers import Workers, cores
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+
+def done(
+    function: Callable[[Task], Answer], tasks: Sequence[Task], jobs: int | None = None, scheduler: str | None = None
+) -> Iterator[tuple[int, Answer]]:
+    """(i, function(task i)) of every task, as they end.
+
+    function : of a module, found by its name in other processes; tasks and answers are pickled.
+    jobs : processes of this computer, this one among them; None: one for each core. What one that dies has not done is
+    done here. scheduler : the address of one of dask.distributed, whose workers do it instead (:mod:`.cluster`).
+    Raises ValueError for a number of jobs that is none, or a scheduler that does not answer; what the function raises.
+    """
+    if scheduler is not None:
+        from .cluster import stream
+
+        yield from stream(function, tasks, scheduler)
+        return
+    if jobs is not None and jobs < 1:
+        raise ValueError(f"jobs {jobs!r}: must be a whole number of processes, at least 1.")
+    with Workers(cores() if jobs is None else jobs) as workers:
+        yield from workers.stream(tasks, function)
