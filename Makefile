@@ -62,7 +62,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	$(BIN)/python -m pdoc --output-directory build/docs/api solver fmu_src fitting discrepancy arterial_fmu build_fmu
 	@echo "Open build/docs/index.html"
 

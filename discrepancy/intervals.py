@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from fitting.estimate import Estimate
+from fitting.inference import evidence
 from fitting.inference.added import estimates
 from fitting.inference.evidence import with_widths
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Fit, misfit
 from fitting.inference.jackknife import jackknife
 from fitting.inference.profile import reaches
 from fitting.inference.selection import conditioned
@@ -27,21 +30,50 @@ from .weigh import Named, found_from
 _FEWEST = 3  # sites
 _MOST = 4  # numbers of an effect whose intervals are profiled
 _STRAIGHT = 0.05  # half an interval relative to its number, under which a valley is as straight as its covariance
+_SEARCHES = 4  # for the minimum, at most
+_GAIN = 0.05  # of the cost: less is none
 _SMALL = 1e-3  # a weight below which a hypothesis does not count
 
 
 def profiled(naming: Naming, runs: Runs) -> Naming:
-    """With the reach of the intervals of effects of two numbers and more, by profile likelihood; of those of very many,
-    of narrow ones, and where time runs out, it stays that of the covariance."""
-    best, half = naming.best.fit, quantile(naming.problem.dof_of_noise)
-    several = [t for t in best.terms if 1 < len(t.unknowns) <= _MOST]
-    chosen = [u for t in several if any(_wide(best, u, half) for u in t.unknowns) for u in t.unknowns]
-    if naming.verdict not in ADDED or not chosen:
+    """With the best at its minimum, which a search that compares need not reach, and with the reach of the intervals of
+    effects of two numbers and more by profile likelihood; of those of very many, of narrow ones, and where time runs
+    out, it stays that of the covariance."""
+    if naming.verdict not in ADDED:
         return naming
-    try:
-        return replace(naming, reaches=reaches(naming.problem, best, chosen, half, runs))
-    except OutOfTime:
+    with suppress(OutOfTime):
+        naming = _at_minimum(naming, runs)
+        best, half = naming.best.fit, quantile(naming.problem.dof_of_noise)
+        several = [t for t in best.terms if 1 < len(t.unknowns) <= _MOST]
+        chosen = [u for t in several if any(_wide(best, u, half) for u in t.unknowns) for u in t.unknowns]
+        if chosen:
+            naming = replace(naming, reaches=reaches(naming.problem, best, chosen, half, runs))
+    return naming
+
+
+def _at_minimum(naming: Naming, runs: Runs) -> Naming:
+    """With the best searched for anew: where its walls are odd, from the file's, and with fresh derivatives until that
+    gains nothing."""
+    problem, (best, *rest) = naming.problem, naming.ranked
+    fit = best.fit
+    if fit.odd:
+        fit = _lower(fit, problem.refit([fit.terms], None, runs))
+    for _ in range(_SEARCHES):
+        before, fit = fit, _lower(fit, problem.refine([fit], runs))
+        if fit is before:
+            break
+    if fit is best.fit:
         return naming
+    score = best.score + evidence.score(fit) - evidence.score(best.fit)
+    found = replace(best, fit=fit, score=score, misfit=misfit(fit, problem.dof_of_noise))
+    members = tuple(found if m is best else m for m in naming.members)
+    return replace(naming, ranked=(found, *rest), members=members)
+
+
+def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
+    """The fit of the lowest cost; what gains nothing does not count."""
+    lower = [f for f in others if f is not None and f.cost < fit.cost - _GAIN]
+    return min(lower, key=lambda f: f.cost, default=fit)
 
 
 def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:

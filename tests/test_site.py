@@ -12,7 +12,6 @@ from urllib.parse import unquote
 import pytest
 
 pytest.importorskip("material", reason="mkdocs-material is not installed")
-pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 LOADED = {"script": "src", "img": "src", "link": "href"}  # what a page loads by itself
@@ -40,7 +39,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(out)]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(out)]
     done = subprocess.run(command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True,
                           text=True, check=False)  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -44,7 +44,6 @@ _ABOVE_NOISE = 4.0  # standard deviations
 _EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _LARGEST = 3.0  # of a step in x, typical sizes
-_ODD = 4.0  # standard deviations of a prior, from which a wall is odd
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
 
@@ -312,7 +311,7 @@ def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[M
     unknowns = problem.hypothesis(terms)
     known = () if start is None else [u.name for u in start.unknowns]
     new = [term for term in terms if term.starts and term.unknowns[0].name not in known]
-    anew = start is not None and (new or np.any(start.prior * start.x**2 > _ODD**2))
+    anew = start is not None and (new or start.odd)
     members = [taken_over(terms, unknowns, s) for s in ((start, None) if anew else (start,))]
     for term in new:
         members = [min(begun(m, term), key=lambda trial: _promise(problem, trial)) for m in members]

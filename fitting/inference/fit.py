@@ -12,6 +12,8 @@ from .unknown import Unknown, bounds, penalty, precision, precisions
 
 Array = np.ndarray
 
+_ODD = 4.0  # standard deviations of a prior
+
 
 @dataclass(frozen=True)
 class Member:
@@ -57,6 +59,11 @@ class Fit:
     def chi2(self) -> float:
         """|z|² of the data."""
         return float(self.z @ self.z)
+
+    @property
+    def odd(self) -> bool:
+        """Whether an unknown is so far from what it is beforehand that another minimum may be the better one."""
+        return bool(np.any(self.prior * self.x**2 > _ODD**2))
 
     @property
     def cost(self) -> float:
