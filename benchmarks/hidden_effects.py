@@ -25,7 +25,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.hidden.bank import ROOT, Bank, NotThisBank, read, sources_hash
+from benchmarks.hidden.bank import ROOT, Bank, read, sources_hash
 from benchmarks.hidden.calibration import diagram
 from benchmarks.hidden.failures import failures as listed
 from benchmarks.hidden.report import report as tables
@@ -78,6 +78,7 @@ def run(
     out: Out = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
     nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
+    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that does it, tcp://…:8786.")] = None,
 ) -> None:
     """Judge the records of the plan that are not yet in the file."""
     seed = _seed(group, tuning)
@@ -86,8 +87,8 @@ def run(
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its processes end with it
     try:
         path = out or _path(kind.value, group.value, seed)
-        Bank(path, kind.value, seed, sources_hash(), group.value).run(limit, jobs, mixed, nulls)
-    except NotThisBank as error:
+        Bank(path, kind.value, seed, sources_hash(), group.value).run(limit, jobs, mixed, nulls, scheduler=scheduler)
+    except ValueError as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:
         raise SystemExit("stopped; the same command goes on from here.") from None

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from fitting.tasks import done
 from tests.truth.plan import whole
 
 from .row import Line, row
@@ -57,32 +56,25 @@ class Bank:
         return found
 
     def run(
-        self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, console: Console | None = None
-    ) -> None:
+        self, limit: int | None, jobs: int, mixed: bool = False, nulls: bool = False, console: Console | None = None,
+        scheduler: str | None = None,
+    ) -> None:  # fmt: skip
         """Judge the first ``limit`` records of the plan that are not yet in the file; nulls : of those without a
-        hidden effect only."""
-        done = {x["index"] for x in self.lines(mixed)}
+        hidden effect only. scheduler : of a cluster that does it (:mod:`fitting.tasks`)."""
+        judged = {x["index"] for x in self.lines(mixed)}
         cases = whole(self.kind, self.group, self.seed)[:limit]
         wanted = [i for i, case in enumerate(cases) if not (nulls and case.effects)]
-        todo = [i for i in wanted if i not in done]
+        todo = [i for i in wanted if i not in judged]
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("a", encoding="utf-8") as file, _bar(console) as bar:
             task = bar.add_task(
                 f"{self.group} {self.kind} records", total=len(wanted), completed=len(wanted) - len(todo)
             )
-            for line in _each([(self.kind, self.seed, i, cases[i], self.group) for i in todo], jobs):
+            tasks = [(self.kind, self.seed, i, cases[i], self.group) for i in todo]
+            for _, line in done(_row, tasks, jobs, scheduler):
                 file.write(json.dumps(line | {"sources": self.sources}) + "\n")
                 file.flush()
                 bar.advance(task)
-
-
-def _each(arguments: list[tuple[Any, ...]], jobs: int) -> Iterator[Line]:
-    """Lines in the order in which they finish."""
-    if jobs == 1:
-        yield from (row(*a) for a in arguments)
-        return
-    with multiprocessing.get_context("forkserver").Pool(jobs) as pool:  # ends its processes, however this ends
-        yield from pool.imap_unordered(_row, arguments)
 
 
 def _row(arguments: tuple[Any, ...]) -> Line:
