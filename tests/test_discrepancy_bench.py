@@ -10,6 +10,7 @@ from truth.anatomy import anatomy
 from truth.animal import Nuisance
 from truth.beat import Beat
 from truth.hide import Effect, parameters, springpot_of
+from truth.plan import seed_of, whole
 from truth.records import Case, hidden_model, make, truth_channels
 from truth.sensors import pulsatile
 from truth.shapes import arterial_pressure
@@ -266,3 +267,18 @@ def test_a_search_that_begins_where_no_wall_carries_the_loop() -> None:
         naming.problem.network, naming.best.fit, naming.best.fit.terms[0], quantile(naming.problem.dof_of_noise)
     )
     assert told["MD.P.f_n"].value == pytest.approx(15.736, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("seed", "index", "verdict"),
+    [(20310109, 241, "effect"), (20310109, 278, "ambiguous"), (20310111, 38, "ambiguous")],
+    ids=["a search that could stop on the way", "a gain of d' 12", "a search that begins at an odd wall"],
+)
+def test_once_missed(seed: int, index: int, verdict: str) -> None:
+    """Tuning records of the bank: a catheter that was called a lag, a gain that was none with an R0 eleven spreads off,
+    and an external pressure that was called a gain. The truth is in the class, and the one name is right."""
+    case = whole("bench", "standard", seed)[index]
+    made = make(case, seed_of("bench", seed, index))
+    _, naming = judge(Record("synthetic", "", made.time, made.channels, {}), made.base)
+    hidden = f"{case.effects[0].name} at {case.effects[0].where[0]}"
+    assert naming.verdict == verdict and hidden in {n.label for n in naming.members}

@@ -21,6 +21,7 @@ from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from fitting.inference.added import estimates
 from fitting.inference.bench import fit
+from fitting.inference.evidence import score
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
 from fitting.inference.network import network_problem
@@ -227,3 +228,56 @@ def test_coverage_of_a_springpot() -> None:
         told = estimates(problem.network, best, found, q, reaches(problem, best, found.unknowns, q))
         held += [low <= truth[name] <= high for name, (low, high) in ((name, e.ci95) for name, e in told.items())]
     assert held.min() >= 36
+
+
+# --- the minimum ------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Valleys:
+    """A problem whose searches end at given costs: on from a fit, and from the file's walls."""
+
+    on: list[float]
+    anew: list[float]
+    dof_of_noise: float = 28.0
+
+    def refine(self, fits: Sequence[Fit], runs: Runs) -> list[Fit | None]:
+        return [_of_cost(fits[0], self.on.pop(0))]
+
+    def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None, runs: Runs) -> list[Fit | None]:
+        assert start is None
+        return [_of_cost(_searched(0.0), self.anew.pop(0))]
+
+
+def _searched(x: float) -> Fit:
+    """Of an effect of one number, its size known to 0.01, beside one wall at x standard deviations."""
+    wall, size = Unknown("wall", SHIFT, (), -99.0, 99.0), Unknown("K", SHIFT, (), -9.0, 9.0, of_size=True)
+    J = np.zeros((50, 2))
+    J[0, 0], J[1, 1] = 10.0, 100.0
+    order = np.zeros(50, int)
+    return Fit(
+        (Term("stenosis", "CA", ("CA",), (size,)),), (wall, size), np.array([x, 1.0]), np.zeros(50), J, order, order
+    )
+
+
+def _of_cost(fit: Fit, cost: float) -> Fit:
+    """The fit with a residual, where nothing has a slope, that gives it a cost."""
+    z = np.zeros(50)
+    z[-1] = math.sqrt(cost - (fit.cost - fit.chi2))
+    return replace(fit, z=z)
+
+
+@pytest.mark.parametrize(
+    ("x", "on", "anew", "lowest"),
+    [(0.0, [200.0], [], 200.0), (0.0, [150.0, 120.0, 119.99], [], 120.0), (16.0, [93.0], [93.0], 93.0)],
+    ids=["at its minimum", "on the way", "in a valley of odd walls"],
+)
+def test_what_is_named_is_searched_to_its_minimum(x: float, on: list[float], anew: list[float], lowest: float) -> None:
+    """Until a search gains no 0.05 of the cost, and from the file's walls if one is 16 spreads off; so does the score."""
+    found = _of_cost(_searched(x), 200.0)
+    best = Named(found, 300.0, 0.0)
+    naming = Naming("effect", Valleys(on, anew), best, (best,), (best,), {}, (), 0.9)  # type: ignore[arg-type]
+    told = profiled(naming, Runs())
+    assert told.best.fit.cost == pytest.approx(lowest) and told.members == (told.best,)
+    assert told.best.score == pytest.approx(300.0 + score(told.best.fit) - score(found))
+    assert not on and not anew
