@@ -273,7 +273,7 @@ def _of_cost(fit: Fit, cost: float) -> Fit:
     ids=["at its minimum", "on the way", "in a valley of odd walls"],
 )
 def test_what_is_named_is_searched_to_its_minimum(x: float, on: list[float], anew: list[float], lowest: float) -> None:
-    """Until a search gains no 0.05 of the cost, and from the file's walls if one is 16 spreads off; so does the score."""
+    """Until a search gains no 0.05 of the cost, and from the file's walls if one is 16 spreads off."""
     found = _of_cost(_searched(x), 200.0)
     best = Named(found, 300.0, 0.0)
     naming = Naming("effect", Valleys(on, anew), best, (best,), (best,), {}, (), 0.9)  # type: ignore[arg-type]
