@@ -348,7 +348,7 @@ def test_bad_input_through_the_driver(
         ({"step": 0.0}, r"step = 0\.0 s: must be a positive, finite number\."),
         (
             {"inflow": lambda t: np.zeros(3)},
-            r"inflow inlet.Q: for 11 times it gave shape \(3,\); it must give one value",
+            r"inflow: for 11 times it gave shape \(3,\); it must give one value",
         ),
         ({"fmu": "nowhere.fmu"}, r"nowhere\.fmu: cannot be read \(No such file or directory\); check the path\."),
         ({"fmu": __file__}, r".*test_fmu_bad_input\.py: not an FMU; build one with build_fmu\.py\."),
