@@ -141,6 +141,8 @@ def cohort_command(
     decimal: Decimal = None,
     columns: Columns = False,
     law: Law = "regression",
+    jobs: Annotated[int, typer.Option(help="Processes that fit at the same time.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that fits, tcp://…:8786.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -149,7 +151,8 @@ def cohort_command(
     from .cohort.fits import fit_cohort, read_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        found = fit_cohort(read_cohort(cohort), elastic=law, reading=Reading.asked(mapped, decimal), progress=progress)
+        entries, how = read_cohort(cohort), Reading.asked(mapped, decimal)
+        found = fit_cohort(entries, elastic=law, reading=how, jobs=jobs, scheduler=scheduler, progress=progress)
         written = report.write(found, out)
     if as_json:
         put(report.to_json(found))

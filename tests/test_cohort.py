@@ -104,6 +104,14 @@ def test_a_spoilt_record_is_named_and_not_fatal(fitted: Cohort) -> None:
     assert ("virtual-S01", "DD") not in fitted.fits()
 
 
+def test_two_processes_fit_the_same(fitted: Cohort) -> None:
+    """In the order of the file, number for number, what one process finds; a spoilt record among them."""
+    entries = [*(each.entry for each in fitted.recordings[:3]), fitted.failures[0].entry]
+    one, two = (fit_cohort(entries, ("linear",), jobs=jobs) for jobs in (1, 2))
+    assert [each.entry for each in two.recordings] == entries[:3] and two.failures == one.failures
+    assert cohort_report.to_json(two) == cohort_report.to_json(one)
+
+
 def test_no_record_at_all_is_an_error(tmp_path: Path) -> None:
     """No record that can be fitted, none given, an unknown model: one sentence each."""
     (tmp_path / "a.csv").write_text("time [s],AA.P [mmHg],AA.R [mm]\n")

@@ -15,9 +15,10 @@ from ..provenance import software
 from ..records.beats import align
 from ..records.columns import Reading
 from ..records.record import read_record
+from ..tasks import done
 from ..wall import fit
 from ..wall_fit import WallFit
-from ..wall_model import PARAMETERS, UNITS, WallModel, model
+from ..wall_model import PARAMETERS, UNITS, model
 from . import claims as cohort_claims
 from .claims import Cells, Claim
 from .file import Entry, read_cohort
@@ -211,50 +212,75 @@ def fit_cohort(
     elastic: str = "regression",
     eta: float = 0.5,
     reading: Reading | None = None,
+    jobs: int | None = 1,
+    scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Cohort:
     """Fit every recording by every model; R0 is free in all of them.
 
     models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio.
-    reading : of every record. progress : gets the fraction done and what comes next.
+    reading : of every record. jobs, scheduler : who fits (:func:`fitting.tasks.done`). progress : gets the fraction
+    done and the recording.
     A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
     model, for no entries, or if no recording could be fitted.
     """
-    chosen = [model(name, elastic) for name in dict.fromkeys(models)]
-    if not chosen or not entries:
+    names = tuple(dict.fromkeys(models))
+    for name in names:
+        model(name, elastic)
+    if not names or not entries:
         raise ValueError("a cohort needs at least one recording and one model; give them.")
-    recordings: list[Recording] = []
-    failures: list[Failure] = []
-    for i, entry in enumerate(entries):
+    tasks = [_Task(entry, names, elastic, eta, reading) for entry in entries]
+    found: list[_Found | None] = [None] * len(tasks)
+    if progress:
+        progress(0.0, f"{entries[0].animal} {entries[0].site}")
+    for n, (i, each) in enumerate(done(_fit, tasks, jobs, scheduler), 1):
+        found[i] = each
         if progress:
-            progress(i / len(entries), f"{entry.animal} {entry.site}")
-        recording = _fit(entry, chosen, eta, reading, failures)
-        if recording is not None:
-            recordings.append(recording)
+            progress(n / len(entries), f"{entries[i].animal} {entries[i].site}")
+    fitted = [each for each in found if each is not None]
+    recordings = tuple(each.recording for each in fitted if each.recording is not None)
+    failures = tuple(failure for each in fitted for failure in each.failures)
     if not any(recording.fits for recording in recordings):
         raise ValueError(
             f"none of the {len(entries)} recordings of the cohort could be fitted; the first: {failures[0].sentence}"
         )
-    return Cohort(tuple(each.name for each in chosen), tuple(recordings), tuple(failures))
+    return Cohort(names, recordings, failures)
 
 
-def _fit(
-    entry: Entry, models: list[WallModel], eta: float, reading: Reading | None, failures: list[Failure]
-) -> Recording | None:
-    """The fits of one recording; what goes wrong is added to ``failures``, None if it is the recording itself."""
+@dataclass(frozen=True)
+class _Task:
+    """A recording, the models by which it is fitted, and how."""
+
+    entry: Entry
+    models: tuple[str, ...]
+    elastic: str
+    eta: float
+    reading: Reading | None
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The fits of a recording, and what went wrong; None if it is the recording itself."""
+
+    recording: Recording | None
+    failures: tuple[Failure, ...] = ()
+
+
+def _fit(task: _Task) -> _Found:
+    """The fits of one recording."""
+    entry = task.entry
     try:
-        beats = align(read_record(entry.record, reading))
+        beats = align(read_record(entry.record, task.reading))
         beats.site(entry.site)
     except ValueError as error:
-        failures.append(Failure(entry, "", str(error)))
-        return None
-    fits = {}
-    for each in models:
+        return _Found(None, (Failure(entry, "", str(error)),))
+    fits, failures = {}, []
+    for name in task.models:
         try:
-            fits[each.name] = fit(beats, entry.site, entry.h, each, eta=eta)
+            fits[name] = fit(beats, entry.site, entry.h, model(name, task.elastic), eta=task.eta)
         except ValueError as error:
-            failures.append(Failure(entry, each.name, f"{each.name} model: {error}"))
-    return Recording(entry, beats.sha256, fits)
+            failures.append(Failure(entry, name, f"{name} model: {error}"))
+    return _Found(Recording(entry, beats.sha256, fits), tuple(failures))
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------
