@@ -60,7 +60,7 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
         text = f"{type(error).__name__}: {error}"
         return line | {"verdict": "crashed", "error": text, "seconds": time.process_time() - start}
     line |= {"seconds": time.process_time() - start} | verdict_of(study, naming)
-    if kind == "bench":
+    if kind == "bench" and group == "standard":  # others may have too few beats to hold some out
         line["stlsq"] = compared(record, made.base, case)
     return line
 
