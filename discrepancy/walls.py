@@ -17,13 +17,14 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
 from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term, of_animal
+from fitting.inference.terms import Term, beside_sites, of_animal
 
 from . import thresholds as at
 from .compare import Compared, rewirings
 from .weigh import weighed
 
 Array = np.ndarray
+Look = tuple[Sequence[Term], Mapping[str, Array]]  # effects, and the columns of those that do not break down
 
 
 def with_own_walls(
@@ -47,14 +48,15 @@ def with_own_walls(
         yield found
         if found.none.score > rival.restated(found.problem).best.score:
             return
-    columns: Mapping[str, Array] = afar.columns(base, terms, runs)
-    near, chosen, none, within = afar, dict[str, Term](), 0.0, at.NEAR
+    looks = [(terms, afar.columns(base, terms, runs)), *_beside_sites(afar, base, terms, runs)]
+    near, chosen, none, within = afar, dict[Term, None](), 0.0, at.NEAR
     for part in at.CLOSER:
         closer = _seen(problem, part)
         (base,) = closer.restated([base], near)
-        columns, near = closer.rewhitened(columns, near), closer
-        none, promised = _promised(base, columns, terms)
-        chosen |= {t.label: t for score, t in promised[: at.EACH] if score < none}
+        looks, near = [(some, closer.rewhitened(columns, near)) for some, columns in looks], closer
+        none, promised = _promised(base, looks)
+        chosen |= {t: None for score, t in promised[: at.EACH] if score < none}
+    columns = looks[0][1]
     if not chosen or promised[0][0] > none - at.NEAR:  # an animal without effect is not ruled out
         found = _exact(problem, near, [base], columns, terms, runs)
         yield found
@@ -62,7 +64,7 @@ def with_own_walls(
             problem, near, base, columns = found.problem, found.problem, found.none.fit, found.columns
             chosen, within = _left_over(base, columns, terms), at.IN_DOUBT
     if chosen:
-        hypotheses = [(t,) for t in chosen.values()]
+        hypotheses = [(t,) for t in chosen]
         fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
         found = _exact(problem, near, [base, *fits], columns, terms, runs, within)
         yield found
@@ -108,22 +110,28 @@ def _seen(problem: Forward, part: float) -> Forward:
     return problem.widened(np.full(len(problem.parts), part))
 
 
-def _promised(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> tuple[float, list[tuple[float, Term]]]:
+def _beside_sites(problem: Forward, base: Fit, terms: Sequence[Term], runs: Runs) -> list[Look]:
+    """What effects on one side of the sites of their segments do."""
+    found = [beside_sites(problem.network, t) for t in terms]
+    sides = [tuple(f[i] for f in found if i < len(f)) for i in range(max(map(len, found), default=0))]
+    return [(some, problem.columns(base, [t.held() for t in some], runs)) for some in sides]
+
+
+def _promised(base: Fit, looks: Sequence[Look]) -> tuple[float, list[tuple[float, Term]]]:
     """-2 ln evidence without effect, and what the columns of every effect promise, best first."""
     found = []
-    for term in terms:
-        if term.label in columns:
-            x = np.concatenate([base.x, np.zeros(len(term.unknowns))])
-            J = np.column_stack([base.J, columns[term.label]])
-            linear = Linear(base.z, J, x, (*base.unknowns, *term.unknowns), base.log_volume)
-            found.append((linear.inferred().score, term))
+    for term, column in ((t, columns[t.label]) for terms, columns in looks for t in terms if t.label in columns):
+        unknowns = [u for u in term.unknowns if u.of_size or not term.moves_along]
+        x, J = np.concatenate([base.x, np.zeros(len(unknowns))]), np.column_stack([base.J, column])
+        linear = Linear(base.z, J, x, (*base.unknowns, *unknowns), base.log_volume)
+        found.append((linear.inferred().score, term))
     return Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
 
 
-def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[str, Term]:
+def _left_over(none: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> dict[Term, None]:
     """The few effects that may still add to what explains the record already."""
-    best, promised = _promised(none, columns, terms)
-    return {t.label: t for score, t in promised[: at.EACH] if score < best - at.WORTH}
+    best, promised = _promised(none, [(terms, columns)])
+    return {t: None for score, t in promised[: at.EACH] if score < best - at.WORTH}
 
 
 def _exact(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forked import NETWORK, T, clean, inflow, record
+from forked import CHANNELS, NETWORK, SETTINGS, T, clean, inflow, record
 from small_network import NAMES, term, terms
 from test_discrepancy_network import at, beats
 from truth.hide import Effect
@@ -26,13 +26,14 @@ from discrepancy.name import name
 from discrepancy.outcome import Outcome
 from discrepancy.verdict import Naming
 from fitting.calibrate import calibrate
+from fitting.inference.added import estimates
 from fitting.inference.asked import parse_unknowns
 from fitting.inference.forward import Forward
 from fitting.inference.network import network_problem
 from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term
-from fitting.inference.unknown import quantile
+from fitting.inference.terms import Term, beside_sites
+from fitting.inference.unknown import absent, free, quantile
 from fitting.parameter_set import write_set
 from fitting.records.beats import align
 from fitting.records.record import read_record, write_record
@@ -116,6 +117,39 @@ def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> No
     assert again.problem.deviations == stiff.problem.deviations != ()
     for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
         assert np.array_equal(old, new)
+
+
+# --- where along a segment --------------------------------------------------------------------------------------------
+
+
+def test_a_narrowing_upstream_of_its_site() -> None:
+    """K = 200 at x/L = 0.3 of A, where walls differ, which the site in A's middle sees whole: seen from the walls of
+    the file, one in the middle is nothing like it, and the answer was `unknown`. K = 185 ± 20, x/L = 0.33 ± 0.04 measured."""
+    here = NETWORK.with_terms({"A.K": 200.0, "A.K_position": 0.3, "A.K_length": 0.1})
+    own = {"A.E": 1.1, "B.E": 0.93, "C.E": 1.05, "A.phi0": 0.8, "B.phi0": 1.2, "A.R0": 1.02, "B.R0": 0.985}
+    moved = {key: factor * here.parameters()[key] for key, factor in own.items()}
+    beat = simulate_periodic(here, inflow, T, settings=SETTINGS, tolerance=1e-7, parameters=moved)
+    waves = {channel: beat[channel][:-1] for channel in ("inlet.Q", *CHANNELS)}
+    problem = network_problem(record(waves, beats=8, noise=0.01, seed=1), NETWORK)
+    found = name(problem, terms("stenosis", "terminal_reflection", "channel_gain"), walls="individual")
+    assert (found.verdict, found.best.label) == ("effect", "stenosis at A")
+    told = estimates(NETWORK, found.best.fit, found.best.fit.terms[0], quantile(problem.dof_of_noise))
+    for key, truth in (("A.K", 200.0), ("A.K_position", 0.3)):
+        low, high = told[key].ci95
+        assert low <= truth <= high and high - low < 0.5 * truth, key
+
+
+def test_places_beside_a_site() -> None:
+    """Of a segment whose site is in the middle, one term upstream of it and one downstream, each held where its search
+    begins; none of what acts everywhere in a segment or at an outlet."""
+    for effect, rest in (("stenosis", ()), ("side_branch", (-3.5,))):
+        found = beside_sites(NETWORK, term(effect, "A"))
+        assert [t.starts[0][1:] for t in found] == [(pytest.approx(x / 0.15), *rest) for x in (-0.2, 0.2)]
+        for t in found:
+            assert t.moves_along and list(free(t.held().unknowns)) == [True, *[False] * (1 + len(rest))]
+            assert list(absent(t.held().unknowns)) == [0.0, *t.starts[0][1:]]
+    assert beside_sites(NETWORK, term("terminal_reflection", "B")) == ()
+    assert beside_sites(replace(NETWORK, sites=()), term("stenosis", "A")) == ()
 
 
 # --- partial answers --------------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, placed, refined, rewired
-from .unknown import Unknown, bounds, finite_steps, parameter_values
+from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
 Array = np.ndarray
 
@@ -216,7 +216,8 @@ class NetworkProblem(Forward):
                 continue
             z0 = self.residual(here)
             for term in group:
-                mine, moved = moved[: len(term.unknowns)], moved[len(term.unknowns) :]
+                n = int(free(term.unknowns).sum())
+                mine, moved = moved[:n], moved[n:]
                 if all(x is not None for x in mine):
                     found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
         return found
@@ -225,11 +226,12 @@ class NetworkProblem(Forward):
         """A fit, and one step away from it along every unknown of terms of one kind."""
         members = [at.member]
         for term in group:
-            for i in range(len(term.unknowns)):
-                x = np.concatenate([at.x, [_STEP if i == j else 0.0 for j in range(len(term.unknowns))]])
-                members.append(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x))
+            here = np.concatenate([at.x, absent(term.unknowns)])
+            begins = Member((*at.terms, term), (*at.unknowns, *term.unknowns), here)
+            steps = _STEP * np.eye(len(here))[len(at.x) :][free(term.unknowns)]
+            members += [replace(begins, x=here + step) for step in steps]
         if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
-            members[0] = replace(members[1], x=np.concatenate([at.x, np.zeros(len(group[0].unknowns))]))
+            members[0] = replace(members[1], x=np.concatenate([at.x, absent(group[0].unknowns)]))
         return members
 
     # --- search -------------------------------------------------------------------------------------------------------
@@ -257,7 +259,8 @@ class NetworkProblem(Forward):
         old = set() if start is None else {t.label for t in start.terms}
         new = [t for t in terms if t.label not in old]
         simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of something more
-        if start is not None and simpler and all(t.label in columns for t in new) and not any(t.rewires for t in new):
+        told = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
+        if start is not None and simpler and told:
             own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
             for t in new:
                 own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
@@ -343,9 +346,7 @@ class NetworkProblem(Forward):
         """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
         before = set() if start is None else set(start.unknowns)
         for term in member.terms:
-            few = (
-                term.is_sensor or term.place == EVERY or term.label in {t.label for t in (start.terms if start else ())}
-            )
+            few = term.is_sensor or term.place == EVERY or term.moves_along
             if term.starts and few and not set(term.unknowns) <= before:
                 trials = begun(member, term)
                 costs = [np.inf if X is None else self._promise(X, start) for X in self.observe(trials, runs)]

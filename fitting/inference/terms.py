@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from solver import effects
@@ -27,6 +28,7 @@ OWN = "of its own"
 _WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
 _WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
 _SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
+_GROWN = (1.0, 3.0, 10.0)  # typical sizes, from which a search for where along a segment may begin
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
 
@@ -60,10 +62,21 @@ class Term:
         return effect_of(self).remembers
 
     @property
+    def moves_along(self) -> bool:
+        """Whether it may lie elsewhere along its segment."""
+        return any(u.name.rpartition(".")[2] in effect_of(self).along for u in self.unknowns)
+
+    @property
     def cuts(self) -> bool:
         """Whether the network's mesh becomes another one."""
-        effect = effect_of(self)
-        return bool(effect.cuts) or any(u.name.rpartition(".")[2] in effect.along for u in self.unknowns)
+        return bool(effect_of(self).cuts) or self.moves_along
+
+    def held(self) -> Term:
+        """The same where its search begins, with its size alone free."""
+        unknowns = [
+            u if u.of_size else replace(u, low=x, high=x) for u, x in zip(self.unknowns, self.starts[0], strict=True)
+        ]
+        return replace(self, unknowns=tuple(unknowns))
 
 
 def effect_of(term: Term) -> Effect:
@@ -165,6 +178,24 @@ def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     along = [_searched(effect, c) for c in effect.coordinates_along(network, term.place) if c.name not in there]
     starts = tuple((*x, *start) for start in effect.starts_along)
     return replace(term, unknowns=(*term.unknowns, *along), starts=starts) if along else None
+
+
+def beside_sites(network: Network, term: Term) -> tuple[Term, ...]:
+    """A local effect in the middle of each stretch that sites divide its segment into, from where it may move.
+
+    Of one upstream of a site the site feels all, of one about it a part: linearised, one may look like nothing known
+    where the other does not. Nothing for a segment without site, whose middle is as good as another place.
+    """
+    sites = {site.position for site in network.sites if site.segment == term.place and 0.0 < site.position < 1.0}
+    anywhere = placed(network, term, [0.0] * len(term.unknowns))
+    if anywhere is None or not sites:
+        return ()
+    (position, *_), size = anywhere.unknowns[len(term.unknowns) :], len(term.unknowns)
+    ends = sorted({0.0, *sites, 1.0})
+    middles = [(0.5 * (a + b) - position.nominal) / position.size for a, b in pairwise(ends)]
+    nearest = [min(anywhere.starts, key=lambda start: abs(start[size] - x)) for x in middles]
+    found = [[(grown, *start[1:]) for grown in _GROWN] for start in dict.fromkeys(nearest) if start[size] != 0.0]
+    return tuple(replace(anywhere, starts=tuple(starts)) for starts in found)
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:

@@ -71,6 +71,16 @@ def bounds(unknowns: Sequence[Coordinate]) -> tuple[Array, Array]:
     return np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
 
 
+def free(unknowns: Sequence[Coordinate]) -> Array:
+    """(p,) which may have more than one value."""
+    return np.array([u.low < u.high for u in unknowns], bool)
+
+
+def absent(unknowns: Sequence[Coordinate]) -> Array:
+    """(p,) x at the network's own values, or what is held otherwise."""
+    return np.clip(np.zeros(len(unknowns)), *bounds(unknowns))
+
+
 def finite_steps(unknowns: Sequence[Unknown], x: Array, step: float) -> Array:
     """(p,) steps of finite differences at x, ``step`` typical sizes long, away from an upper bound."""
     steps = step * np.array([u.typical_sd for u in unknowns])
