@@ -123,8 +123,9 @@ def test_a_naming_with_deviations_read_back(stiff: Naming, tmp_path: Path) -> No
 
 
 def test_a_narrowing_upstream_of_its_site() -> None:
-    """K = 200 at x/L = 0.3 of A, where walls differ, which the site in A's middle sees whole: seen from the walls of
-    the file, one in the middle is nothing like it, and the answer was `unknown`. K = 185 ± 20, x/L = 0.33 ± 0.04 measured."""
+    """K = 200 at x/L = 0.3 of A, where walls differ, which the site in A's middle sees whole: from the walls of the
+    file, one in the middle is nothing like it, and the answer was `unknown`. K = 185 ± 20, x/L = 0.33 ± 0.04 measured.
+    """
     here = NETWORK.with_terms({"A.K": 200.0, "A.K_position": 0.3, "A.K_length": 0.1})
     own = {"A.E": 1.1, "B.E": 0.93, "C.E": 1.05, "A.phi0": 0.8, "B.phi0": 1.2, "A.R0": 1.02, "B.R0": 0.985}
     moved = {key: factor * here.parameters()[key] for key, factor in own.items()}
