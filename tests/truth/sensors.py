@@ -58,11 +58,15 @@ class Clock:
 
 
 def clock(rng: np.random.Generator, T: float, beats: int) -> Clock:
-    """``beats`` beats from any phase on, sampled at 200-250 Hz; all channels share the jitter."""
+    """``beats`` beats from any phase on, sampled at 200-250 Hz; all channels share the jitter.
+
+    On average their period is T: a wave that was solved at T and is shown over longer beats is of slower walls.
+    """
     dt = sampling_step(rng)
     starts = np.concatenate([[0.0], np.cumsum(T + _JITTER * rng.standard_normal(beats + 2))])
     first = rng.uniform(0.0, 1.0)
     begin, end = np.interp([first, first + beats], np.arange(len(starts)), starts)
+    starts, begin, end = (beats * T / (end - begin) * at for at in (starts, begin, end))
     time = dt * np.arange(int((end - begin) / dt) + 3)
     return Clock(time, np.interp(begin + time, starts, np.arange(len(starts))))
 
