@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +38,7 @@ class WallFit(Shown):
     larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
     delayed, if the lag was not free. ignored_noise : the values that ordinary least squares gives, without regard to
     the noise of R. filtered : the γ-loop. loop : the mean beats that were fitted, without the lag. solution : how.
-    n_beats, source, sha256 : of the record. warnings : what to know, one sentence each.
+    n_beats, source, sha256, told : of the record. warnings : what to know, one sentence each.
 
     As data frame: a row for each parameter, with its 95 % interval, in SI.
     """
@@ -59,6 +59,7 @@ class WallFit(Shown):
     source: str
     sha256: str
     warnings: tuple[str, ...] = ()
+    told: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def h(self) -> float:
@@ -130,6 +131,7 @@ class WallFit(Shown):
             {
                 "record": self.source,
                 "sha256": self.sha256,
+                **({"columns": dict(self.told)} if self.told else {}),
                 "model": self.model.name,
                 "free": list(self.model.free),
                 "beats": self.n_beats,
