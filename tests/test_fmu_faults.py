@@ -49,7 +49,9 @@ def test_damaged_inside(fmus: dict[str, Path], tmp_path: Path) -> None:
     content[start + 1000 : start + 1100] = bytes(100)
     file = tmp_path / "damaged.fmu"
     file.write_bytes(content)
-    with pytest.raises(ValueError, match=r"damaged\.fmu: is damaged; copy it once more, or build it with arterial-fmu build"):
+    with pytest.raises(
+        ValueError, match=r"damaged\.fmu: is damaged; copy it once more, or build it with arterial-fmu build"
+    ):
         run_fmu(file, np.zeros_like, 0.01)
 
 

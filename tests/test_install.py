@@ -129,7 +129,7 @@ def test_the_same_fmu(home: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_record_to_verdict(home: Path) -> None:
-    """virtual, fit, check with its FMU, cohort, discover with its report and an FMU, and what else was to be measured."""
+    """virtual, fit, check with its FMU, cohort, discover with its report and an FMU."""
     run(home, "arterial-fmu", "virtual", "--animals", "2", "--out", "virtual", "--quiet")
     record = "virtual/virtual-S01_AA.csv"
     fit = ["fit", record, "--site", "AA", "--h", "0.38 mm", "--model", "linear", "--bootstrap", "0"]
@@ -143,8 +143,16 @@ def test_record_to_verdict(home: Path) -> None:
     study = run(home, "arterial-fmu", "discover", record, "--model", "AA.toml", "--out", "study", "--json")
     assert json.loads(study)["verdict"] == "effect"
     assert {"report.html", "model.fmu"} <= {path.name for path in (home / "work" / "study").iterdir()}
-    plan = run(home, "arterial-fmu", "isolability", "cca", "--channels", SITE, "--json")
-    assert json.loads(plan)["effects"]
+
+
+@pytest.mark.slow
+def test_before_measuring(home: Path) -> None:
+    """isolability: what a pressure can tell; study: a sample that is as large as it must be, with its page."""
+    plan = run(home, "arterial-fmu", "isolability", "cca", "--channels", "common_carotid_artery.P", "--json")
+    assert "wall_viscosity" in {effect["name"] for effect in json.loads(plan)["effects"]}
+    varied = ["study", "cca", "--vary", "all.E=0.9..1.1x", "--samples", "6", "--out", "varied", "--json"]
+    assert json.loads(run(home, "arterial-fmu", *varied))
+    assert (home / "work" / "varied" / "study.html").is_file()
 
 
 @pytest.mark.slow
