@@ -61,9 +61,7 @@ def fit_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
-    bench: Annotated[
-        Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
-    ] = None,
+    bench: Annotated[Path | None, typer.Option(help="Write a network file of this site's bench, for build.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:

@@ -16,7 +16,8 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -87,6 +88,7 @@ class Calibration:
     beats: int
     source: str
     sha256: str
+    told: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def cost(self) -> float:
@@ -116,6 +118,7 @@ class Calibration:
             "network": self.network,
             "record": self.source,
             "sha256": self.sha256,
+            **({"columns": dict(self.told)} if self.told else {}),
             "beats": self.beats,
             "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind,
                                   "moves": dict(u.moves)}
@@ -304,6 +307,7 @@ def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> C
         beats=problem.beats.n_beats,
         source=problem.beats.source,
         sha256=problem.beats.sha256,
+        told=problem.beats.told,
     )  # fmt: skip
 
 

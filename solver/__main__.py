@@ -161,7 +161,7 @@ def _show(network: Network, result: Waveforms) -> None:
     table = Table("site", *map(right, headings), title=f"{network.name}: {how}")
     for site in network.sites:
         P, Q, R = (result[f"{site.name}.{kind}"] for kind in "PQR")
-        numbers = (f"{P.min() / MMHG:.2f}", f"{P.max() / MMHG:.2f}", f"{Q.max() * 1e6:.3f}", f"{R.mean() * 1e3:.3f}")
+        numbers = (f"{P.min() / MMHG:z.2f}", f"{P.max() / MMHG:z.2f}", f"{Q.max() * 1e6:z.3f}", f"{R.mean() * 1e3:.3f}")
         table.add_row(site.name, *numbers)
     show(table)
 

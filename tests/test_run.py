@@ -242,4 +242,4 @@ def test_command_describes_itself() -> None:
     done = command("--help")
     assert done.returncode == 0
     assert all(option in done.stdout for option in ("--inputs", "--start-values", "--stop-time", "--step", "--out"))
-    assert "not an FMU; build one with build_fmu.py." in command(__file__).stderr
+    assert "not an FMU; build one with arterial-fmu build." in command(__file__).stderr
