@@ -263,7 +263,7 @@ def main(
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         end = parse_quantity(stop_time, "s", "--stop-time")
         known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
-        with bar(quiet, fmu.name) as progress:
+        with bar(quiet, f"running {fmu.name}") as progress:
             result = run_fmu(
                 fmu,
                 known.pop(_drive(variables), np.zeros_like),

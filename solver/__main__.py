@@ -116,7 +116,7 @@ def _run(
     max_beats: int,
     quiet: bool,
 ) -> Waveforms:
-    with bar(quiet, network.name) as progress:
+    with bar(quiet, f"simulating {network.name}") as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
             return simulate(
