@@ -62,8 +62,9 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
-	$(BIN)/python -m pdoc --output-directory build/docs/api solver fmu_src fitting discrepancy arterial_fmu build_fmu
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@$(BIN)/python docs/api.py build/docs/api
+	@$(BIN)/python docs/links.py build/docs
 	@echo "Open build/docs/index.html"
 
 clean:

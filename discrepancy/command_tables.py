@@ -65,7 +65,9 @@ def plan_table(plan: SensorPlan) -> Table:
         if effect in plan.table.invisible:
             continue
         rival, separation = nearest(plan, effect) or ("–", float("inf"))
-        together = ", ".join(map(plain, confused(plan, effect))) or "–"
+        rivals = confused(plan, effect)
+        others = len(plan.table.labels) - len(plan.table.invisible) - 1
+        together = "all others" if len(rivals) == others > 3 else ", ".join(map(plain, rivals)) or "–"
         table.add_row(plain(effect), number(float(visibility)), plain(rival), number(separation), together)
     return table
 

@@ -11,6 +11,7 @@ import numpy as np
 from fitting.estimate import Estimate
 from fitting.result_files import finite
 from solver.network import Network
+from solver.notebook.shown import Shown
 
 from . import thresholds
 
@@ -169,7 +170,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Shown):
     """Everything that verdict.json and report.html say.
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
@@ -180,6 +181,8 @@ class Outcome:
     the direct solver, of a channel's pulse: under the record's inflow, or, of a bench, under the network's own.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
+
+    As data frame: a row for each hypothesis that was refitted, best first.
     """
 
     verdict: str
@@ -235,35 +238,19 @@ class Outcome:
     def __repr__(self) -> str:
         return f"<Outcome {self.verdict}: {self.sentence}>"
 
-    def _repr_html_(self) -> str:
-        from .notebook import html
+    @property
+    def _page(self) -> Any:
+        from . import notebook
 
-        return html(self)
-
-    def to_polars(self) -> Any:
-        """A polars.DataFrame: a row for each hypothesis that was refitted, best first."""
-        from solver.notebook import frames
-
-        from .notebook import columns
-
-        return frames.polars(columns(self))
-
-    def to_pandas(self) -> Any:
-        """The same as pandas.DataFrame. Raises ImportError where pandas is missing."""
-        from solver.notebook import frames
-
-        from .notebook import columns
-
-        return frames.pandas(columns(self))
+        return notebook
 
     def plot(self, figure: str | None = None) -> Picture:
         """A figure of the report: "network", "z_map", "waveforms", "loops", "gap" or "isolability".
 
         Default: the first of them that this study has. Raises ValueError for one that it has not.
         """
-        from .notebook import plotted
-
-        return plotted(self, figure)
+        picture: Picture = self._page.plotted(self, figure)
+        return picture
 
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def plan_sensors(
     terms = candidates(network, (*known, INFLOW))
     (base,) = problem.refit([()])
     if base is None:
-        raise ArithmeticError(f"network {network.name}: it cannot be simulated; check it with python -m solver.")
+        raise ArithmeticError(f"network {network.name}: it cannot be simulated; check it with arterial-fmu solve.")
     columns = _columns(problem, base, terms, progress)
     progress(0.9, "comparing sensors")
     tables = {name: _table(problem, base, columns, terms, (*channels, name)) for name in known if name not in channels}

@@ -139,6 +139,7 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
 def _provenance(record: Record, model: str | os.PathLike[str], study: Study, given: Run) -> dict[str, Any]:
     return {
         "record_sha256": record.sha256,
+        **({"columns": dict(record.told)} if record.told else {}),
         "model": os.fspath(model),
         "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
         "period": {"value": study.fitted.T, "unit": "s"},

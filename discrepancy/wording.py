@@ -39,7 +39,7 @@ _SENSOR = (
     "It belongs to the measurement, not to the arteries: the network file describes it as a property of the channel, "
     "and the physics of the FMU is as it was."
 )
-_ISOLABILITY = "python -m discrepancy isolability lists which sensor would add most."
+_ISOLABILITY = "arterial-fmu isolability lists which sensor would add most."
 
 
 def heading(outcome: Outcome) -> str:

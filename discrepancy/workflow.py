@@ -77,7 +77,7 @@ def discover(
     record : a file, and ``reading`` which of its columns is what.
     model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
     found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
-    ``python -m fitting calibrate``, whose values and covariance stand for the network file's and its spreads.
+    ``arterial-fmu calibrate``, whose values and covariance stand for the network file's and its spreads.
     time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
     to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
     among them; the others import this package and nothing of the calling script, which needs no

@@ -1,9 +1,12 @@
-"""What the site makes of pages that a code host shows too: the first page, and links that lead out of docs/."""
+"""What the site makes of pages that a code host shows too: the first page, notebooks, and links out of docs/."""
 
 from __future__ import annotations
 
+import base64
+import json
 import posixpath
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,9 @@ def on_files(files: Any, config: Any) -> Any:
     """Add the pages from beside docs/, and as text every file that a page links to."""
     for name, page in BESIDE.items():
         files.append(File.generated(config, page, content=_within((ROOT / name).read_text(encoding="utf-8"), "")))
+    for notebook in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
+        for file, content in _pages(notebook):
+            files.append(File.generated(config, file, content=content))
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")]
     targets = {target for text in texts for target in _targets(text, "docs")}
     for name in BESIDE:
@@ -39,6 +45,26 @@ def on_page_markdown(markdown: str, page: Any, **others: Any) -> str:
 def on_post_page(output: str, **others: Any) -> str:
     """Have the search of a site in a folder from the site itself, where the theme would ask the network."""
     return output.replace("https://unpkg.com/iframe-worker/shim", "worker.js")
+
+
+def _pages(notebook: Path) -> Iterator[tuple[str, str | bytes]]:
+    """The page of a notebook, as it was executed, and its figures: names and contents."""
+    text = []
+    for i, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"]):
+        source = "".join(cell["source"])
+        text.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            data = {kind: "".join(lines) for kind, lines in output["data"].items()}
+            if "image/png" in data:
+                figure = f"notebook-{notebook.stem}-{i}.png"
+                yield figure, base64.b64decode(data["image/png"])
+                text.append(f"![]({figure})")
+            elif "text/html" in data:
+                text.append(data["text/html"])
+            else:
+                text.append(f"```text\n{data['text/plain']}\n```")
+    text.append(f"This notebook: `examples/notebooks/{notebook.name}`.")
+    yield f"notebook-{notebook.stem}.md", "\n\n".join(text)
 
 
 def _within(markdown: str, folder: str) -> str:

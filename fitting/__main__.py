@@ -61,9 +61,7 @@ def fit_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
-    bench: Annotated[
-        Path | None, typer.Option(help="Write a network file of this site's bench, for build_fmu.")
-    ] = None,
+    bench: Annotated[Path | None, typer.Option(help="Write a network file of this site's bench, for build.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -178,6 +176,12 @@ def calibrate_command(
     start: Annotated[
         Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
     ] = None,
+    starts: Annotated[
+        int, typer.Option(help="Searches: the first from the network's values, others from its priors, twice as wide.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(help="Same seed, same starts.")] = 1,
+    jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
@@ -186,9 +190,9 @@ def calibrate_command(
     quiet: Quiet = False,
 ) -> None:
     """Find parameters of a network from a record of it."""
-    from .calibrate import calibrate
     from .network_indices import network_indices
     from .pages.tables import calibration_table, network_indices_table
+    from .starts import calibrate_from
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
@@ -197,11 +201,16 @@ def calibrate_command(
         if start is not None:
             described = read_set(start).apply(described)
         beats = align(read_record(record, Reading.asked(mapped, decimal)), _seconds(period, "--period"))
-        result = calibrate(beats, described, free, progress=progress)
+        tried = calibrate_from(
+            beats, described, free, starts, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress
+        )
+        result = tried.best
         progress(1.0, "indices of the sites")
         found = network_indices(result, described, beats)
         parameters = result.parameter_set(complete=start is not None)
         parameters = _with_indices(parameters, {site: plain(each) for site, each in found.items()})
+        if starts > 1:
+            parameters = replace(parameters, provenance={**parameters.provenance, "starts": tried.plain()})
         if out is not None:
             write_set(parameters, out)
     if as_json:

@@ -16,7 +16,8 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -87,6 +88,12 @@ class Calibration:
     beats: int
     source: str
     sha256: str
+    told: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def cost(self) -> float:
+        """What the search made small: χ² of the data and of the priors."""
+        return self.history[1][-1]
 
     @property
     def sd(self) -> Array:
@@ -111,6 +118,7 @@ class Calibration:
             "network": self.network,
             "record": self.source,
             "sha256": self.sha256,
+            **({"columns": dict(self.told)} if self.told else {}),
             "beats": self.beats,
             "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind,
                                   "moves": dict(u.moves)}
@@ -133,12 +141,14 @@ def calibrate(
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
     max_iterations: int = 20,
+    x0: Array | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from a record of it.
 
     beats : a record with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
-    settings : of the solver, default dt 1 ms. progress : called with a fraction of the work and a label.
+    settings : of the solver, default dt 1 ms. x0 : (p,) where the search begins, default 0, the network's own values
+    (:mod:`fitting.starts` tries many). progress : called with a fraction of the work and a label.
     Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
     inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
     this inflow where the search begins.
@@ -155,10 +165,10 @@ def calibrate(
     coarse = fine.coarser()
     pulse = pulses(beats, names)
 
-    x = np.zeros(len(found))
+    x, given = (np.zeros(len(found)), "as given") if x0 is None else (x0, "at this start")
     first = coarse.with_target(x, np.full((K + 1, len(names)), _COARSE_ERROR) * pulse)
     told.begin(0.0, 0.4, "coarse")
-    with _refusal(f"{beats.source}: with its inflow, network {network.name} as given cannot be simulated"):
+    with _refusal(f"{beats.source}: with its inflow, network {network.name} {given} cannot be simulated"):
         start = first.evaluate(x)
     near = minimise(first, start, max_iterations, (0.1, _NEAR))
 
@@ -297,6 +307,7 @@ def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> C
         beats=problem.beats.n_beats,
         source=problem.beats.source,
         sha256=problem.beats.sha256,
+        told=problem.beats.told,
     )  # fmt: skip
 
 

@@ -269,7 +269,8 @@ def _response(
 
 def _sources(parameters: ParameterSet, fmu: FMU, beats: Beats) -> dict[str, Any]:
     return {
-        "record": {"path": beats.source, "sha256": beats.sha256},
+        "record": {"path": beats.source, "sha256": beats.sha256}
+        | ({"columns": dict(beats.told)} if beats.told else {}),
         "fmu": {"path": fmu.path, "name": fmu.name, "guid": fmu.guid},
         "parameter_set": {
             "name": parameters.name,

@@ -70,14 +70,16 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
     except OSError as error:
         raise ValueError(f"{source}: cannot be read ({error.strerror or 'not a file'}); check the path.") from None
     except (zipfile.BadZipFile, KeyError):
-        raise ValueError(f"{source}: not an FMU; build one with build_fmu.py.") from None
+        raise ValueError(f"{source}: not an FMU; build one with arterial-fmu build.") from None
     variables = {variable.name: variable for variable in description.modelVariables}
     names = {
         kind: tuple(name for name, variable in variables.items() if variable.causality == kind)
         for kind in ("input", "parameter", "output")
     }
     if INFLOW not in names["input"] or "solver.dt" not in names["parameter"]:
-        raise ValueError(f"{source}: not an arterial FMU (it has no {INFLOW} or solver.dt); use one of build_fmu.py.")
+        raise ValueError(
+            f"{source}: not an arterial FMU (it has no {INFLOW} or solver.dt); use one that arterial-fmu build makes."
+        )
     return FMU(
         source,
         description.modelName,

@@ -1,4 +1,4 @@
-"""The result of ``python -m fitting calibrate`` as what is known of a network beforehand: values and covariance."""
+"""The result of ``arterial-fmu calibrate`` as what is known of a network beforehand: values and covariance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .parameter_set import ParameterSet, read_set
 
 Array = np.ndarray
 
-_AGAIN = "calibrate it again with this version (python -m fitting calibrate)"
+_AGAIN = "calibrate it again with this version (arterial-fmu calibrate)"
 _ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off
 
 

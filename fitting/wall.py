@@ -219,4 +219,5 @@ def _result(
         n_beats=beats.n_beats,
         source=beats.source,
         sha256=beats.sha256,
+        told=beats.told,
     )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from solver.notebook.shown import Shown
 from solver.wall import Wall
 
 from . import wall_model
@@ -28,7 +29,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class WallFit:
+class WallFit(Shown):
     """The wall of one site.
 
     values : the five parameters in SI, and h and eta as given. covariance : (p, p) of ``model.free``.
@@ -37,7 +38,9 @@ class WallFit:
     larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
     delayed, if the lag was not free. ignored_noise : the values that ordinary least squares gives, without regard to
     the noise of R. filtered : the γ-loop. loop : the mean beats that were fitted, without the lag. solution : how.
-    n_beats, source, sha256 : of the record. warnings : what to know, one sentence each.
+    n_beats, source, sha256, told : of the record. warnings : what to know, one sentence each.
+
+    As data frame: a row for each parameter, with its 95 % interval, in SI.
     """
 
     site: str
@@ -56,6 +59,7 @@ class WallFit:
     source: str
     sha256: str
     warnings: tuple[str, ...] = ()
+    told: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def h(self) -> float:
@@ -127,6 +131,7 @@ class WallFit:
             {
                 "record": self.source,
                 "sha256": self.sha256,
+                **({"columns": dict(self.told)} if self.told else {}),
                 "model": self.model.name,
                 "free": list(self.model.free),
                 "beats": self.n_beats,
@@ -146,29 +151,13 @@ class WallFit:
     def __repr__(self) -> str:
         return f"<WallFit of {self.site}, model {self.model.name}, {self.source}>"
 
-    def _repr_html_(self) -> str:
-        from .notebook import html
+    @property
+    def _page(self) -> Any:
+        from . import notebook
 
-        return html(self)
-
-    def to_polars(self) -> Any:
-        """A polars.DataFrame: a row for each parameter, with its 95 % interval, in SI."""
-        from solver.notebook import frames
-
-        from .notebook import columns
-
-        return frames.polars(columns(self))
-
-    def to_pandas(self) -> Any:
-        """The same as pandas.DataFrame. Raises ImportError where pandas is missing."""
-        from solver.notebook import frames
-
-        from .notebook import columns
-
-        return frames.pandas(columns(self))
+        return notebook
 
     def plot(self, beats: Beats | None = None) -> Picture:
         """The loop, measured and fitted, and the spectrum of the residual. beats : fitted ones, each to be shown."""
-        from .notebook import figure
-
-        return figure(self, beats)
+        picture: Picture = self._page.figure(self, beats)
+        return picture

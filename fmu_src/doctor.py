@@ -1,4 +1,4 @@
-"""Whether an FMU of this project runs here, and what is missing: ``python build_fmu.py doctor MODEL.fmu``.
+"""Whether an FMU of this project runs here, and what is missing: ``arterial-fmu doctor MODEL.fmu``.
 
 Exit code 0: it runs. 1: it is whole but does not run here, or not in every host; the table says why. 2: the file is no
 whole FMU of this project. Nothing that a file contains makes the doctor fail.
@@ -27,7 +27,7 @@ from urllib.parse import quote
 from xml.etree import ElementTree
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from solver.console import put, say, show
 from solver.exit_codes import ExitCode
@@ -46,7 +46,7 @@ EXIT = {
     FATAL: ExitCode.BAD_INPUT,
 }
 _PLATFORMS = {"linux64": "Linux", "win64": "Windows", "darwin64": "macOS"}
-_ANEW = "build it anew with build_fmu.py, or copy it once more"
+_ANEW = "build it anew with arterial-fmu build, or copy it once more"
 _START, _INSTALL = "start them with: ", "install it with: "
 _LARGEST = 200e6  # bytes unpacked; an FMU of this project has one
 _PATIENCE = 120.0  # s for the trial
@@ -134,7 +134,7 @@ def _archive(path: Path) -> Archive:
                 raise _NoFMU(f"{outside[0]!r} would be written outside the folder", "do not use this file")
             root = ElementTree.fromstring(file.read("modelDescription.xml"))
     except FileNotFoundError:
-        raise _NoFMU("there is no such file", "check the path, or build it with build_fmu.py") from None
+        raise _NoFMU("there is no such file", "check the path, or build it with arterial-fmu build") from None
     except OSError as error:
         raise _NoFMU(f"cannot be read ({error.strerror or error})", "check the path and its permissions") from None
     except zipfile.BadZipFile:
@@ -149,7 +149,7 @@ def _archive(path: Path) -> Archive:
         raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
     if root.tag != "fmiModelDescription" or root.get("fmiVersion") != "2.0" or simulation is None:
-        raise _NoFMU("is no FMU for co-simulation by FMI 2.0", "build one with build_fmu.py")
+        raise _NoFMU("is no FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
     model = simulation.get("modelIdentifier", "")
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
@@ -165,7 +165,7 @@ def _made_here(path: Path, archive: Archive) -> Finding:
         files = {name: file.read(name) for name in archive.names if not name.startswith("binaries/")}
     module = files.get("resources/slavemodule.txt", b"").decode("utf-8", "replace").strip()
     if not re.fullmatch(r"arterial_[0-9a-f]{8}", module):
-        return Finding("contents", FATAL, "is none of this project", "build one with build_fmu.py")
+        return Finding("contents", FATAL, "is none of this project", "build one with arterial-fmu build")
     missing = _missing(files, module)
     if missing:
         return Finding("contents", FATAL, f"{missing} is missing", _ANEW)
@@ -335,9 +335,9 @@ def main(
 
 
 def _print(fmu: Path, findings: list[Finding]) -> None:
-    table = Table(title=f"{fmu}", title_justify="left", show_lines=True)
-    for heading in ("", "found", "what to do"):
-        table.add_column(heading, overflow="fold")
+    table = Table(
+        "", Column("found; what to do", overflow="fold"), title=f"{fmu}", title_justify="left", show_lines=True
+    )
     style = {OK: "green", NOTE: "yellow", PROBLEM: "red", FATAL: "bold red"}
     lines = []
     for finding in findings:
@@ -347,7 +347,7 @@ def _print(fmu: Path, findings: list[Finding]) -> None:
                 lines.append(what + remedy.removeprefix(begin))
                 remedy = "see below"
         mark = f"[{style[finding.state]}]{finding.what}: {finding.state}[/]"
-        table.add_row(mark, _plain(finding.found), _plain(remedy))
+        table.add_row(mark, _plain(finding.found) + (f"\n→ {_plain(remedy)}" if remedy else ""))
     show(table)
     for line in lines:
         say(line)

@@ -128,7 +128,7 @@ HOST = f"""
 <ul>
 <li>Python {PYTHONS} with {PACKAGES}, and nothing else.</li>
 <li>On Linux, hosts that are not Python load libpython first, for example with
-<code>LD_PRELOAD=libpython3.11.so.1.0</code> in front of their command. <code>python build_fmu.py doctor</code> of
+<code>LD_PRELOAD=libpython3.11.so.1.0</code> in front of their command. <code>arterial-fmu doctor</code> of
 arterial-fmu prints the whole line.</li>
 <li>A path of letters, digits, blanks and <code>- . _ ~</code> only where the FMU is unpacked: the wrapper of pythonfmu
 crashes on others.</li>

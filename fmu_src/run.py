@@ -134,7 +134,7 @@ def _read(fmu: str | os.PathLike[str]) -> ModelDescription:
             f"{os.fspath(fmu)}: cannot be read ({error.strerror or 'not a file'}); check the path."
         ) from None
     except (zipfile.BadZipFile, KeyError):
-        raise ValueError(f"{os.fspath(fmu)}: not an FMU; build one with build_fmu.py.") from None
+        raise ValueError(f"{os.fspath(fmu)}: not an FMU; build one with arterial-fmu build.") from None
 
 
 def _start_values(
@@ -192,7 +192,9 @@ def _unpack(fmu: str | os.PathLike[str], folder: str) -> None:
     try:
         fmpy.extract(os.fspath(fmu), folder)
     except (zipfile.BadZipFile, zlib.error, EOFError):
-        raise ValueError(f"{os.fspath(fmu)}: is damaged; copy it once more, or build it with build_fmu.py.") from None
+        raise ValueError(
+            f"{os.fspath(fmu)}: is damaged; copy it once more, or build it with arterial-fmu build."
+        ) from None
     except OSError as error:
         raise ValueError(
             f"{os.fspath(fmu)}: cannot be unpacked to {folder} ({error.strerror}); set TMPDIR to a folder with room."
@@ -261,7 +263,7 @@ def main(
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         end = parse_quantity(stop_time, "s", "--stop-time")
         known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
-        with bar(quiet, fmu.name) as progress:
+        with bar(quiet, f"running {fmu.name}") as progress:
             result = run_fmu(
                 fmu,
                 known.pop(_drive(variables), np.zeros_like),

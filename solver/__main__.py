@@ -116,7 +116,7 @@ def _run(
     max_beats: int,
     quiet: bool,
 ) -> Waveforms:
-    with bar(quiet, network.name) as progress:
+    with bar(quiet, f"simulating {network.name}") as progress:
         if duration is not None:
             seconds = parse_quantity(duration, "s", "--duration")
             return simulate(
@@ -161,7 +161,7 @@ def _show(network: Network, result: Waveforms) -> None:
     table = Table("site", *map(right, headings), title=f"{network.name}: {how}")
     for site in network.sites:
         P, Q, R = (result[f"{site.name}.{kind}"] for kind in "PQR")
-        numbers = (f"{P.min() / MMHG:.2f}", f"{P.max() / MMHG:.2f}", f"{Q.max() * 1e6:.3f}", f"{R.mean() * 1e3:.3f}")
+        numbers = (f"{P.min() / MMHG:z.2f}", f"{P.max() / MMHG:z.2f}", f"{Q.max() * 1e6:z.3f}", f"{R.mean() * 1e3:.3f}")
         table.add_row(site.name, *numbers)
     show(table)
 

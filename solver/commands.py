@@ -73,8 +73,9 @@ def import_csv(
     with sentences(ValueError):
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
-            half_sine = "the table says nothing of the inlet; its default is a half-sine of 55 mL/s in 0.5 s."
-            say_notes([f"{half_sine} Add # inlet.Q_max and # inlet.T, or # inlet.Q."], aside=as_json)
+            half_sine = "the table says nothing of the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
+            lines = '# inlet.Q_max = "90 mL/s" and # inlet.T = "0.8 s", or # inlet.Q = "flow.csv"'
+            say_notes([f"{half_sine}; for another write above the table {lines}."], aside=as_json)
         folder = (out or Path()).parent
         _write(_seen_from(folder, sections, table.parent), table, out, as_json, folder)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Timer
 from time import monotonic
 
 from rich.console import Console
@@ -26,7 +27,8 @@ FIRST, NEXT = 2.0, 10.0  # s before the first line, and between lines
 def bar(quiet: bool, label: str = "", pace: float | None = None) -> Iterator[Report]:
     """A progress bar, gone at the end; where the error stream is no terminal, a line from time to time.
 
-    pace [s] : the time over which the time left is judged, such as PACE; None does not show it.
+    label : what is done before anything else is reported. pace [s] : the time over which the time left is judged, such
+    as PACE; None does not show it.
     """
     console = Console(stderr=True, soft_wrap=True)
     if quiet:
@@ -36,7 +38,15 @@ def bar(quiet: bool, label: str = "", pace: float | None = None) -> Iterator[Rep
             task = progress.add_task(label, total=1.0)
             yield lambda fraction, what: progress.update(task, completed=fraction, description=what)
     else:
-        yield lines(lambda text: console.print(text, markup=False, highlight=False))
+        report = lines(lambda text: console.print(text, markup=False, highlight=False))
+        first = Timer(FIRST, report, (0.0, label))
+        first.daemon = True
+        if label:
+            first.start()
+        try:
+            yield report
+        finally:
+            first.cancel()
 
 
 def _drawn(console: Console, pace: float | None) -> Progress:

@@ -207,7 +207,9 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     known = network.parameter_quantities()
     for name, value in values.items():
         if name not in known:
-            raise ValueError(f"{name}: not a parameter of network {network.name}; {_suggest(name, known)}")
+            inflow = "the inflow stands under [inlet] in the network file; change it there."
+            hint = inflow if name.startswith("inlet.") else _suggest(name, known)
+            raise ValueError(f"{name}: not a parameter of network {network.name}; {hint}")
         flat = np.asarray(value)
         if flat.dtype.kind not in "fiu":
             raise ValueError(f"{name} = {value!r}: must be a number in {known[name].unit_text}.")

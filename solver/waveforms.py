@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .muscl.step import State as CellState
+from .notebook.shown import Shown
 from .scheme.step import State
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ class End:
 
 
 @dataclass(frozen=True)
-class Waveforms(Mapping[str, Array]):
+class Waveforms(Shown, Mapping[str, Array]):
     """A result: ``time`` : (n,) [s] and one array per variable, (n,) or (B, n), named as the FMU's variables.
 
     units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
@@ -92,31 +93,16 @@ class Waveforms(Mapping[str, Array]):
     def __repr__(self) -> str:
         return f"<Waveforms of {len(self)} variables at {len(self.time)} times>"
 
-    def _repr_html_(self) -> str:
-        from .notebook.waveforms import html
+    @property
+    def _page(self) -> Any:
+        from .notebook import waveforms
 
-        return html(self)
-
-    def to_polars(self) -> Any:
-        """A polars.DataFrame in SI with the columns of :meth:`to_csv`; a batch has its members one below the other.
-
-        The first column of a batch is ``member``.
-        """
-        from .notebook import frames, waveforms
-
-        return frames.polars(waveforms.columns(self))
-
-    def to_pandas(self) -> Any:
-        """The pandas.DataFrame of the columns of :meth:`to_polars`. Raises ImportError where pandas is missing."""
-        from .notebook import frames, waveforms
-
-        return frames.pandas(waveforms.columns(self))
+        return waveforms
 
     def plot(self, *names: str) -> Picture:
         """A figure with a panel for each variable. names : variables ("CA.P") or places ("CA"): all that is there.
 
         Default: P and Q of inlets and sites, of the first twelve places. Raises ValueError for an unknown name.
         """
-        from .notebook.waveforms import figure
-
-        return figure(self, names)
+        picture: Picture = self._page.figure(self, names)
+        return picture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,6 +22,11 @@ def in_process(main: Callable[..., Any], arguments: Sequence[str | os.PathLike[s
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     return subprocess.CompletedProcess(line, done.exit_code, done.stdout, done.stderr)
+
+
+def without_progress(said: str) -> str:
+    """What a command said on the error stream but for lines of progress, which a slow computer sees."""
+    return re.sub(r"^(?:(?:building|running|simulating) .*|building|.* \(\d+ %\))\n", "", said, flags=re.MULTILINE)
 
 
 def refused_in_one_sentence(app: typer.Typer, arguments: Sequence[str], sentence: str, folder: Path) -> None:

@@ -274,7 +274,7 @@ def test_refused_fmus(tmp_path: Path, noisy: Record) -> None:
         ValueError, match=r"nowhere\.fmu: cannot be read \(No such file or directory\); check the path\."
     ):
         check(ParameterSet("x", {}), tmp_path / "nowhere.fmu", noisy)
-    with pytest.raises(ValueError, match=r"record\.csv: not an FMU; build one with build_fmu\.py\."):
+    with pytest.raises(ValueError, match=r"record\.csv: not an FMU; build one with arterial-fmu build\."):
         check(ParameterSet("x", {}), noisy.path, noisy)
 
 

@@ -120,6 +120,14 @@ def test_a_study_on_a_cluster(cluster: Cluster, tmp_path: Path) -> None:
         assert (tmp_path / "there" / file).read_bytes() == (tmp_path / "here" / file).read_bytes()
 
 
+@pytest.mark.slow
+def test_starts_on_a_cluster(cluster: Cluster) -> None:
+    """A calibration from four starts by two workers: the numbers of this process, bit by bit."""
+    from test_starts import found, same
+
+    same(found(4, scheduler=cluster.address), found(4))
+
+
 def test_no_scheduler() -> None:
     """One sentence, soon; and dask is imported by nobody who does not ask for it."""
     with pytest.raises(ValueError, match="--scheduler tcp://127.0.0.1:9: no scheduler answers there"):

@@ -64,6 +64,17 @@ def test_units_gaps_and_order_of_columns(tmp_path: Path) -> None:
         read_cohort(tmp_path / "none.csv")
 
 
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), (";", "."), ("\t", ","), (",", ".")])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_european_list(tmp_path: Path, separator: str, mark: str, encoding: str) -> None:
+    """Semicolons or tabs, decimal commas, the mark of UTF-8, line ends of Windows: h = 0.38 mm, R0 = 9.4 mm."""
+    (tmp_path / "ä.csv").write_text("")
+    lines = [("animal", "site", "record", "h (mm)", "R0 (mm)"), ("S1", "AA", "ä.csv", f"0{mark}38", f"9{mark}4")]
+    (tmp_path / "list.csv").write_bytes("\r\n".join(map(separator.join, lines)).encode(encoding))
+    (entry,) = read_cohort(tmp_path / "list.csv")
+    assert (entry.animal, entry.h, entry.R0) == ("S1", pytest.approx(0.38e-3), pytest.approx(9.4e-3))
+
+
 # --- from end to end ----------------------------------------------------------------------------------------------
 
 

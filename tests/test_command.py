@@ -260,6 +260,19 @@ def test_progress_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run("solve", "sheep", "--dt", "5 ms", "--quiet").output == ""
 
 
+def test_progress_of_one_that_reports_nothing(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """In a pipe its name is said once it has taken long; not if it was quick."""
+    with progress.bar(False, "building"):
+        pass
+    monkeypatch.setattr(progress, "FIRST", 0.0)
+    with progress.bar(False, "building"):
+        while not (said := capfd.readouterr().err):
+            pass
+    assert said == "building\n"
+
+
 def test_progress_in_a_terminal() -> None:
     """A bar is drawn on the terminal and erased; the JSON goes where the output goes."""
     main, side = pty.openpty()

@@ -351,7 +351,7 @@ def test_bad_input_through_the_driver(
             r"inflow: for 11 times it gave shape \(3,\); it must give one value",
         ),
         ({"fmu": "nowhere.fmu"}, r"nowhere\.fmu: cannot be read \(No such file or directory\); check the path\."),
-        ({"fmu": __file__}, r".*test_fmu_bad_input\.py: not an FMU; build one with build_fmu\.py\."),
+        ({"fmu": __file__}, r".*test_fmu_bad_input\.py: not an FMU; build one with arterial-fmu build\."),
     ],
 )
 def test_driver_refuses(fmus: dict[str, Path], change: dict[str, Any], sentence: str) -> None:

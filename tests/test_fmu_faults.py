@@ -36,7 +36,7 @@ def test_truncated(fmus: dict[str, Path], tmp_path: Path) -> None:
     file = tmp_path / "cut.fmu"
     for length in (0, 1, 100, len(content) // 2, len(content) - 100, len(content) - 1):
         file.write_bytes(content[:length])
-        with pytest.raises(ValueError, match=r"cut\.fmu: not an FMU; build one with build_fmu\.py\.") as error:
+        with pytest.raises(ValueError, match=r"cut\.fmu: not an FMU; build one with arterial-fmu build\.") as error:
             run_fmu(file, np.zeros_like, 0.01)
         assert "\n" not in str(error.value)
 
@@ -49,7 +49,9 @@ def test_damaged_inside(fmus: dict[str, Path], tmp_path: Path) -> None:
     content[start + 1000 : start + 1100] = bytes(100)
     file = tmp_path / "damaged.fmu"
     file.write_bytes(content)
-    with pytest.raises(ValueError, match=r"damaged\.fmu: is damaged; copy it once more, or build it with build_fmu"):
+    with pytest.raises(
+        ValueError, match=r"damaged\.fmu: is damaged; copy it once more, or build it with arterial-fmu build"
+    ):
         run_fmu(file, np.zeros_like, 0.01)
 
 

@@ -146,6 +146,16 @@ def test_record_to_verdict(home: Path) -> None:
 
 
 @pytest.mark.slow
+def test_before_measuring(home: Path) -> None:
+    """isolability: what a pressure can tell; study: a sample that is as large as it must be, with its page."""
+    plan = run(home, "arterial-fmu", "isolability", "cca", "--channels", "common_carotid_artery.P", "--json")
+    assert "wall_viscosity" in {effect["name"] for effect in json.loads(plan)["effects"]}
+    varied = ["study", "cca", "--vary", "all.E=0.9..1.1x", "--samples", "6", "--out", "varied", "--json"]
+    assert json.loads(run(home, "arterial-fmu", *varied))
+    assert (home / "work" / "varied" / "study.html").is_file()
+
+
+@pytest.mark.slow
 def test_calibrate(home: Path) -> None:
     """A record of the network's own beat: E is found again to 1e-4, a parameter set on the output."""
     code = """

@@ -152,6 +152,60 @@ def test_comments_units_below_and_savetxt(tmp_path: Path) -> None:
     check(read_record(tmp_path / "s.txt"), 1e-7)
 
 
+def clock(start: float, t: float, mark: str) -> str:
+    """12:03:04.250 of seconds since midnight."""
+    ms = round(1e3 * (start + t)) % 86_400_000
+    return f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d}{mark}{ms % 1000:03d}"
+
+
+@pytest.mark.parametrize("title", ["Time", "Time of day (hh:mm:ss)", "Zeit [hh:mm:ss,000]"])
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), ("\t", ","), (",", "."), (" ", "."), (" ", ",")])
+def test_clock_times(tmp_path: Path, separator: str, mark: str, title: str) -> None:
+    """Hours, minutes and seconds with milliseconds, past midnight: dt to the printed digits, whatever the title."""
+    lines = [separator.join([clock(86398.0, t, mark), f"{p:.8f}".replace(".", mark), f"{r:.8f}".replace(".", mark)])
+             for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]  # fmt: skip
+    title = f'"{title}"' if separator == "," else title.replace("Time of day", "Clock")
+    record = read(tmp_path, "\n".join([separator.join([title, "AA.P [mmHg]", "AA.R [mm]"]), *lines]))
+    check(record)
+    assert record.time[0] == pytest.approx(86398.0, abs=1e-9)
+
+
+def test_clock_beside_a_time(tmp_path: Path) -> None:
+    """Two times are asked; one is left out, or the clock is what the map says."""
+    rows_ = [f"{clock(0.0, t, '.')},{t:.3f},{p:.8f},{r:.8f}" for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]
+    content = "\n".join(["Clock,time [s],AA.P [mmHg],AA.R [mm]", *rows_])
+    assert "'Clock' and 'time [s]' are both a time; leave one out" in refused(tmp_path, content)
+    check(read(tmp_path, content, names={"Clock": ""}))
+    check(read(tmp_path, content, names={"Clock": "time"}))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time [s]   AA.P [mm Hg] AA.R [mm]",
+        "# time_s AA.P_mmHg AA.R_mm",
+        "time AA.P AA.R\ns mmHg mm",
+        "Elapsed time (s)   AA.P (mmHg)   AA.R (mm)",
+    ],
+)
+@pytest.mark.parametrize("gap", [" ", "   "])
+@pytest.mark.parametrize("mark", [".", ","])
+def test_columns_between_blanks(tmp_path: Path, header: str, gap: str, mark: str) -> None:
+    """Fields between any number of blanks, also before the first; titles keep the unit behind them."""
+    lines = ["  " + row for row in rows(gap, mark)]
+    check(read(tmp_path, "\n".join(["% made by hand", header, *lines])))
+
+
+def test_columns_of_savetxt(tmp_path: Path) -> None:
+    """What NumPy writes without being asked for more, a gap as nan."""
+    P = P_MMHG.copy()
+    P[7] = np.nan
+    np.savetxt(tmp_path / "s.txt", np.column_stack([TIME, P, R_MM]), header="time[s] AA.P[mmHg] AA.R[mm]")
+    record = read_record(tmp_path / "s.txt")
+    assert np.isnan(record.channels["AA.P"][7]) and np.isnan(record.channels["AA.P"]).sum() == 1
+    np.testing.assert_array_equal(record.channels["AA.R"], R_MM * 1e-3)
+
+
 # --- what may mean two things -------------------------------------------------------------------------------------
 
 
@@ -250,7 +304,11 @@ def test_edf(tmp_path: Path) -> None:
         ("a.hea", b"a 2 250", "rdsamp -r NAME -c"),
         ("a.bin", bytes(40), "not text (byte 0 is zero)"),
         ("a.csv", b"\x1f\x8b", "a compressed file"),
-        ("a.csv", b"time [s];AA.P [mmHg]\n00:01;80\n", "'00:01' is not a number; write the time as seconds since"),
+        (
+            "a.csv",
+            b"time [s];AA.P [mmHg]\n00:01;80\n",
+            "'00:01' is not a number; write a time as hours:minutes:seconds",
+        ),
     ],
 )
 def test_what_is_not_read(tmp_path: Path, name: str, content: bytes, expected: str) -> None:
@@ -303,3 +361,5 @@ def test_fit_takes_the_options(tmp_path: Path) -> None:
     sets = [json.loads(runner.invoke(fitting.__main__.app, ["fit", str(tmp_path / name), *asked, *more]).stdout)
             for name, more in (("plain.csv", []), ("lab.csv", maps))]  # fmt: skip
     assert sets[0]["values"] == sets[1]["values"]
+    assert "columns" not in sets[0]["provenance"]
+    assert sets[1]["provenance"]["columns"] == {"map": {"p": "AA.P", "r": "AA.R [mm]"}}

@@ -69,7 +69,7 @@ def main(
             if jobs is not None and jobs < 1:
                 raise ValueError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
             store = Store(out, plan)
-            run(plan, store, jobs=jobs, scheduler=scheduler, progress=progress)
+            run(plan, store, jobs=jobs, scheduler=scheduler, progress=progress, meanwhile=_imported)
             progress(1.0, "indices and figures")
             study = Study.of(store)
             paths = write(study, out)
@@ -81,6 +81,13 @@ def main(
         say(_size(plan, samples), aside=as_json)
         say_notes(study.notes, aside=as_json)
         say_written(*paths, aside=as_json)
+
+
+def _imported() -> None:
+    """Import what the indices and figures need, a second on one core."""
+    import SALib.analyze.sobol  # noqa: F401
+
+    from . import figures  # noqa: F401
 
 
 def _size(plan: Plan, samples: int) -> str:

@@ -17,11 +17,18 @@ Progress = Callable[[float, str], None]
 
 
 def run(
-    plan: Plan, store: Store, *, jobs: int | None = None, scheduler: str | None = None, progress: Progress | None = None
+    plan: Plan,
+    store: Store,
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> int:
     """Simulate what is missing, and write the results; how many parameter sets were simulated now.
 
     jobs, scheduler : as in :func:`fitting.tasks.done`. Every batch is kept as it ends: who is stopped goes on there.
+    meanwhile : called once, when the first batch is there and other processes simulate the next ones.
     Raises ValueError for a folder that cannot be written, or if no parameter set could be simulated.
     """
     if store.whole:
@@ -33,6 +40,9 @@ def run(
         progress(sets / plan.size, f"{sets} of {plan.size} parameter sets")
     for i, content in done(run_batch, [_batch(plan, name) for name in missing], jobs, scheduler):
         store.keep(missing[i], content)
+        if meanwhile:
+            meanwhile()
+            meanwhile = None
         simulated += _sets(plan, missing[i])
         if progress:
             progress((sets + simulated) / plan.size, f"{sets + simulated} of {plan.size} parameter sets")

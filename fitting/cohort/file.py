@@ -1,5 +1,7 @@
 """Cohort files: a CSV with a line per recording, ``animal,site,record,h [mm],R0 [mm]``.
 
+Fields are separated by commas, semicolons or tabs; in the latter two, decimal marks may be commas.
+
 ``record`` is a file beside it, h the measured wall thickness, R0 the measured unstressed radius, which may be left
 empty: it is fitted all the same, and compared.
 """
@@ -9,6 +11,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +22,7 @@ from solver.quantity import quantities
 
 from ..records.tables.titles import name_and_unit
 
+_SEPARATORS = (",", ";", "\t")
 _COLUMNS = ("animal", "site", "record", "h", "R0")
 
 
@@ -40,7 +44,9 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
     out of range, or an animal with two lines for one site.
     """
     source = os.fspath(path)
-    rows = csv.reader(io.StringIO(read_text(path)), skipinitialspace=True)
+    text = read_text(path)
+    separator = max(_SEPARATORS, key=text.partition("\n")[0].count)
+    rows = csv.reader(io.StringIO(text), skipinitialspace=True, delimiter=separator)
     entries: list[Entry] = []
     try:
         places, units = _header(next(rows, []))
@@ -90,6 +96,7 @@ def _entry(row: list[str], places: dict[str, int], units: dict[str, str], folder
     for name in ("h", "R0"):
         if cells[name]:
             shown = f"{where}: {name}"
-            lengths[name] = parse_quantity(f"{cells[name]} {units[name]}", "m", shown)
+            point = re.sub(r"^(\d+),(\d+)$", r"\1.\2", cells[name])  # no comma separates fields where one is in a cell
+            lengths[name] = parse_quantity(f"{point} {units[name]}", "m", shown)
             quantities(Segment)[name].check(shown, lengths[name])
     return Entry(cells["animal"], cells["site"], str(record), lengths["h"], lengths.get("R0"))

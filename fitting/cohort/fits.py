@@ -169,6 +169,7 @@ class Cohort:
             "animals": len({animal for animal, _ in fits}),
             "n": {site: sum(s == site for _, s in fits) for site in self.sites},
             "records": {r.entry.record: r.sha256 for r in self.recordings if name in r.fits},
+            **({"columns": dict(first.told)} if first.told else {}),
             "failures": [f.sentence for f in self.failures if f.model in ("", name)],
             "software": software(),
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -35,10 +36,10 @@ _TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and mor
 class Beats:
     """Beats of one length; ``values`` : name -> (n_beats, N) in SI, NaN in gaps, sample j at phase j/N.
 
-    source, sha256 of the record; T : period [s]; shifts : (n_beats,) [s], how much later than the strict period each
-    beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel. steps :
-    of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at the end
-    of diastole; without, phase 0 is the record's first sample.
+    source, sha256, told : of the record. T : period [s]. shifts : (n_beats,) [s], how much later than the strict period
+    each beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
+    steps : of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at
+    the end of diastole; without, phase 0 is the record's first sample.
     """
 
     source: str
@@ -49,6 +50,7 @@ class Beats:
     spikes: Mapping[str, int] = field(default_factory=dict)
     steps: Mapping[str, float] = field(default_factory=dict)
     whole: Whole | None = None
+    told: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def n_beats(self) -> int:
@@ -298,7 +300,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     else:
         cut = _resample(record, f, N, n_beats)
     values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, told=record.told)
     if beats.unsteadiness > _MOST_UNSTEADY:
         raise ValueError(
             f"{record.path}: the heart rate is not steady: a beat lasts up to {beats.unsteadiness:.0%} of the period "
@@ -333,7 +335,7 @@ def _cut(record: Record, whole: Whole) -> Beats:
         _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
     whole = replace(whole, channels={name: without_gaps(each) for name, each in record.channels.items()})
     shifts = np.zeros(len(cut.serving))
-    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole)
+    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told)
 
 
 def _given(period: float, record: Record) -> float:

@@ -39,6 +39,12 @@ class Reading:
         return Reading(decimal, names)
 
     @property
+    def told(self) -> dict[str, Any]:
+        """What was said beside the file, plain, for where a result comes from; empty if nothing was."""
+        decimal = {} if self.decimal is None else {"decimal": self.decimal}
+        return decimal | ({"map": dict(self.names)} if self.names else {})
+
+    @property
     def key(self) -> list[Any]:
         """Plain, for what depends on it."""
         return [self.decimal, dict(self.names)]
@@ -135,11 +141,11 @@ def _targets(
 
 def _target(column: Column, given: str | None, said: set[str], named: bool) -> tuple[str, str] | None:
     name, unit = name_and_unit(column.title)
-    unit = unit or column.unit
+    unit = "s" if column.clock else unit or column.unit
     if given is not None:
         variable, own = name_and_unit(given)
         return (("time" if is_time(variable) else variable), own or unit) if given else None
-    if is_time(name):
+    if is_time(name) or column.clock:
         return None if any(is_time(each) for each in said) else ("time", unit)
     if named and (_kind(name) is None or name in said):
         return None

@@ -29,7 +29,7 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
         columns.append(
             {
                 "title": column.title,
-                "unit": name_and_unit(column.title)[1] or column.unit,
+                "unit": "s" if column.clock else name_and_unit(column.title)[1] or column.unit,
                 "first": [float(v) if np.isfinite(v) else None for v in column.values[:_FIRST]],
                 "min": float(values.min()) if len(values) else None,
                 "max": float(values.max()) if len(values) else None,

@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -43,6 +44,7 @@ class Record:
 
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
+    told : what was said of the columns, as ``Reading.told``.
     """
 
     path: str
@@ -50,6 +52,7 @@ class Record:
     time: Array
     channels: Mapping[str, Array]
     resting: Mapping[str, float] = field(default_factory=dict)
+    told: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
@@ -115,7 +118,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
             resting[name] = constant
         else:
             refuse_constant(name, constant, title, place)
-    return Record(str(path), sha256, time, channels, resting)
+    return Record(str(path), sha256, time, channels, resting, reading.told)
 
 
 def write_record(

@@ -8,7 +8,6 @@ whole, an ectopic one, is not touched.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import medfilt
 
 Array = np.ndarray
 
@@ -44,7 +43,8 @@ def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float
     if not suspect.any():
         return values, 0
     flat = np.nan_to_num(off.ravel())
-    alone = np.abs(flat - medfilt(np.pad(flat, 2, "edge"), 5)[2:-2]).reshape(off.shape)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(flat, 2, "edge"), 5)
+    alone = np.abs(flat - np.median(around, axis=-1)).reshape(off.shape)
     # most of it by itself: the samples of a smooth artefact have neighbours like them
     spikes = np.unique(nearest[(suspect & (alone > far) & (alone > 0.5 * np.abs(np.nan_to_num(off)))).ravel()])
     if not len(spikes):

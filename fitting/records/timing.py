@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 Array = np.ndarray
 
@@ -17,6 +16,8 @@ _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are tim
 
 def without_jitter(values: Mapping[str, Array], T: float) -> tuple[Mapping[str, Array], Array]:
     """Values with significant jitter taken out, and the shifts [s]; the same values and zeros if there is none."""
+    from scipy.stats import f as f_distribution  # takes half a second
+
     turns, excess, dof, spectra = _timing(values)
     n_beats = len(turns)
     if n_beats < 3 or f_distribution.sf(excess / (n_beats - 2), n_beats - 2, dof) > _JITTER:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
 
 Array = np.ndarray
 
@@ -71,6 +70,8 @@ def _steepest(x: Array, length: float) -> Array:
     blocks = [rise[i : i + block].max() for i in range(0, max(1, len(rise) - block + 1), block)] if len(rise) else []
     if not blocks:
         return np.zeros(0, int)
+    from scipy.signal import find_peaks  # takes half a second
+
     peaks, _ = find_peaks(rise, height=_RISE * float(np.median(blocks)), distance=max(1, round(_NEAREST * length)))
     return np.asarray(peaks + half)
 

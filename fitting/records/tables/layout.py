@@ -11,20 +11,27 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from .clock import is_clock
 from .numbers import COMMENT
 from .preamble import biopac, labchart
 from .titles import is_time, is_unit, name_and_unit
 
 _LOOKED_AT = 2000  # lines
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas"}
+SPACE = " "  # any number of blanks, where there is nothing else between the fields
 _MARKS = {"comma": ",", "point": "."}
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?|nan|[+-]?inf|", re.IGNORECASE)
+# a word with what stands in brackets behind it, as titles are, or the latter alone
+_WORD = re.compile(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?|\[[^\]]*\]|\([^)]*\)")
 _GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
 
 
 @dataclass(frozen=True)
 class Layout:
-    """titles and units of the columns, "" where the title has the unit; header and first : lines of both, from 1."""
+    """titles and units of the columns, "" where the title has the unit; header and first : lines of both, from 1.
+
+    clocks : whether each column is a time as clocks show it.
+    """
 
     separator: str
     mark: str
@@ -33,10 +40,13 @@ class Layout:
     units: Sequence[str]
     header: int
     first: int
+    clocks: Sequence[bool]
 
     def __str__(self) -> str:
         mark = {",": "comma", ".": "point"}[self.mark]
-        return f"{_SEPARATORS[self.separator]} between fields, decimal {mark}, header in line {self.header}"
+        return (
+            f"{_SEPARATORS.get(self.separator, 'spaces')} between fields, decimal {mark}, header in line {self.header}"
+        )
 
 
 def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
@@ -48,9 +58,10 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
         raise ValueError(f"--decimal = {decimal!r}: must be comma or point.")
     lines = lines[:_LOOKED_AT]
     separator, start = _separator(lines, source)
-    rows = [_fields(line, separator) for line in lines]
+    width = len(_fields(lines[start], separator)) if start < len(lines) else None
+    rows = [_fields(line, separator, width) for line in lines]
     header = _header(rows, start, lines)
-    titles = _titles(lines[header], separator, source, header)
+    titles = _titles(lines[header], separator, source, header, width)
     if chart := labchart(rows[:start]):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
@@ -64,11 +75,17 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
             start = header + 1  # what is there is said cell by cell
     units += [""] * (len(titles) - len(units))
     mark = _MARKS[decimal] if decimal else _mark(rows[start:], separator, source, start + 1)
-    return Layout(separator, mark, decimal is not None, titles, units, header + 1, start + 1)
+    clocks = [is_clock(cell) for cell in rows[start][: len(titles)]] if start < len(rows) else []
+    clocks += [False] * (len(titles) - len(clocks))
+    return Layout(separator, mark, decimal is not None, titles, units, header + 1, start + 1, clocks)
 
 
-def _fields(line: str, separator: str) -> list[str]:
-    """The fields of a line, a leading mark of a comment aside."""
+def _fields(line: str, separator: str, width: int | None = None) -> list[str]:
+    """The fields of a line, a leading mark of a comment aside; width : of a line of numbers."""
+    if separator == SPACE:
+        text = line.lstrip("#%/ ")
+        words, apart = _WORD.findall(text), re.split(r"\s{2,}", text.strip())
+        return apart if len(words) != width == len(apart) else words
     try:
         return next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True), [])
     except csv.Error:
@@ -85,6 +102,9 @@ def _separator(lines: Sequence[str], source: str) -> tuple[str, int]:
     if found:
         at, _, separator = min(found)
         return separator, at
+    at = next((i for i, line in enumerate(lines) if _is_sample(line, SPACE)), None)
+    if at is not None:
+        return SPACE, at
     header = next((line for line in lines if line.strip() and not line.startswith(COMMENT)), "")
     if not header:
         raise ValueError(f"{source}: the file is empty; export the recording again.")
@@ -92,8 +112,8 @@ def _separator(lines: Sequence[str], source: str) -> tuple[str, int]:
         raise ValueError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
     if not any(each in line for each in _SEPARATORS for line in lines):
         raise ValueError(
-            f"{source}: line 1: there are no columns, but {header[:30]!r}; give a table with commas, semicolons or "
-            "tabs between its fields, whose first lines name the columns, such as time [s],AA.P [mmHg]."
+            f"{source}: line 1: there are no columns, but {header[:30]!r}; give a table with commas, semicolons, "
+            "tabs or spaces between its fields, whose first lines name the columns, such as time [s],AA.P [mmHg]."
         )
     return max(_SEPARATORS, key=header.count), len(lines)  # what is below the header is said cell by cell
 
@@ -104,7 +124,7 @@ def _is_sample(line: str, separator: str) -> bool:
         return False
     cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
     there = [cell for cell in cells if cell]
-    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) for cell in cells)
+    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) or is_clock(cell) for cell in cells)
 
 
 def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> int:
@@ -125,9 +145,11 @@ def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> 
     return next(i for i, line in enumerate(lines) if line.strip())
 
 
-def _titles(line: str, separator: str, source: str, at: int) -> list[str]:
+def _titles(line: str, separator: str, source: str, at: int, width: int | None) -> list[str]:
     try:
-        found = next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True, strict=True), [])
+        found = _fields(line, separator, width)
+        if separator != SPACE:
+            found = next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True, strict=True), [])
     except csv.Error as error:
         raise ValueError(
             f"{source}: line {at + 1}: not a CSV header ({error}); write time [s],AA.P [mmHg], ..."

@@ -108,5 +108,5 @@ def _advice(text: str, mark: str) -> str:
         word, other = ("comma", "point") if mark == "," else ("point", "comma")
         return f"the decimal mark is a {word} elsewhere: write it alike everywhere, or try --decimal {other}"
     if re.fullmatch(r"\d+:\d+.*", text):
-        return "write the time as seconds since the start, not as a clock shows it"
+        return "write a time as hours:minutes:seconds, 12:03:04.250, or as seconds"
     return "write a number, or nothing for a gap"

@@ -36,13 +36,14 @@ class Place:
 class Column:
     """title as it is in the file; unit where the file says it elsewhere; values : (n,), NaN in gaps.
 
-    problem : why its values are not there, a clause of a sentence.
+    problem : why its values are not there, a clause of a sentence. clock : seconds, of a time as clocks show it.
     """
 
     title: str
     values: Array
     unit: str = ""
     problem: str = ""
+    clock: bool = False
 
 
 @dataclass(frozen=True)

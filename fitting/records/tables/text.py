@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .layout import layout
+from .clock import in_seconds, past_midnight
+from .layout import SPACE, Layout, layout
 from .numbers import quickly, slowly
 from .table import Column, Place, Table
 
@@ -30,12 +31,12 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
             f"{source}: line {form.header}: there is no channel beside the time; add one, such as 'AA.P [mmHg]'."
         )
     numbers = None
-    plain = (form.header, form.first) == (1, 2) and encoding.startswith("utf-8")
+    plain = (form.header, form.first) == (1, 2) and encoding.startswith("utf-8") and not _to_prepare(form)
     lines: list[str] = []
     if plain and form.mark == ".":
         numbers = quickly(path, 1, len(titles), form.separator, form.mark)
     if numbers is None:
-        lines = _lines(path.read_bytes().decode(encoding, "replace"))
+        lines = _prepared(_lines(path.read_bytes().decode(encoding, "replace")), form)
         data = "\n".join(lines[form.first - 1 :]).rstrip("\n").encode() + b"\n"
         if not plain or form.mark != ".":
             numbers = quickly(data, 0, len(titles), form.separator, form.mark)
@@ -44,11 +45,25 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
         numbers, where = slowly(lines, place, titles, form.separator, form.mark, form.grouped)
         place = Place(source, form.header, where)
     columns = [
-        Column(title or f"column {i}", values, unit)
-        for i, (title, values, unit) in enumerate(zip(titles, numbers, form.units, strict=True), start=1)
+        Column(title or f"column {i}", past_midnight(values) if clock else values, unit, clock=clock)
+        for i, (title, values, unit, clock) in enumerate(
+            zip(titles, numbers, form.units, form.clocks, strict=True), start=1
+        )
         if title or not np.isnan(values).all()  # a separator at the end of every line makes a column of nothing
     ]
     return Table(place, columns, str(form))
+
+
+def _to_prepare(form: Layout) -> bool:
+    return form.separator == SPACE or any(form.clocks)
+
+
+def _prepared(lines: list[str], form: Layout) -> list[str]:
+    """The lines, with one blank between fields for many and seconds for what a clock shows."""
+    head, samples = lines[: form.first - 1], lines[form.first - 1 :]
+    if form.separator == SPACE:
+        samples = [" ".join(line.split()) for line in samples]
+    return head + (in_seconds(samples, form.separator, form.mark) if any(form.clocks) else samples)
 
 
 def _lines(text: str) -> list[str]:

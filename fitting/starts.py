@@ -1,0 +1,229 @@
+"""Calibrations from many starts: whether the minimum that a search finds is the lowest, and the only one.
+
+A search goes downhill from where it begins. The first start is the network's own values, the others are points of a
+scrambled Sobol' sequence, drawn from the priors, twice as wide. The lowest minimum is kept; what other starts found is
+reported beside it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from solver import Settings
+from solver.network import Network
+
+from .calibrate import Calibration, Progress, calibrate
+from .inference.asked import parse_unknowns
+from .inference.unknown import Unknown, bounds
+from .records.beats import Beats
+from .tasks import done
+
+Array = np.ndarray
+
+WIDER = 2.0  # starts than priors: they are to be farther apart than what animals are
+SAME = 0.1  # standard deviations of every unknown within which two ends are one minimum
+MOST = 10_000  # starts
+_ALIKE = 3.84  # difference of cost, -2 log likelihood, that is no evidence: 95 % of χ²(1)
+_SHOWN = 3  # other ends that have a sentence
+_SHOWN_VALUES = 4  # unknowns in such a sentence
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where some starts ended: the calibration of the first of them, and their numbers, from 0.
+
+    settled : whether any of their searches settled there.
+    """
+
+    found: Calibration
+    starts: tuple[int, ...]
+    settled: bool
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data; values in SI."""
+        values = dict(self.found.values)
+        return {"cost": self.found.cost, "starts": list(self.starts), "settled": self.settled, "values": values}
+
+
+@dataclass(frozen=True)
+class Starts:
+    """What many starts found. minima : lowest cost first. failures : sentences of starts that broke down, by number."""
+
+    starts: int
+    seed: int
+    minima: tuple[Minimum, ...]
+    failures: Mapping[int, str]
+
+    @property
+    def best(self) -> Calibration:
+        """The lowest minimum; its report says what else was found."""
+        found = self.minima[0].found
+        return replace(found, report=(*found.report, *self.report))
+
+    @property
+    def report(self) -> tuple[str, ...]:
+        """How many starts ended where, one sentence each."""
+        if self.starts == 1:
+            return ()
+        first, *others = self.minima
+        n = len(first.starts)
+        said = [
+            f"{n} of {self.starts} starts ended in this minimum, within {SAME:g} standard deviations of every unknown"
+        ]
+        settled = [each for each in others if each.settled]
+        said += [self._other(each) for each in settled[:_SHOWN]]
+        if len(settled) > _SHOWN:
+            said.append(f"{len(settled) - _SHOWN} more ends with higher cost are in the parameter set")
+        lost = sum(len(each.starts) for each in others if not each.settled)
+        if lost:
+            said.append(f"{lost} of {self.starts} starts did not settle anywhere")
+        if self.failures:
+            (why, _), *_ = Counter(self.failures.values()).most_common(1)
+            said.append(f"{len(self.failures)} of {self.starts} starts could not be simulated: {why.rstrip('.')}")
+        return tuple(said)
+
+    def _other(self, other: Minimum) -> str:
+        unknowns = self.minima[0].found.unknowns
+        sd = np.maximum(self.minima[0].found.sd, np.finfo(float).tiny)
+        off = np.abs(other.found.x - self.minima[0].found.x) / sd
+        variables = [unknowns[i].variables[0] for i in np.argsort(-off, kind="stable")[:_SHOWN_VALUES]]
+        values = ", ".join(f"{name} {other.found.values[name]:.4g}" for name in dict.fromkeys(variables))
+        cost, lowest = other.found.cost, self.minima[0].found.cost
+        return (
+            f"{len(other.starts)} of {self.starts} starts settled elsewhere, with cost {cost:.4g} instead of "
+            f"{lowest:.4g}: {values} (SI)"
+            + ("; the record does not tell the two apart" if cost - lowest < _ALIKE else "")
+        )
+
+    def plain(self) -> dict[str, Any]:
+        """For the provenance of a parameter set."""
+        minima = [each.plain() for each in self.minima]
+        failures = {str(i): sentence for i, sentence in sorted(self.failures.items())}
+        tried = {"starts": self.starts, "seed": self.seed, "same_within_sd": SAME}
+        return {**tried, "minima": minima, "failures": failures}
+
+
+def calibrate_from(
+    beats: Beats,
+    network: Network,
+    unknowns: Iterable[str | Unknown],
+    starts: int,
+    *,
+    seed: int = 1,
+    channels: Sequence[str] | None = None,
+    settings: Settings | None = None,
+    jobs: int | None = 1,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> Starts:
+    """Calibrate from several starts, on processes of this computer or on a cluster; the numbers are the same.
+
+    beats … settings : as in :func:`fitting.calibrate.calibrate`. jobs, scheduler : who calibrates
+    (:func:`fitting.tasks.done`). seed : same seed, same starts; with more of them the first are the same.
+    Raises ValueError, one sentence, for numbers that cannot be, and as that function where no start leads anywhere.
+    """
+    if not 1 <= starts <= MOST:
+        raise ValueError(f"--starts = {starts}: must be a whole number of starts from 1 to {MOST}.")
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
+    if jobs is not None and jobs < 1:
+        raise ValueError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
+    found = parse_unknowns(unknowns, network)
+    tasks = [
+        _Task(beats, network, found, channels, settings, x if i else None)
+        for i, x in enumerate(starting_points(found, starts, seed))
+    ]
+    ended: dict[int, Calibration] = {}
+    failures: dict[int, str] = {}
+    if starts == 1 and scheduler is None:
+        return Starts(
+            1,
+            seed,
+            minima({0: calibrate(beats, network, found, channels=channels, settings=settings, progress=progress)}),
+            {},
+        )
+    if progress:
+        progress(0.0, f"0 of {starts} starts")
+    for n, (i, each) in enumerate(done(_calibrated, tasks, jobs, scheduler), 1):
+        if isinstance(each, str):
+            failures[i] = each
+        else:
+            ended[i] = each
+        if progress:
+            progress(n / starts, f"{n} of {starts} starts")
+    if not ended:
+        raise ValueError(failures[0])
+    return Starts(starts, seed, minima(ended), failures)
+
+
+def starting_points(unknowns: Sequence[Unknown], starts: int, seed: int) -> Array:
+    """(starts, p) x : 0, then points of a scrambled Sobol' sequence.
+
+    x_i = 2 s_i Φ⁻¹(u_i), within its allowed range; s : standard deviation of the prior, or of the default one where
+    there is none; u : the point in the unit cube.
+    """
+    from scipy.stats.qmc import Sobol  # takes half a second
+
+    p = len(unknowns)
+    u = Sobol(p, seed=seed).random_base2(int(starts - 1).bit_length())[: starts - 1]
+    spread = WIDER * np.array([each.typical_sd for each in unknowns])
+    x = spread * ndtri(np.clip(u, 1e-6, 1.0 - 1e-6))
+    return np.clip(np.concatenate([np.zeros((1, p)), x]), *bounds(unknowns))
+
+
+def minima(ended: Mapping[int, Calibration]) -> tuple[Minimum, ...]:
+    """The minima of where searches ended, by number of their start; lowest cost first.
+
+    Two ends are one minimum if no unknown differs by more than 0.1 of its standard deviation in the lower one. A
+    minimum is told by the first of its starts that settled: more starts change no number of the same minimum.
+    """
+    groups: list[list[int]] = []
+    for i in sorted(ended, key=lambda i: (ended[i].cost, i)):
+        for group in groups:
+            lowest = ended[group[0]]
+            if np.all(np.abs(ended[i].x - lowest.x) <= SAME * lowest.sd):
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return tuple(
+        Minimum(
+            ended[min(group, key=lambda i: (not ended[i].converged, i))],
+            tuple(sorted(group)),
+            any(ended[i].converged for i in group),
+        )
+        for group in groups
+    )
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A calibration from one start."""
+
+    beats: Beats
+    network: Network
+    unknowns: tuple[Unknown, ...]
+    channels: Sequence[str] | None
+    settings: Settings | None
+    x0: Array | None
+
+
+def _calibrated(task: _Task) -> Calibration | str:
+    """The calibration of a task, or the sentence that says why there is none."""
+    try:
+        return calibrate(
+            task.beats,
+            task.network,
+            task.unknowns,
+            channels=task.channels,
+            settings=task.settings,
+            x0=task.x0,
+        )
+    except ValueError as error:
+        return str(error)
