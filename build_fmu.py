@@ -38,7 +38,8 @@ from solver.options import Json, NetworkName, Quiet
 from solver.progress import bar
 from solver.scheme.model import Settings
 
-ROOT = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parent  # with numpy and all else beside it where pip installed this
+_PACKAGES = ("solver", "fmu_src")  # that an FMU brings
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -155,7 +156,7 @@ def _needed(module: Path) -> list[Path]:
             continue
         found.append(file)
         for node in ast.parse(file.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom):
+            if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").partition(".")[0] in _PACKAGES):
                 folder = [file, *file.parents][node.level] if node.level else ROOT
                 inside = folder.joinpath(*(node.module or "").split("."))
                 todo += [inside.with_suffix(".py"), *(inside / f"{alias.name}.py" for alias in node.names)]
