@@ -32,7 +32,7 @@ def test_nothing_hidden() -> None:
 def test_a_stenosis_off_the_centre() -> None:
     """K = 20 at x/L = 0.3 of MD: one name, 0.2984 ± 0.0093 and 19.93 ± 0.07 measured.
 
-    The 95 % interval of K ends 0.0004 short of the truth; that of 99 %, which is wider by 2.58/1.96, is asked to hold it.
+    The 95 % interval of K ends 0.0004 short of the truth; that of 99 %, wider by 2.58/1.96, is asked to hold it.
     """
     naming = judged(Effect("stenosis", ("MD",), 20.0, position=0.3))
     assert (naming.verdict, naming.walls, naming.complete) == ("effect", "individual", True)
