@@ -61,10 +61,8 @@ def home(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     paths = {sysconfig.get_path(kind) for kind in ("purelib", "platlib")}
     (site,) = (home / "venv").glob("lib/python3*/site-packages")
     (site / "dependencies.pth").write_text("\n".join(sorted(paths)) + "\n")
-    for package in (
-        numpy,
-        pythonfmu,
-    ):  # beside this project's, as pip puts them: FMUs once took files of theirs
+    # beside this project's, as pip puts them: FMUs once took files of theirs
+    for package in (numpy, pythonfmu):
         there = Path(os.path.realpath(package.__file__)).parent
         (site / there.name).symlink_to(there, target_is_directory=True)
     (home / "work").mkdir()
