@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-# of the forward models: steps of the simulations, and the width of the prior of an effect's size
-from fitting.inference.network import COARSE_DT as COARSE_DT
-from fitting.inference.network import SCREEN_DT as SCREEN_DT
+# of the forward models: harmonics and steps of the simulations, and the width of the prior of an effect's size
+from fitting.inference.network import BEYOND as HARMONICS_BEYOND
+from fitting.inference.network import STEP_DT as STEP_DT
 from fitting.inference.terms import PRIOR_WIDTH as PRIOR_WIDTH
 
 # --- the record ---

@@ -6,6 +6,7 @@
 """
 
 from .files import bundled, find_network, read_network, write_network
+from .harmonics import beat_harmonics
 from .inflow import sampled_inflow
 from .muscl.settings import MusclSettings
 from .network import Channel, Fluid, Inlet, Junction, Network, Segment, Site
@@ -38,6 +39,7 @@ __all__ = [
     "Site",
     "Waveforms",
     "Windkessel",
+    "beat_harmonics",
     "bundled",
     "find_network",
     "load",

@@ -49,10 +49,11 @@ def reporter(model: Model) -> Reporter[State]:
     at_outlets = np.stack([H_columns[mesh.topology.outlets], Q_columns[mesh.outlet_element, -1]], axis=1)
     ends = np.concatenate([at_inlets, at_outlets.ravel()])
     wall = model.coefficients.wall_at(segment, position)
-    n, B, first = len(segment), model.coefficients.B, len(at_inlets)
+    n, first = len(segment), len(at_inlets)
     units = network.output_units()
 
     def report(state: State) -> Array:
+        B = len(state.y)  # parameter sets, or moments of one
         result, values = np.empty((B, len(units))), joined.join(state.y, state.A_t, state.H)
         A, A_t, flow = sampled(values).reshape(B, 3, n).swapaxes(0, 1)
         at_ends = values.take(ends, 1)

@@ -216,7 +216,7 @@ def test_few_harmonics(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large mesh or batch keeps fewer harmonics; with four of them the first beat is within 3 % (1.8 %)."""
     sheep = load("sheep")
     exact = simulate_periodic(sheep, settings=COARSE, tolerance=1e-5)
-    monkeypatch.setattr("solver.start._STORAGE", 1e3)
+    monkeypatch.setattr("solver.balance._STORAGE", 1e3)
     run = simulate(sheep, duration=T, settings=COARSE, start="periodic")
     first = error(run, exact, 0)
     assert 0.006 <= first <= 0.03

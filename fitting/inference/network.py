@@ -47,14 +47,13 @@ from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_valu
 
 Array = np.ndarray
 
-COARSE_DT = 2.5e-3  # s, for naming; its error is measured and enters the noise
-SCREEN_DT = 5e-3  # s, for the derivatives of the score test
+BEYOND = 8  # harmonics above those of the record that a balance keeps; what the elements do to all enters the noise
+STEP_DT = 1e-3  # s, where no balance is found
 _FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
-_CHEAP = 16  # members that cost hardly more than one
-_SHARPER = 2  # times that the step is halved at most
+_SHARPER = 2  # times that the elements are halved at most
 _REPEATS = 3.0  # of the tolerance of a step: what beats need not repeat better than where they take more than two
-_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter step
+_NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter elements
 
 
 @dataclass(frozen=True)
@@ -179,31 +178,15 @@ class NetworkProblem(Forward):
             np.concatenate([m.x[None], m.x + s[:, None] * np.eye(len(m.x))[i]])
             for m, s, i in zip(members, steps, by, strict=True)
         ]
-        everything = [replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x]
-        coarse, many = self._stepping(SCREEN_DT), sum(map(len, by)) > _CHEAP
-        # derivatives need no shorter steps
-        coarser = many and self.simulator.settings.dt < coarse.simulator.settings.dt
-        asked = [(coarse, everything), (self, members)] if coarser else [(self, everything)]
-        X, *others = simulated([(p.simulator, each) for p, each in asked], runs)
-        exact = [None if x is None else self.residual(x) for other in others for x in other]
+        X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
         result: list[tuple[Array, Array] | None] = []
-        for i, step in enumerate(steps):
+        for step in steps:
             own, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
             z = self.target.residual(np.stack(own)) if len(own) > len(step) else None
-            here = exact[i] if exact else None if z is None else z[0]
-            result.append(None if z is None or here is None else (here, (z[1:] - z[0]).T / step))
+            result.append(None if z is None else (z[0], (z[1:] - z[0]).T / step))
         return result
 
-    def _stepping(self, dt: float) -> NetworkProblem:
-        """The same in steps of dt [s], or in the longest that show a beat's harmonics."""
-        settings = replace(self.simulator.settings, dt=min(dt, self.simulator.T / max(_FEWEST, 2 * self.K + 2)))
-        return replace(self, simulator=replace(self.simulator, settings=settings))
-
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        screen = self._stepping(SCREEN_DT)
-        return screen._columns(at, terms, runs or Runs())
-
-    def _columns(self, at: Fit, terms: Sequence[Term], runs: Runs) -> dict[str, Array]:
         groups: dict[str, list[Term]] = {}
         for term in terms:
             if not term.rewires:
@@ -279,8 +262,8 @@ class NetworkProblem(Forward):
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
 
-        Where the error would matter beside the noise, the steps become shorter; where shorter steps break down, as
-        those of a quadratic viscosity near its turn do, the problem stays as it is.
+        Where the error would matter beside the noise, the elements become shorter; where these break down, as those of
+        a quadratic viscosity near its turn do, the problem stays as it is.
         """
         member, problem, runs = fit.member, self, runs or Runs()
         for _ in range(_SHARPER):
@@ -293,7 +276,7 @@ class NetworkProblem(Forward):
             weight = np.where(np.arange(len(own)) == 0, 0.5, 1.0)[:, None]
             if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
                 break
-            problem = replace(problem, simulator=problem.simulator.halved())
+            problem = finer
         return problem.weighted(fit, error)
 
     # --- errors of the model --------------------------------------------------------------------------------------
@@ -322,12 +305,12 @@ class NetworkProblem(Forward):
 
     @property
     def weights(self) -> tuple[float, Array, Array, Array]:
-        """What :meth:`restored` makes the same problem of: dt [s], error, covariance and response."""
-        return self.simulator.settings.dt, self.error, self.target.covariance, self.response
+        """What :meth:`restored` makes the same problem of: length of the elements [m], error, covariance, response."""
+        return self.simulator.settings.element_length, self.error, self.target.covariance, self.response
 
     def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
-        dt, error, covariance, response = weights
-        simulator = replace(self.simulator, settings=replace(self.simulator.settings, dt=dt))
+        length, error, covariance, response = weights
+        simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
         own = Target.of(self.signals, self.target.X, covariance)
         return replace(self, simulator=simulator, target=own, error=error, response=response)
 
@@ -383,12 +366,13 @@ def network_problem(
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
-    settings = Settings(dt=min(COARSE_DT, beats.T / _FEWEST), tolerance=3e-5)
-    K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2, int(beats.T / settings.dt / 2) - 1))
+    settings = Settings(dt=min(STEP_DT, beats.T / _FEWEST), tolerance=3e-5)
+    K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2))
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
-    simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance)
+    simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance,
+                          beyond=BEYOND)  # fmt: skip
     simulator, X = started(simulator, runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, Settings, repeating_beat
+from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -76,7 +76,9 @@ class Runs:
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
-    start : time [s] in the beat at which runs begin: where the flow is least, because a run begins at rest, and a
+    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`); 0: beats are run in time,
+    which settings.dt is for, as where no balance is found.
+    start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
     flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
     """
 
@@ -89,14 +91,15 @@ class Simulator:
     start: float = 0.0
     tolerance: float = 1e-5
     resolved: float = 0.0
+    beyond: int = 0
 
     def halved(self) -> Simulator:
         """The same with half the step."""
         return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
 
     def finer(self) -> Simulator:
-        """The same with half the step and half the elements, to see what both do."""
-        half = self.halved()
+        """The same with half the step, where it has one, and half the elements, to see what both do."""
+        half = self if self.beyond else self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
     def coefficients(
@@ -107,15 +110,34 @@ class Simulator:
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
         """
         runs.check()
-        inflow = inflow or self.drive
+        inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
+        X = self._balanced(network, parameters, runs, inflow, B)
+        left = np.isnan(X).any(axis=(1, 2))
+        if left.any():
+            some = {name: np.broadcast_to(value, B)[left] for name, value in parameters.items()}
+            X[left] = self._in_time(network, some, runs, inflow.members(left))
+        runs.meter.add(B)
+        return X
 
+    def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, B: int) -> Array:
+        """By harmonic balance; NaN where none is found."""
+        if self.beyond:
+            try:
+                return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
+                                      settings=self.settings, tolerance=self.tolerance, more=self.beyond,
+                                      progress=runs.check)  # fmt: skip
+            except ValueError:  # of some member perhaps, which is found where it is alone
+                if B > 1:
+                    raise
+        return np.full((B, self.K + 1, len(self.names)), np.nan, complex)
+
+    def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
         def drive(t: Array) -> Array:
             return inflow(t + self.start)
 
         beat = repeating_beat(network, drive, self.T, parameters=parameters, settings=self.settings,
                               tolerance=self.tolerance, resolved=self.resolved, max_beats=_BEATS,
                               progress=lambda *_: runs.check())  # fmt: skip
-        runs.meter.add(next((np.size(value) for value in parameters.values()), 1))
         waves = np.stack([np.atleast_2d(beat[name])[:, :-1] for name in self.names], axis=-1)
         turn = np.exp(-2j * np.pi * np.arange(self.K + 1) * (self.start / self.T))
         return np.fft.rfft(waves, axis=1, norm="forward")[:, : self.K + 1] * turn[:, None]

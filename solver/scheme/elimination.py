@@ -10,7 +10,7 @@ Elimination by rounds: G. L. Miller, J. H. Reif, Parallel tree contraction, Proc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -109,6 +109,15 @@ class Factor:
     taken: tuple[Array, ...]
     own: tuple[Array, ...]
     inverse: Array
+
+    @staticmethod
+    def joined(factors: Sequence[Factor]) -> Factor:
+        """Those of several systems as one of them all."""
+        passed, taken, own = (
+            tuple(map(np.concatenate, zip(*(getattr(f, part) for f in factors), strict=True)))
+            for part in ("passed", "taken", "own")
+        )
+        return Factor(factors[0].plan, passed, taken, own, np.concatenate([f.inverse for f in factors]))
 
     def whole(self) -> Factor:
         """The same as the inverse of the whole system, where that is small: for a factor that is used often."""

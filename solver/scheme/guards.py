@@ -24,6 +24,11 @@ def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
             _fail(NonPhysicalState, model, margin, t, reason(), remedy)
 
 
+def physical(model: Model, A: Array, A_t: Array, Q: Array) -> Array:
+    """Which members hold what :func:`check` asks : (B,)."""
+    return np.array([(margin > 0.0).all(axis=(1, 2)) for margin, _, _ in _margins(model, A, A_t, Q)]).all(axis=0)
+
+
 def refuse(
     model: Model, A: Array, A_t: Array, Q: Array, H: Array, changes: Array, venous: Array, done: Array, t: float
 ) -> NoReturn:

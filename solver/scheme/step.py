@@ -71,6 +71,10 @@ class State:
         """(STAGES, B, n_e, N+1) ∂Q/∂t at the stages of the last step [m³/s²]."""
         return self.guess.part(self.unknowns, "rates")
 
+    def of_moments(self, y: Array, A_t: Array, H: Array) -> State:
+        """Many moments at once, to be reported: a state vector y, ∂A/∂t and H of each."""
+        return replace(self, y=y, A_t=A_t, H=H)
+
     def members(self, index: Array | slice) -> State:
         """The state of some members of a batch."""
         return replace(

@@ -1,0 +1,268 @@
+"""The beat that repeats under what drives a network, harmonic by harmonic: harmonic balance.
+
+All of it with the equations of the scheme itself, so that everything a network holds takes part:
+
+1. The steady state of the mean drive, by implicit steps so long that everything but the flow comes to rest.
+2. The waves about it, harmonic by harmonic. A stage of length τ puts (x - x_start)/τ for dx/dt; with τ = 1/iω its
+   Jacobian is that of small waves e^{iωt}: linear theory as in :mod:`~solver.linear`, about stretched walls with flow.
+3. What these waves leave over in the nonlinear equations during a period is corrected with the same Jacobians, again
+   and again: each correction is a tenth of the one before where waves are as in arteries. This moves the mean too,
+   which differs from the state of the mean drive.
+
+Time is then exact but for the harmonics left out: there is no step whose error would add up.
+
+Harmonic balance: M. S. Nakhla, J. Vlach, IEEE Trans. Circuits Syst. 23 (1976) 85; here with fixed Jacobians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .memory import weights
+from .scheme import terms
+from .scheme.elimination import Factor
+from .scheme.guards import NonPhysicalState, check
+from .scheme.model import Model
+from .scheme.stage import Condensed, Operators, Stage, operators, operators_about, start
+from .scheme.step import State, initial_state
+from .units import SIGNAL_UNITS
+
+Array = np.ndarray
+Drive = Callable[[Array], Array]
+
+_STORAGE = 5e8  # bytes of the Jacobians of all harmonics; a large mesh or batch has fewer of them
+_SAMPLES = 4  # of a period for each harmonic, so that products of harmonics have room
+_FINE = 4096  # samples of the drive, whose mean counts
+_LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+_SETTLED = 1e-8  # last correction in such a step, relative to the flows there
+
+
+class Waves(NamedTuple):
+    """Amplitudes of e^{iωt}, the mean first: y (K+1, B, n) of the state vector, H (K+1, B, n_nodes) [Pa]."""
+
+    omega: Array
+    y: Array
+    H: Array
+
+    def at(self, t: float, derivative: bool = False) -> tuple[Array, Array]:
+        """y and H, or their time derivatives, t [s] after the start."""
+        turn = np.where(self.omega == 0.0, 1.0, 2.0) * np.exp(1j * self.omega * t)
+        turn = turn * (1j * self.omega) if derivative else turn
+        y, H = (np.tensordot(turn, x, 1).real for x in (self.y, self.H))
+        return y, H
+
+    @property
+    def rates(self) -> Array:
+        """Amplitudes of dy/dt."""
+        return 1j * self.omega[:, None, None] * self.y
+
+    def where(self, members: Array, other: Waves) -> Waves:
+        """These of some members : (B,), others of the rest."""
+        own = members[:, None]
+        return Waves(self.omega, np.where(own, self.y, other.y), np.where(own, self.H, other.H))
+
+
+def storable(model: Model) -> int:
+    """How many harmonics have room."""
+    mesh = model.mesh
+    numbers = model.coefficients.B * (mesh.elimination.inner.size + mesh.n_elements * (mesh.element.N + 3) ** 2)
+    return int(_STORAGE / (16.0 * numbers))
+
+
+def spectrum(model: Model, drive: Drive, T: float, K: int, t: float = 0.0) -> Array:
+    """Harmonics (K+1, B or 1, n_inlets) of what drives the inlets from time t [s] on, [m³/s] or [Pa]."""
+    samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
+    samples = samples.reshape(_FINE, len(model.network.inlets), -1).swapaxes(1, 2)
+    return np.fft.rfft(samples, axis=0, norm="forward")[: K + 1]
+
+
+def moments(model: Model, *values: Array) -> Iterator[tuple[Array, ...]]:
+    """What many moments have, each (moments, B, …), as batches that a model takes.
+
+    A model of one parameter set takes all moments at once.
+    """
+    if model.coefficients.B == 1:
+        yield tuple(x[:, 0] for x in values)
+    else:
+        yield from zip(*values, strict=True)
+
+
+def samples(x: Array) -> Array:
+    """Values over a period : (4 K, …) of amplitudes x : (K+1, …)."""
+    return np.fft.irfft(x, _SAMPLES * (len(x) - 1), axis=0, norm="forward")
+
+
+def amplitudes(x: Array, like: Array) -> Array:
+    """Amplitudes : (K+1, B, …) of values at all moments one after the other, the moments of ``like`` : (K+1, B, …)."""
+    K, B = len(like) - 1, like.shape[1]
+    return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
+
+
+# --- the steady state ---------------------------------------------------------------------------------------------
+
+
+def steady(model: Model, mean: Array) -> State:
+    """The steady state under constant inflows [m³/s] or pressures at the inlets [Pa] : (B or 1, n_inlets)."""
+    state, c, layout = initial_state(model), model.coefficients, model.layout
+    y, H, Q, A_t = state.y, state.H, state.Q, state.A_t
+    # the flow that passes, and the one that P_0 drives on the way
+    given = model.inlets.gain * mean
+    driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
+    flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
+    small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
+    try:
+        for tau in _LONG:
+            stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
+            # a guess of the flow that leaves the area as it is: a long step would multiply what does not
+            Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
+            y = stage.end(Q, A_t)
+        check(model, layout.part(y, "A"), A_t, Q, 0.0)
+    except (NonPhysicalState, np.linalg.LinAlgError) as error:
+        where = f" (segment {error.segment}: {error.reason})" if isinstance(error, NonPhysicalState) else ""
+        names = [inlet.drive for inlet in model.network.inlets]
+        means = ", ".join(
+            f"{name} = {x:g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, mean.mean(axis=0), strict=True)
+        )
+        raise ValueError(
+            f"network {model.network.name}: it has no steady state with {means}, the mean{where}; "
+            f"change {names[0]} or the outlets, or start from rest."
+        ) from None
+    return replace(state, y=y, H=H, A_t=np.zeros_like(A_t))
+
+
+# --- the waves ----------------------------------------------------------------------------------------------------
+
+
+def balanced(
+    model: Model, rest: State, drive: Array, T: float, small: float, most: int, tell: Callable[[], None] | None = None
+) -> tuple[Waves, Array]:
+    """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and how large
+    the last correction of each member was : (B,), relative to its waves.
+
+    small : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
+    them stands, and the size is infinite. tell : called after each.
+    """
+    omega = 2.0 * np.pi / T * np.arange(len(drive))
+    # the mean is a wave so slow that everything follows it
+    taus = [1.0 / (1j * w) if w else _LONG[-1] for w in omega]
+    response = _Response.about(model, taus, rest)
+    waves = before = Waves(omega, _constant(rest.y, len(omega)), _constant(rest.H, len(omega)))
+    last = np.full(model.coefficients.B, np.inf)
+    active = last > 0.0
+    for _ in range(most):
+        y, H = response.correction(*_left_over(model, waves, drive))
+        size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
+        less = size < last
+        better = active & less
+        corrected = _remembering(model, Waves(omega, waves.y + y, waves.H + H), taus)
+        waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
+        last = np.where(active, np.where(less, size, np.inf), last)
+        active = better & (size >= small)
+        if tell:
+            tell()
+        if not active.any():
+            break
+    return waves, last
+
+
+def _constant(x: Array, n: int) -> Array:
+    return np.concatenate([x[None], np.zeros((n - 1, *x.shape))]).astype(complex)
+
+
+def _size(model: Model, y: Array) -> Array:
+    """(B,) of the flows that pulsate."""
+    Q = y[1:, :, model.layout.places["Q"]]
+    return np.sqrt((Q.real**2 + Q.imag**2).sum(axis=(0, 2)))
+
+
+@dataclass(frozen=True)
+class _Response:
+    """How a network answers small waves of every frequency about a steady state: frequencies and members are one axis.
+
+    tau : (rows, 1, 1) of the stages. jacobian : inverse. signs, charge : as :class:`~solver.scheme.stage.Loads`.
+    storage : (rows, n_e, N) d(∂A/∂t)/dQ_x, -1 without leaks.
+    """
+
+    model: Model
+    tau: Array
+    jacobian: Condensed
+    signs: Array
+    charge: Array
+    storage: Array
+
+    @staticmethod
+    def about(model: Model, taus: Sequence[Any], rest: State) -> _Response:
+        each = [operators_about(model, tau, rest.y, rest.H) for tau in taus]
+        slopes = [_storage(model, o, rest) for o in each]
+        return _Response(
+            model,
+            np.repeat(np.array(taus, complex), model.coefficients.B)[:, None, None],
+            Condensed(
+                np.concatenate([o.at_rest.K_inverse for o in each]),
+                np.concatenate([o.at_rest.by_ends for o in each]),
+                Factor.joined([o.at_rest.nodal for o in each]),
+                model.mesh.end_nodes,
+            ),
+            np.concatenate([o.loads.signs for o in each]),
+            np.concatenate([o.loads.charge for o in each]),
+            np.concatenate(slopes),
+        )
+
+    def correction(self, R: Array, net: Array) -> tuple[Array, Array]:
+        """Changes of y and H, each (K+1, B, …), that cancel amplitudes of momentum and of ΣQ at the nodes left over."""
+        model, (n, B) = self.model, R.shape[:2]
+        mesh, layout = model.mesh, model.layout
+        Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R.reshape(n * B, *R.shape[2:]))
+        H = self.jacobian.nodal.solve(net.reshape(n * B, -1) + mesh.net_inflow(Q, self.signs))
+        self.jacobian.add_to(Q, H)
+        y = np.zeros((n * B, layout.size), complex)
+        layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi)
+        layout.part(y, "Q")[:] = Q
+        if layout.part(y, "P_C").size:
+            layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]
+        return y.reshape(n, B, -1), H.reshape(n, B, -1)
+
+
+def _storage(model: Model, o: Operators, rest: State) -> Array:
+    """(B, n_e, N) how much the area grows by what flows in."""
+    s, _ = start(model, o.tau, o.inertia, o.memory, o.loads, rest.y, model.coefficients.P_venous)
+    slope = s.storage.slope(rest.A, rest.A_t)
+    return np.asarray(np.reshape(slope, np.shape(slope)[:-1]) * model.minus_J_inverse)
+
+
+def _left_over(model: Model, waves: Waves, drive: Array) -> tuple[Array, Array]:
+    """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
+    o, P_venous = operators(model, model.settings.dt), model.coefficients.P_venous
+    R, net = list[Array](), list[Array]()
+    for y, rate, H, driven in moments(model, *map(samples, (waves.y, waves.rates, waves.H, drive))):
+        # an implicit step from where it would have come from at its present rate
+        stage = Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0)
+        Q = model.layout.part(y, "Q")
+        R.append(terms.residual(stage.start, Q, H))
+        net.append(stage.node_residual(Q, H))
+    return amplitudes(np.concatenate(R), waves.y), amplitudes(np.concatenate(net), waves.y)
+
+
+def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:
+    """The waves with what walls and fluid remember: linear filters of the strain rate's stress and of the velocity."""
+    part = model.layout.part
+    stress, history = part(waves.y, "stress"), part(waves.y, "history")
+    if not stress.size and not history.size:
+        return waves
+    y, rates = samples(waves.y), samples(waves.rates)
+    A, moment = part(y, "A"), waves.y
+    at_once = np.moveaxis(model.wall.stresses(A, part(rates, "A")), 0, 2)
+    relaxing = np.moveaxis(model.wall.elements[0], 0, 1)
+    U = part(y, "Q") / (A @ model.mesh.element.at_lobatto)
+    at_once, U = (amplitudes(x.reshape(-1, *x.shape[2:]), moment) for x in (at_once, U))
+    for k, tau in enumerate(taus):
+        if stress.size:
+            stress[k] = weights(relaxing, tau) * at_once[k]
+        if history.size:
+            unit = np.ones(A.shape[1:])
+            history[k] = model.force.since(history[k], tau).history(0.0 * history[k], U[k], unit)
+    return waves
