@@ -57,4 +57,4 @@ def _observed(model: Model, waves: Waves, rest: State, names: Sequence[str]) -> 
         good.append(physical(model, model.layout.part(y, "A"), A_t, model.layout.part(y, "Q")))
     columns = [report.names.index(name) for name in names]
     X = amplitudes(np.concatenate(values)[:, columns], waves.y).swapaxes(0, 1)
-    return X, np.concatenate(good).reshape(-1, model.coefficients.B).all(axis=0)
+    return X, np.logical_and.reduce(np.concatenate(good).reshape(-1, model.coefficients.B))

@@ -255,13 +255,15 @@ def test_a_sensor_needs_no_simulation(healthy: NetworkProblem) -> None:
         np.testing.assert_allclose(each, X[0] * ratio, rtol=1e-13)
 
 
-def test_shorter_steps_that_break_down_are_not_taken(healthy: NetworkProblem, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where half the step cannot be simulated, the problem is the same, after one attempt."""
+def test_shorter_elements_that_break_down_are_not_taken(
+    healthy: NetworkProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where half the elements cannot be simulated, the problem is the same, after one attempt."""
     real, tried = Simulator.coefficients, []
 
     def breaks(self: Simulator, *given: Any) -> np.ndarray:
         if self.settings.element_length < healthy.simulator.settings.element_length:
-            tried.append(self.settings.dt)
+            tried.append(self.settings.element_length)
             raise NonPhysicalState("it did not converge", "A", 0.0, 0.0, "shorten the step")
         return real(self, *given)
 
@@ -307,22 +309,22 @@ def test_sense_is_the_catalogue() -> None:
 
 
 @pytest.mark.parametrize(("noise", "halvings"), [(1e-1, 0), (1e-4, 2)])
-def test_sharpened_shortens_steps_where_they_matter(noise: float, halvings: int) -> None:
-    """A step of 5 ms: kept in 20 dB of noise, halved twice in 80 dB; the covariance then holds a smaller error."""
+def test_sharpened_shortens_elements_where_they_matter(noise: float, halvings: int) -> None:
+    """Elements of 40 cm: kept in 20 dB of noise, halved twice in 80 dB; the covariance then holds a smaller error."""
     problem = network_problem(beats(noise=noise), NETWORK)
-    coarse = replace(problem.simulator.settings, dt=5e-3)
+    coarse = replace(problem.simulator.settings, element_length=0.4)
     problem = replace(problem, simulator=replace(problem.simulator, settings=coarse))
     none = at(problem, [0.0, 0.0, 0.0])
     sharp = problem.sharpened(none)
-    assert sharp.simulator.settings.dt == pytest.approx(5e-3 / 2**halvings)
-    assert problem.simulator.settings.dt == 5e-3
+    assert sharp.simulator.settings.element_length == pytest.approx(0.4 / 2**halvings)
+    assert problem.simulator.settings.element_length == 0.4
     assert np.all(sharp.error > 0.0)
 
 
 def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
     """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
     before = network_problem(beats(1.25), NETWORK)
-    after = before.restored((2.5e-3, before.error, 1.7 * healthy.target.covariance, before.response))
+    after = before.restored((0.05, before.error, 1.7 * healthy.target.covariance, before.response))
     (old,) = before.refit([()])
     assert old is not None
     (new,) = after.restated([old], before)

@@ -47,7 +47,9 @@ from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_valu
 
 Array = np.ndarray
 
-BEYOND = 8  # harmonics above those of the record that a balance keeps; what the elements do to all enters the noise
+HARMONICS_BEYOND = (
+    8  # harmonics above those of the record that a balance keeps; what the elements do to all enters the noise
+)
 STEP_DT = 1e-3  # s, where no balance is found
 _FEWEST = 80  # steps in a beat
 _STEP = 0.02  # of x: finite differences
@@ -372,7 +374,7 @@ def network_problem(
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
     simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance,
-                          beyond=BEYOND)  # fmt: skip
+                          beyond=HARMONICS_BEYOND)  # fmt: skip
     simulator, X = started(simulator, runs)
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})

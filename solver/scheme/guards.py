@@ -26,7 +26,8 @@ def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
 
 def physical(model: Model, A: Array, A_t: Array, Q: Array) -> Array:
     """Which members hold what :func:`check` asks : (B,)."""
-    return np.array([(margin > 0.0).all(axis=(1, 2)) for margin, _, _ in _margins(model, A, A_t, Q)]).all(axis=0)
+    hold = [(margin > 0.0).all(axis=(1, 2)) for margin, _, _ in _margins(model, A, A_t, Q)]
+    return np.logical_and.reduce(hold)
 
 
 def refuse(
