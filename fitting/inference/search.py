@@ -18,8 +18,8 @@ from .unknown import bounds, penalty, precision, precisions
 Array = np.ndarray
 
 _LARGEST = 2.0  # of a step in x
-_ROUNDS = 14  # simulations of a hypothesis at most
-_FRESH = (4, 8)  # of them before which derivatives are simulated anew: the updated ones are too far off by then
+_ROUNDS = 30  # simulations of a hypothesis at most
+_FRESH = 4  # of them after which derivatives are simulated anew: the updated ones are too far off by then
 _ALL_FRESH = 8  # from which on also those of what every artery has of its own, which are many and hardly change
 _FEW = 100  # of which all are fresh at once
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
@@ -140,7 +140,7 @@ def search(problem: Searched, searches: Sequence[Search], runs: Runs, known: flo
         active = [s for s in active if s.promise < min(best, known) + _HOPELESS]
         if not active:
             break
-        if turn in _FRESH:
+        if turn and turn % _FRESH == 0:
             few = sum(len(s.x) for s in active) <= _FEW
             _derive(problem, active, runs, everything=few or turn >= _ALL_FRESH)
             active = [s for s in active if s.proposes()]
