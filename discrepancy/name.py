@@ -21,6 +21,7 @@ from fitting.inference.terms import Term
 
 from . import thresholds as at
 from .compare import Compared, along, further, hopeless, rewirings
+from .couples import coupled
 from .intervals import profiled
 from .verdict import Naming, decided
 from .walls import with_own_walls
@@ -55,7 +56,10 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
     if own is problem or walls == COMMON:
         for found in _with_common_walls(problem, terms, runs):
             yield found
-        yield from further(found, runs)
+        if problem.site is None:
+            yield from further(found, runs)
+        elif found.best.fit.terms and not found.best.explains:
+            yield from coupled(found, runs)
     elif walls == INDIVIDUAL:
         yield from _with_individual_walls(own, terms, runs)
     else:

@@ -34,7 +34,6 @@ MISFIT_SEVERAL = 1.3  # the same for several effects together: two terms can imi
 NEAR = 60.0  # of a score above the best: hypotheses that are refitted with shorter steps and fresh derivatives
 MOST_EFFECTS = 2  # at once
 BRANCHES = 3  # hypotheses that a further effect is added to
-BENCH_BRANCHES = 6  # the same on a bench
 BRANCH_COST = 3.0  # of the best cost, above which none is added
 ALONG = 4  # hypotheses whose place along the segment is searched where none explains the record
 ALONG_COST = 30.0  # of the best cost, above which that is not tried

@@ -17,6 +17,7 @@ from fitting.inference.unknown import Reach
 
 from . import thresholds as at
 from .compare import Compared
+from .couples import both_show
 from .weigh import Named, ranked, shares, stated, with_errors
 
 Array = np.ndarray
@@ -59,7 +60,7 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Naming:
     """The verdict on what was compared."""
     problem = found.problem
-    seen = [n for n in (*found.nones, *found.ranked) if n.visible]
+    seen = [n for n in (*found.nones, *found.ranked) if both_show(found, n)]
     wider = {n.key: with_errors(problem, n, terms) for n in seen[: len(found.nones) + at.LOOSE]}
     loose = {key: n for key, n in wider.items() if n is not None}
     exact = [n for n in seen if n.explains]

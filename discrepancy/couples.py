@@ -1,0 +1,61 @@
+"""Two effects together on a bench, where a refit costs a tenth of a second: every two of the catalogue are tried.
+
+What two effects are is not seen from the best single one: a lag beside a slow catheter is another catheter from afar,
+and a relaxation is nothing where its search begins, until the lag is there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import combinations
+
+from fitting.inference.added import extended
+from fitting.inference.fit import Fit
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, followers, joins
+
+from . import thresholds as at
+from .compare import Compared
+from .weigh import Named
+
+
+def coupled(found: Compared, runs: Runs) -> Iterator[Compared]:
+    """With every two effects, searched from nothing; those near the best from either of the two alone, too."""
+    alone = {n.label: n.fit for n in found.ranked if len(n.fit.terms) == 1}
+    couples = [(a, b) for a, b in combinations(found.terms, 2) if joins(b, (a,))]
+    couples += [(first, second) for fit in alone.values() for first, second in _following(found, fit)]
+    yield (found := _joined(found, found.problem.refit(couples, runs=runs)))
+    near = [n for n in found.ranked if len(n.fit.terms) == 2 and n.score < found.best.score + at.NEAR]
+    for fit in alone.values():
+        mine = [n.fit.terms for n in near if fit.terms[0] in n.fit.terms]
+        found = _joined(found, found.problem.refit(mine, fit, runs))
+    yield found
+
+
+def _following(found: Compared, fit: Fit) -> list[tuple[Term, Term]]:
+    """An effect and each that can act only where it does."""
+    network = extended(found.problem.network, fit)
+    return [(fit.terms[0], after) for after in followers(network, found.problem.site, found.terms)]
+
+
+def _joined(found: Compared, fits: list[Fit | None]) -> Compared:
+    return found.joined_by([f for f in fits if f is not None])
+
+
+def both_show(found: Compared, n: Named) -> bool:
+    """Whether each of two effects shows beside the other: the other alone, refitted, leaves d' or more.
+
+        d'² = cost(the other alone) - cost(both),
+
+    of walls alike; linear (:attr:`Named.visibility`) where the other alone was not refitted, and on a network, where
+    searches that compare stop early.
+    """
+    if len(n.fit.terms) < 2:
+        return True
+    alone = {other.key: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
+    costs = [alone.get((t.label, n.individual)) for t in n.fit.terms]
+    known = [c for c in costs if c is not None]
+    if found.problem.site is None or len(known) < len(costs):
+        return n.visible
+    return math.sqrt(max(min(known) - n.fit.cost, 0.0)) >= at.VISIBLE
