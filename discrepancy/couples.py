@@ -21,16 +21,25 @@ from .weigh import Named
 
 
 def coupled(found: Compared, runs: Runs) -> Iterator[Compared]:
-    """With every two effects, searched from nothing; those near the best from either of the two alone, too."""
-    alone = {n.label: n.fit for n in found.ranked if len(n.fit.terms) == 1}
+    """With every two effects, searched from nothing, and then again those that are near the best, or share one with it,
+    from either of the two alone."""
+    alone = {n.fit.terms[0]: n.fit for n in found.ranked if len(n.fit.terms) == 1}
     couples = [(a, b) for a, b in combinations(found.terms, 2) if joins(b, (a,))]
-    couples += [(first, second) for fit in alone.values() for first, second in _following(found, fit)]
-    yield (found := _joined(found, found.problem.refit(couples, runs=runs)))
-    near = [n for n in found.ranked if len(n.fit.terms) == 2 and n.score < found.best.score + at.NEAR]
-    for fit in alone.values():
-        mine = [n.fit.terms for n in near if fit.terms[0] in n.fit.terms]
+    couples += [couple for fit in alone.values() for couple in _following(found, fit)]
+    lowest = min(n.fit.cost for n in found.ranked)
+    yield (found := _joined(found, found.problem.refit(couples, runs=runs, known=lowest)))
+    best = found.best
+    near = {n.key for n in found.ranked if n.score < best.score + at.NEAR}
+    for term, fit in alone.items():
+        shared = term in best.fit.terms
+        mine = [c for c in couples if term in c and (shared or (_label(c), best.individual) in near)]
         found = _joined(found, found.problem.refit(mine, fit, runs))
     yield found
+
+
+def _label(couple: tuple[Term, Term]) -> str:
+    """As :attr:`Named.key` has it."""
+    return " + ".join(sorted(term.label for term in couple))
 
 
 def _following(found: Compared, fit: Fit) -> list[tuple[Term, Term]]:
