@@ -53,11 +53,11 @@ def _joined(found: Compared, fits: list[Fit | None]) -> Compared:
 
 
 def both_show(found: Compared, n: Named) -> bool:
-    """Whether each of two effects shows beside the other: the other alone, refitted, leaves d' or more.
+    """Whether each of two effects shows beside the other, by what the other alone leaves where it is refitted.
 
-        d'² = cost(the other alone) - cost(both),
+        d'² = cost(the other alone) - cost(both);
 
-    of walls alike; linear (:attr:`Named.visibility`) where the other alone was not refitted, and on a network, where
+    linear (:attr:`Named.visibility`) where the other alone was not refitted, and on a network, where
     searches that compare stop early.
     """
     if len(n.fit.terms) < 2:
@@ -67,4 +67,4 @@ def both_show(found: Compared, n: Named) -> bool:
     known = [c for c in costs if c is not None]
     if found.problem.site is None or len(known) < len(costs):
         return n.visible
-    return math.sqrt(max(min(known) - n.fit.cost, 0.0)) >= at.VISIBLE
+    return math.sqrt(max(min(known) - n.fit.cost, 0.0)) >= at.BESIDE

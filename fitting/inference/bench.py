@@ -76,7 +76,7 @@ class Bench(Forward):
 
     @cached_property
     def start(self) -> Array:
-        """(N,) [m] the radius up to harmonic K, where searches begin: a ringing sensor undone makes too much of noise."""
+        """(N,) [m] the radius up to harmonic K, where searches begin: a ringing sensor undone makes much of noise."""
         X = spectral.coefficients(self.loop.R)
         X[self.K + 1 :] = 0.0
         return np.fft.irfft(X * self.loop.N, self.loop.N)
