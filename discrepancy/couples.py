@@ -53,18 +53,10 @@ def _joined(found: Compared, fits: list[Fit | None]) -> Compared:
 
 
 def both_show(found: Compared, n: Named) -> bool:
-    """Whether each of two effects shows beside the other, by what the other alone leaves where it is refitted.
-
-        d'² = cost(the other alone) - cost(both);
-
-    linear (:attr:`Named.visibility`) where the other alone was not refitted, and on a network, where
-    searches that compare stop early.
-    """
-    if len(n.fit.terms) < 2:
-        return True
-    alone = {other.key: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
-    costs = [alone.get((t.label, n.individual)) for t in n.fit.terms]
-    known = [c for c in costs if c is not None]
-    if found.problem.site is None or len(known) < len(costs):
+    """Whether each of two effects shows beside the other: linear (:attr:`Named.visibility`), or on a bench by what the
+    other alone leaves, d'² = cost(the other alone) - cost(both), which is more where valleys bend."""
+    if n.visible or found.problem.site is None:
         return n.visible
-    return math.sqrt(max(min(known) - n.fit.cost, 0.0)) >= at.BESIDE
+    alone = {other.label: other.fit.cost for other in found.ranked if len(other.fit.terms) == 1}
+    least = min(alone.get(t.label, -math.inf) for t in n.fit.terms)
+    return least - n.fit.cost >= at.BESIDE**2

@@ -1,7 +1,8 @@
 """Name the missing effect: which hypotheses of the catalogue explain the record, and which cannot be ruled out.
 
 1. Walls with all in common: a score test of every effect at every place, the best refitted in full with what every
-   animal has of its own under priors; a second effect beside the best where one alone leaves something.
+   animal has of its own under priors; a second effect beside the best where one alone leaves something, on a bench
+   every two (:mod:`discrepancy.couples`).
 2. Walls that differ (:mod:`discrepancy.walls`), where more than the model without effect is needed: every artery with
    deviations of its own, whose spread the record tells; the same again.
 3. All are compared by evidence (:mod:`discrepancy.weigh`), exact and with an error of the model beside them.
