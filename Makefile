@@ -43,7 +43,7 @@ test: $(VENV)/installed-test
 
 # a file on one core: the snippets of a document build on one another
 test-slow: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m slow
 
 check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff format --check .
