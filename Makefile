@@ -6,8 +6,8 @@
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-# once for all the processes that tests start, which compile anew where PYTHONDONTWRITEBYTECODE is set
-COMPILE = $(BIN)/python -m compileall -q arterial_fmu solver fmu_src fitting discrepancy build_fmu.py
+# modules are compiled once, not in every process that tests start
+unexport PYTHONDONTWRITEBYTECODE
 
 ifeq ($(origin PYTHON),undefined)
 # the first that starts: a shim may be on the path without a Python behind it
@@ -39,13 +39,11 @@ discover: $(VENV)/installed-run
 	$(BIN)/python examples/discover.py
 
 test: $(VENV)/installed-test
-	@$(COMPILE)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not endurance"
 
 # a file on one core: the snippets of a document build on one another
 test-slow: $(VENV)/installed-test
-	@$(COMPILE)
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m slow
 
 check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff format --check .

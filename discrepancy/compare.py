@@ -103,12 +103,11 @@ def _labels(fit: Fit) -> tuple[str, ...]:
     return tuple(t.label for t in fit.terms)
 
 
-def further(found: Compared, runs: Runs, branches: int | None = None) -> Iterator[Compared]:
+def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterator[Compared]:
     """With more effects, or finer ones, until the best explains the record or nothing new is left to try.
 
-    branches : of how many hypotheses at a time; more on a bench, where a refit costs nothing.
+    branches : of how many hypotheses at a time.
     """
-    branches = branches or (at.BRANCHES if found.problem.site is None else at.BENCH_BRANCHES)
     tried: set[tuple[str, ...]] = set()
     if found.best.fit.terms:
         elsewhere = along(found, runs)
@@ -190,8 +189,7 @@ def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:
     (anew,) = problem.refine([first], runs)
     base = first if anew is None else anew
     columns = problem.columns(base, others, runs)
-    # on a bench, every refit is cheaper than a wrong guess
-    enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2) if problem.site is None else np.inf
+    enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2)
     promising = shortlist([s for s in scores(base, columns, others) if s.left < enough], at.SHORTLIST)
     fits = problem.refit([(*first.terms, t) for t in promising], base, runs, columns) if promising else []
     return [f for f in fits if f is not None]

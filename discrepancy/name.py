@@ -1,7 +1,8 @@
 """Name the missing effect: which hypotheses of the catalogue explain the record, and which cannot be ruled out.
 
 1. Walls with all in common: a score test of every effect at every place, the best refitted in full with what every
-   animal has of its own under priors; a second effect beside the best where one alone leaves something.
+   animal has of its own under priors; a second effect beside the best where one alone leaves something, on a bench
+   every two (:mod:`discrepancy.couples`).
 2. Walls that differ (:mod:`discrepancy.walls`), where more than the model without effect is needed: every artery with
    deviations of its own, whose spread the record tells; the same again.
 3. All are compared by evidence (:mod:`discrepancy.weigh`), exact and with an error of the model beside them.
@@ -21,6 +22,7 @@ from fitting.inference.terms import Term
 
 from . import thresholds as at
 from .compare import Compared, along, further, hopeless, rewirings
+from .couples import coupled
 from .intervals import profiled
 from .verdict import Naming, decided
 from .walls import with_own_walls
@@ -55,7 +57,10 @@ def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | 
     if own is problem or walls == COMMON:
         for found in _with_common_walls(problem, terms, runs):
             yield found
-        yield from further(found, runs)
+        if problem.site is None:
+            yield from further(found, runs)
+        elif found.best.fit.terms and not found.best.explains:
+            yield from coupled(found, runs)
     elif walls == INDIVIDUAL:
         yield from _with_individual_walls(own, terms, runs)
     else:

@@ -17,6 +17,7 @@ from fitting.inference.unknown import Reach
 
 from . import thresholds as at
 from .compare import Compared
+from .couples import both_show
 from .weigh import Named, ranked, shares, stated, with_errors
 
 Array = np.ndarray
@@ -59,10 +60,12 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Naming:
     """The verdict on what was compared."""
     problem = found.problem
-    seen = [n for n in (*found.nones, *found.ranked) if n.visible]
-    wider = {n.key: with_errors(problem, n, terms) for n in seen[: len(found.nones) + at.LOOSE]}
+    every = (*found.nones, *found.ranked)
+    wider = {
+        n.key: with_errors(problem, n, terms) for n in [n for n in every if n.visible][: len(found.nones) + at.LOOSE]
+    }
     loose = {key: n for key, n in wider.items() if n is not None}
-    exact = [n for n in seen if n.explains]
+    exact = [n for n in every if n.explains and both_show(found, n)]
     ways = ranked([*exact, *loose.values()])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)

@@ -28,6 +28,15 @@ from solver import Network, load
 hypothesis.settings.register_profile("no deadline", deadline=None)
 hypothesis.settings.load_profile("no deadline")
 
+# the files that take longest: first, so that at the end no core waits for another
+LONGEST = ("readme", "examples", "muscl", "install", "discrepancy_walls", "hidden_bank", "closed_loop", "toy")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """In the order in which processes are to take them."""
+    rank = {f"test_{name}": i for i, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
 
 @pytest.fixture(scope="session")
 def sheep() -> Network:

@@ -251,6 +251,30 @@ def test_two_effects_are_several() -> None:
     assert naming.best.explains
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "base"),
+    [
+        ((Effect("stress_relaxation", (SITE,), 0.06), Effect("channel_lag", ("CA.R",), 6e-3)), "sheep"),
+        ((Effect("wall_viscosity", (SITE,), 0.02), Effect("catheter_resonance", ("CA.R",), 1 / 16, 1.2)), "elastic"),
+    ],
+    ids=["a relaxation and a lag", "viscosity and a slow sensor"],
+)
+def test_two_effects_of_which_none_shows_where_the_other_ends(hidden: tuple[Effect, ...], base: str) -> None:
+    """At 40 dB: both are found, though the search for a second effect from the best single one finds another two."""
+    naming = judged(hidden, base)
+    assert naming.verdict == "several" and naming.best.explains
+    assert {t.label for t in naming.best.fit.terms} == {f"{e.name} at {e.where[0]}" for e in hidden}
+
+
+def test_searches_begin_at_a_radius_of_the_harmonics_that_are_compared() -> None:
+    """K = 30: the same up to there, nothing beyond."""
+    problem, _ = noise_free(Case("bench", SITE, 40.0), OTHER)
+    X, whole = (np.fft.rfft(r) for r in (problem.start, problem.loop.R))
+    np.testing.assert_allclose(X[:31], whole[:31], rtol=1e-9, atol=1e-12 * abs(whole[0]))
+    assert np.abs(X[31:]).max() < 1e-12 * abs(whole[0])
+
+
 def test_a_cubic_rate_is_not_all_of_it() -> None:
     """A stress φ3 ε̇³ is outside the catalogue: its nearest, a viscosity that bends, is named with what remains.
 

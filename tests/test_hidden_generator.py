@@ -345,6 +345,16 @@ def test_d_prime_counts_noise_and_samples() -> None:
     assert 0.6 * alone <= d_prime(NetworkProblem(made), []) <= alone
 
 
+def test_two_effects_are_apart_from_one() -> None:
+    """A slow pressure sensor at a viscous wall: no single effect leaves more than either d', which has ζ as it is; two
+    that are not clear are not asked for."""
+    sensor = Effect("catheter_resonance", ("FA.P",), 0.086, 1.95)
+    found = detect(make(Case("bench", "FA", 40.0, (sensor, Effect("wall_viscosity", ("FA",), 0.024)), "elastic"), 5))
+    assert min(found.d_prime) > 30.0 and 6.0 < found.separation <= min(found.d_prime)
+    faint = detect(make(Case("bench", "FA", 40.0, (sensor, Effect("wall_viscosity", ("FA",), 1e-5)), "elastic"), 5))
+    assert min(faint.d_prime) < 30.0 and faint.separation == np.inf
+
+
 def test_the_mean_period_of_a_record_is_that_of_its_truth() -> None:
     """Twenty beats that jitter by 1 ms last 20 T, to round-off, from any phase on; each by itself does not."""
     for seed in range(5):

@@ -65,6 +65,13 @@ def test_periodic_start() -> None:
     assert max(relative_error(name, beat[name], expected[name]) for name in beat) <= 1e-2
 
 
+def test_periodic_start_without_stored_pressures(sheep: Network) -> None:
+    """Ends that only reflect: from there the first beat is the periodic one to 1 %, as in the default scheme."""
+    run = simulate(sheep, start="periodic", settings=COARSE, scheme="muscl")
+    expected = simulate_periodic(sheep)
+    assert max(relative_error(name, run[name], expected[name]) for name in ("MD.P", "CA.P", "CA.Q")) <= 0.01
+
+
 def test_pressure_inlet() -> None:
     """The pressure that a flow made drives the same flow, to 1e-3."""
     network = tube(artery(phi0=1e4), Reflection("A", 0.3))

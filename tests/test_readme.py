@@ -6,9 +6,11 @@ CI sees to installation.
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -56,15 +58,6 @@ def _snippets(document: str) -> list[tuple[str, str]]:
     return [(kind, text) for kind, text in found if not any(word in text for word in NOT_HERE)]
 
 
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A directory a document; that of README.md with what ``make demo`` has built."""
-    paths = {document: tmp_path_factory.mktemp("snippets") for document in DOCUMENTS}
-    out = str(paths["README.md"] / "dist")
-    subprocess.run([sys.executable, str(ROOT / "build_fmu.py"), "--out", out], check=True)
-    return paths
-
-
 @pytest.mark.parametrize("document", PAGES)
 def test_there_are_snippets(document: str) -> None:
     """A document with snippets is in the list above, and has as many as it says, or more."""
@@ -86,21 +79,72 @@ CASES = [
 ]
 
 
+class Lines:
+    """Lines of shell, each run once on the same files: many documents begin with the same ones."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[Any, ...], dict[str, bytes]] = {}
+
+    def run(self, line: str, folder: Path) -> None:
+        """Exit code 0. What the line reads are the files and folders that it names."""
+        if not line.startswith("arterial-fmu ") or ">" in line:
+            _succeeds(["bash", "-euc", _here(line)], folder)
+            return
+        words = [word for word in shlex.split(line) if (folder / word).exists()]
+        key = (line, *(tuple(_files(folder, folder / word).items()) for word in words))
+        if key not in self._made:
+            before = _files(folder, folder)
+            _succeeds(["bash", "-euc", _here(line)], folder)
+            after = _files(folder, folder)
+            self._made[key] = {name: after[name] for name in after if before.get(name) != after[name]}
+        for name, content in self._made[key].items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
+
+
+def _files(folder: Path, path: Path) -> dict[str, bytes]:
+    """A file, or all files of a folder, by their names from ``folder``."""
+    paths = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in paths}
+
+
+def _here(text: str) -> str:
+    """Shell that runs this checkout by this Python."""
+    text = re.sub("^arterial-fmu ", "python -m arterial_fmu ", text, flags=re.MULTILINE)
+    lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
+    text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
+    for folder in ("solver/networks/", "tests/clients/"):
+        text = text.replace(f" {folder}", f" {ROOT}/{folder}")
+    return text
+
+
+def _succeeds(command: list[str], folder: Path) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command[-1]}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.fixture(scope="module")
+def lines() -> Lines:
+    return Lines()
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory, lines: Lines) -> dict[str, Path]:
+    """A directory a document; that of README.md with what ``make demo`` has built."""
+    paths = {document: tmp_path_factory.mktemp("snippets") for document in DOCUMENTS}
+    lines.run("arterial-fmu build sheep --out dist", paths["README.md"])
+    return paths
+
+
 @pytest.mark.parametrize(("document", "number"), CASES)
-def test_snippet(folders: dict[str, Path], document: str, number: int) -> None:
+def test_snippet(folders: dict[str, Path], lines: Lines, document: str, number: int) -> None:
     """Exit code 0, after all snippets before it in the document."""
     kind, text = _snippets(document)[number]
     if kind == "python":
-        command = [sys.executable, "-c", text]
+        _succeeds([sys.executable, "-c", text], folders[document])
     else:
-        text = re.sub("^arterial-fmu ", "python -m arterial_fmu ", text, flags=re.MULTILINE)
-        lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
-        text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
-        for folder in ("solver/networks/", "tests/clients/"):
-            text = text.replace(f" {folder}", f" {ROOT}/{folder}")
-        command = ["bash", "-euc", text]
-    done = subprocess.run(command, cwd=folders[document], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+        for line in text.replace("\\\n", "").splitlines():
+            lines.run(line, folders[document])
 
 
 def _anchors(document: str) -> set[str]:

@@ -334,7 +334,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The product with the toys in it: three classes and three entries more than the original, nothing else."""
     folder = tmp_path_factory.mktemp("toys")
     for name in ("solver", "fmu_src", "fitting", "discrepancy"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, folder / name)  # what is compiled, too
     for path in (ROOT / "build_fmu.py", Path(__file__), Path(__file__).with_name("forked.py")):
         shutil.copy(path, folder)
     insert(folder / "solver" / "effects.py", "ALL", TissueSupport)

@@ -77,6 +77,19 @@ def two() -> Iterator[Counting]:
 
 
 @pytest.fixture(scope="module")
+def kept() -> Iterator[Counting]:
+    with Counting() as workers:
+        yield workers
+
+
+@pytest.fixture
+def lasting(kept: Counting) -> Counting:
+    """The same for all tests that leave the other process alive: it has imported what simulates."""
+    kept.away = 0
+    return kept
+
+
+@pytest.fixture(scope="module")
 def problem() -> NetworkProblem:
     """A record of the fork."""
     return network_problem(beats(), NETWORK)
@@ -95,12 +108,12 @@ def asked(problem: NetworkProblem) -> list[Member]:
 # --- simulations ------------------------------------------------------------------------------------------------------
 
 
-def test_the_same_coefficients(problem: NetworkProblem, two: Counting) -> None:
+def test_the_same_coefficients(problem: NetworkProblem, lasting: Counting) -> None:
     """Batches of other members end with other residuals of the periodic state, below 1e-5: 7e-12 here."""
     members, told = asked(problem), list[int]()
-    alone, shared = Runs(), Runs(Meter(told.append), workers=two)
+    alone, shared = Runs(), Runs(Meter(told.append), workers=lasting)
     expected, found = (simulated([(problem.simulator, members)], runs)[0] for runs in (alone, shared))
-    assert two.away > 0
+    assert lasting.away > 0
     assert [x is None for x in found] == [x is None for x in expected]
     for x, y in zip(expected, found, strict=True):
         if x is not None and y is not None:
@@ -108,28 +121,28 @@ def test_the_same_coefficients(problem: NetworkProblem, two: Counting) -> None:
     assert shared.meter.simulations == told[-1] == alone.meter.simulations
 
 
-def test_the_same_name(two: Counting) -> None:
+def test_the_same_name(lasting: Counting) -> None:
     """R_t of B off by 0.3: the same verdict as of one process, sizes and confidence to 1e-9 (equal, measured)."""
     problem = network_problem(beats(), NETWORK.with_parameters({"B.outlet.R_t": 0.1}))
     candidates = tuple(t for t in terms("terminal_reflection", "stenosis") if t.place == "B")
-    one, other = (name(problem, candidates, Runs(workers=workers), "common") for workers in (Workers(1), two))
-    assert two.away > 0
+    one, other = (name(problem, candidates, Runs(workers=workers), "common") for workers in (Workers(1), lasting))
+    assert lasting.away > 0
     assert (one.verdict, one.best.label) == (other.verdict, other.best.label)
     assert other.confidence == pytest.approx(one.confidence, abs=1e-9)
     np.testing.assert_allclose(other.best.fit.x, one.best.fit.x, atol=1e-9)
 
 
-def test_time_is_over_everywhere(problem: NetworkProblem, two: Counting) -> None:
+def test_time_is_over_everywhere(problem: NetworkProblem, lasting: Counting) -> None:
     """A deadline that is over: no simulation in either process, the same exception as of one; the other process lives,
     for there may be more to do by a later deadline."""
     members, late = asked(problem), time.monotonic() - 1.0
-    for workers in (Workers(1), two):
+    for workers in (Workers(1), lasting):
         runs = Runs(deadline=late, workers=workers)
         with pytest.raises(OutOfTime, match="allow more time"):
             simulated([(problem.simulator, members)], runs)
         assert runs.meter.simulations == 0
     assert _elsewhere((problem.simulator, members, late)) == (None, 0)
-    assert two.jobs == 2
+    assert lasting.jobs == 2
 
 
 # --- processes --------------------------------------------------------------------------------------------------------

@@ -68,5 +68,8 @@ def _pairs(t: Targets, kind: str, own: Sequence[Line]) -> None:
     pairs = w.of(own, "pair", 30.0)
     t.at_least(f"{kind}, two effects, both d′ ≥ 30: both named", 0.80, share(pairs, w.both_named))
     t.at_least("– one, and more remains", 0.95, share(pairs, w.one_and_more))
+    if apart := [x for x in pairs if x["separation"] is not None and x["separation"] >= SEPARABLE]:
+        t.at_least("– of these no single one leaves less than 6: both named", 0.80, share(apart, w.both_named))
+        t.at_least("– one, and more remains", 0.95, share(apart, w.one_and_more))
     alone = [x for x in own if w.pair_alone(x)]
     t.add(f"{kind}, two names without rivals, not both of them hidden", "–", share(alone, w.wrong_pair))

@@ -41,6 +41,7 @@ Array = np.ndarray
 _ITERATIONS = 40
 _MOST_HARMONICS = 40
 _ABOVE_NOISE = 4.0  # standard deviations
+_EARLIEST, _HOPELESS = 8, 300.0  # of them, after which a search ends that promises to stay so far above the best one
 _EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _LARGEST = 3.0  # of a step in x, typical sizes
@@ -73,6 +74,13 @@ class Bench(Forward):
         alone = self.part(self.network)
         return alone.with_terms(neutral | alone.parameters())
 
+    @cached_property
+    def start(self) -> Array:
+        """(N,) [m] the radius up to harmonic K, where searches begin: a ringing sensor undone makes much of noise."""
+        X = spectral.coefficients(self.loop.R)
+        X[self.K + 1 :] = 0.0
+        return np.fft.irfft(X * self.loop.N, self.loop.N)
+
     @property
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.n_beats, real=True)
@@ -82,18 +90,23 @@ class Bench(Forward):
 
     def refit(self, hypotheses: Sequence[tuple[Term, ...]], start: Fit | None = None, runs: Runs | None = None,
               columns: Mapping[str, Array] | None = None, known: float = np.inf) -> list[Fit | None]:  # fmt: skip
-        """The most probable unknowns of every hypothesis; ``start`` : of another one."""
-        found = []
+        """The most probable unknowns of every hypothesis; ``start`` : of another one.
+
+        known : the cost of one found before; where it is given, a search that promises to stay far above the best ends.
+        """
+        found: list[Fit | None] = []
         for terms in hypotheses:
             (runs or Runs()).check()
-            found.append(self._fitted(terms, start))
+            found.append(self._fitted(terms, start, known))
+            if (last := found[-1]) is not None and known < np.inf:
+                known = min(known, last.cost)
         return found
 
-    def _fitted(self, terms: tuple[Term, ...], start: Fit | None) -> Fit | None:
+    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:
         """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
         for begin in (start, None):
             with suppress(NoFit):
-                return self._allowed(fit(self, terms, begin))
+                return self._allowed(fit(self, terms, begin, known))
         return None
 
     def _allowed(self, found: Fit) -> Fit | None:
@@ -227,16 +240,16 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
 # --- the search -------------------------------------------------------------------------------------------------------
 
 
-def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None) -> Fit:
+def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: float = np.inf) -> Fit:
     """The most probable size of the terms and of the nuisances.
 
-    start : of a simpler hypothesis, whose unknowns are taken over.
+    start : of a simpler hypothesis, whose unknowns are taken over. known : as of :meth:`Bench.refit`.
     Raises NoFit if no wall of this kind carries the loop.
     """
     found: list[Fit] = []
     for member in _begin(problem, tuple(terms), start):
         with suppress(NoFit, np.linalg.LinAlgError):
-            found.append(_searched(problem, member))
+            found.append(_searched(problem, member, known))
     if not found:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
     return min(found, key=lambda f: f.cost)
@@ -257,7 +270,7 @@ class _Point:
 
     def cost(self, prior: Array) -> float:
         """That at the most probable radius, as far as the residual is quadratic in what is left to move."""
-        return float(self.state.z @ self.state.z) + penalty(prior, self.x) + self.state.log_volume
+        return self.state.promised(prior, self.x, np.zeros_like(self.x))
 
     def settled(self, problem: Bench, member: Member) -> _Point:
         """The same x with the radius moved to the most probable one."""
@@ -265,15 +278,14 @@ class _Point:
         return self if moved is None else moved
 
 
-def _searched(problem: Bench, member: Member) -> Fit:
+def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
     """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
-    unknowns, prior, damping = member.unknowns, precisions(member.unknowns), 0.0
-    low, high = bounds(unknowns)
-    here = _Point.at(problem, member, problem.loop.R)
+    prior, damping, (low, high) = precisions(member.unknowns), 0.0, bounds(member.unknowns)
+    here = _Point.at(problem, member, problem.start)
     if here is None:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
     kept, best, converged, settled = here, np.inf, False, False
-    for _ in range(_ITERATIONS):
+    for i in range(_ITERATIONS):
         if (cost := here.cost(prior)) < best + _EQUAL:
             converged = best - cost < _EQUAL
             kept, best, settled, damping = here, min(cost, best), False, 0.2 * damping if damping > 1e-4 else 0.0
@@ -287,6 +299,9 @@ def _searched(problem: Bench, member: Member) -> Fit:
         trial = None
         while trial is None and damping < 1e8:
             step = _largest(bounded_step(kept.state.J, kept.state.z, prior, kept.x, low, high, damping))
+            promised = kept.state.promised(prior, kept.x, step)
+            if i >= _EARLIEST and best - 3.0 * max(best - promised, 0.0) > known + _HOPELESS:
+                break
             trial = _Point.at(problem, replace(member, x=kept.x + step), kept.state.radius(step))
             damping = damping if trial is not None else max(10.0 * damping, 1e-2)
         if trial is None:
@@ -294,7 +309,7 @@ def _searched(problem: Bench, member: Member) -> Fit:
         here = trial
     z, J, log_volume = kept.state.z, kept.state.J, kept.state.log_volume
     order = (np.arange(len(z)) + 1) // 2
-    return Fit(member.terms, unknowns, kept.x, z, J, order, np.zeros_like(order), converged, log_volume)
+    return Fit(member.terms, member.unknowns, kept.x, z, J, order, np.zeros_like(order), converged, log_volume)
 
 
 def _largest(step: Array) -> Array:
@@ -320,7 +335,7 @@ def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[M
 
 def _promise(problem: Bench, member: Member) -> float:
     """The cost that one linear step from a point promises."""
-    state = _linearised(problem, member, problem.loop.R)
+    state = _linearised(problem, member, problem.start)
     if state is None:
         return np.inf
     prior = precisions(member.unknowns)
@@ -328,8 +343,7 @@ def _promise(problem: Bench, member: Member) -> float:
         step = _largest(bounded_step(state.J, state.z, prior, member.x, *bounds(member.unknowns)))
     except np.linalg.LinAlgError:  # a law that all but overflows
         return np.inf
-    left = state.z + state.J @ step
-    return float(left @ left) + penalty(prior, member.x + step) + state.log_volume
+    return state.promised(prior, member.x, step)
 
 
 # --- the linear problem -----------------------------------------------------------------------------------------------
@@ -348,6 +362,11 @@ class _State:
     linear: Linear
     log_volume: float
 
+    def promised(self, prior: Array, x: Array, step: Array) -> float:
+        """The cost after a step from x, if z is linear."""
+        left = self.z + self.J @ step
+        return float(left @ left) + penalty(prior, x + step) + self.log_volume
+
     def radius(self, step: Array) -> Array:
         """The most probable measured radius after a step of x."""
         return self.linear.radius(self.linear.z - self.linear.columns @ step)
@@ -355,7 +374,7 @@ class _State:
 
 def _settled(problem: Bench, member: Member) -> _State | None:
     """The linear problem at given parameters, at the radius that is most probable under them."""
-    r = problem.loop.R
+    r = problem.start
     for _ in range(3):
         state = _linearised(problem, member, r)
         if state is None:

@@ -32,4 +32,7 @@ def periodic_state(model: Model, drive: Any, T: float, t: float = 0.0, dt: float
     P_end = pressure_elastic(model.ends, A[:, grid.n_cells :].reshape(at_ends))
     H = found.H[:, : grid.topology.n_nodes]
     solved = Solved(Q[:, : grid.n_cells], Q[:, grid.n_cells :].reshape(at_ends), P_end, H)
-    return State(t, A[:, : grid.n_cells], solved, other.layout.part(found.y, "P_C").copy())
+    P_C, stored = np.zeros((len(A), len(grid.topology.outlet_segment))), other.layout.part(found.y, "P_C")
+    if stored.size:  # else no outlet has a stored pressure
+        P_C[:] = stored
+    return State(t, A[:, : grid.n_cells], solved, P_C)

@@ -40,8 +40,8 @@ Array = np.ndarray
 class Detection:
     """d' of each effect of a case, in its order; for a single one the separation and its nearest rival.
 
-    separation: from any other name of the catalogue (infinite if no rival exists). place_separation: from the same
-    name elsewhere (network only).
+    separation: from any other name of the catalogue (infinite if no rival exists); of two clear effects on a bench from
+    any single one, theirs with all their numbers free. place_separation: from the same name elsewhere (network only).
     """
 
     d_prime: tuple[float, ...]
@@ -58,6 +58,10 @@ def detect(made: Made) -> Detection:
     problem = BenchProblem(made) if made.case.kind == "bench" else NetworkProblem(made)
     effects = made.case.effects
     seen = tuple(d_prime(problem, [e for j, e in enumerate(effects) if j != i]) for i in range(len(effects)))
+    if len(effects) == 2 and isinstance(problem, BenchProblem) and min(seen) >= _BOTH:
+        one = {e.name: problem.left_with_one(e) for e in effects}
+        one |= {name: problem.left_with(name) for name in bench_rivals(made)}
+        return Detection(seen, min(*one.values(), *seen), min(one, key=one.__getitem__))
     if len(effects) != 1:
         return Detection(seen)
     if isinstance(problem, NetworkProblem):
@@ -85,6 +89,7 @@ def _on_network(made: Made, seen: float) -> Detection:
     return Detection((seen,), seen * other[nearest], nearest, seen * same.get(place, np.inf), place)
 
 
+_BOTH = 30.0  # d' of two effects, from which their separation is asked for: it takes seconds
 _FEW = 10  # unknowns: with more, one set of derivatives serves all steps of a refit
 
 
@@ -148,6 +153,15 @@ class BenchProblem:
         noise = self.made.noise
         return whitened(
             (self.R - R)[None], np.array([noise[self.R_name]]), self.response, noise[self.P_name], self.weight
+        )
+
+    def left_with_one(self, effect: Effect) -> float:
+        """What one of two effects leaves when its numbers and the nuisance are refitted."""
+        return refit(
+            lambda x: self.residual(x[:3], [replace(effect, size=float(x[3]), second=float(x[4]))]),
+            np.array([0.0, 0.0, 0.0, effect.size, effect.second]),
+            np.array([1e-3, 1e-3, 1e-3, 1e-2 * effect.size, 1e-2 * effect.second + 1e-9]),
+            np.array([*self.prior, np.inf, np.inf]),
         )
 
     def left_with(self, rival: str) -> float:
