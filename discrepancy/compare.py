@@ -85,6 +85,13 @@ class Compared:
         old = self.restated(sharp)
         return Compared.of(sharp, [again.get(key_of(f), f) for f in old.fits], old.columns, self.terms)
 
+    def at_minimum(self, runs: Runs) -> Compared:
+        """With the best hypothesis searched on, where it leaves something: its search may have begun far off."""
+        if self.best.explains:
+            return self
+        (fit,) = self.problem.refine([self.best.fit], runs)
+        return self if fit is None else self.joined_by([fit])
+
     def joined(self, other: Compared) -> Compared:
         """With the hypotheses of another comparison of the same record, under the weights of the better one."""
         better, worse = (self, other) if self.best.score <= other.best.score else (other, self)

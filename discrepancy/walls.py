@@ -72,6 +72,7 @@ def with_own_walls(
             again = [(), *_stuck(found), *_others_there(found)]
             fits = [f for f in found.problem.refit(again, found.best.fit, runs) if f is not None]
             yield (found := found.joined_by(fits))
+    yield (found := found.at_minimum(runs))
     if rewiring := rewirings(found):
         # from the walls of the file: those found without the outlet are bent for want of it
         afar = _seen(found.problem, at.AFAR)
