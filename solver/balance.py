@@ -27,6 +27,7 @@ from .scheme import terms
 from .scheme.elimination import Factor
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
+from .scheme.optional import Tight
 from .scheme.stage import Condensed, Operators, Stage, operators, operators_about, start
 from .scheme.step import State, initial_state
 from .units import SIGNAL_UNITS
@@ -154,11 +155,12 @@ def balanced(
     last = np.full(model.coefficients.B, np.inf)
     active = last > 0.0
     for _ in range(most):
-        y, H = response.correction(*_left_over(model, waves, drive))
+        filled = waves if isinstance(model.storage, Tight) else response.filled(waves, drive)
+        y, H = response.correction(*_left_over(model, filled, drive))
         size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
         less = size < last
         better = active & less
-        corrected = _remembering(model, Waves(omega, waves.y + y, waves.H + H), taus)
+        corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus)
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
         active = better & (size >= small)
@@ -184,7 +186,7 @@ class _Response:
     """How a network answers small waves of every frequency about a steady state: frequencies and members are one axis.
 
     tau : (rows, 1, 1) of the stages. jacobian : inverse. signs, charge : as :class:`~solver.scheme.stage.Loads`.
-    storage : (rows, n_e, N) d(∂A/∂t)/dQ_x, -1 without leaks.
+    storage : (rows, n_e, N) d(∂A/∂t)/d(-∂Q/∂x), 1 without leaks. minus_J_inverse : (rows, n_e, N).
     """
 
     model: Model
@@ -193,6 +195,7 @@ class _Response:
     signs: Array
     charge: Array
     storage: Array
+    minus_J_inverse: Array
 
     @staticmethod
     def about(model: Model, taus: Sequence[Any], rest: State) -> _Response:
@@ -210,7 +213,21 @@ class _Response:
             np.concatenate([o.loads.signs for o in each]),
             np.concatenate([o.loads.charge for o in each]),
             np.concatenate(slopes),
+            np.tile(model.minus_J_inverse, (len(taus), 1, 1)),
         )
+
+    def filled(self, waves: Waves, drive: Array) -> Waves:
+        """The waves with areas that take what flows in and does not leak. A leak grows with the pressure, which the
+        area is not proportional to; elsewhere corrections are exact."""
+        model, left = self.model, list[Array]()
+        for stage, y, rate, _ in _moments(model, waves, drive):
+            A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
+            left.append(stage.start.storage.left_over(stage.start.supply(Q), A, A_t))
+        more = amplitudes(np.concatenate(left), waves.y)
+        y = waves.y.copy()
+        change = self.tau * self.storage * more.reshape(-1, *more.shape[2:])
+        model.layout.part(y, "A")[:] += change.reshape(more.shape)
+        return waves._replace(y=y)
 
     def correction(self, R: Array, net: Array) -> tuple[Array, Array]:
         """Changes of y and H, each (K+1, B, …), that cancel amplitudes of momentum and of ΣQ at the nodes left over."""
@@ -220,7 +237,7 @@ class _Response:
         H = self.jacobian.nodal.solve(net.reshape(n * B, -1) + mesh.net_inflow(Q, self.signs))
         self.jacobian.add_to(Q, H)
         y = np.zeros((n * B, layout.size), complex)
-        layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi)
+        layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
         layout.part(y, "Q")[:] = Q
         if layout.part(y, "P_C").size:
             layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]
@@ -228,19 +245,23 @@ class _Response:
 
 
 def _storage(model: Model, o: Operators, rest: State) -> Array:
-    """(B, n_e, N) how much the area grows by what flows in."""
+    """(B, n_e, N) how much of what flows in the area takes."""
     s, _ = start(model, o.tau, o.inertia, o.memory, o.loads, rest.y, model.coefficients.P_venous)
     slope = s.storage.slope(rest.A, rest.A_t)
-    return np.asarray(np.reshape(slope, np.shape(slope)[:-1]) * model.minus_J_inverse)
+    return np.broadcast_to(np.reshape(slope, np.shape(slope)[:-1]), model.minus_J_inverse.shape)
+
+
+def _moments(model: Model, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
+    """Of all moments of a period the implicit stage that ends there, at the present rates; y, dy/dt and H."""
+    o, P_venous = operators(model, model.settings.dt), model.coefficients.P_venous
+    for y, rate, H, driven in moments(model, *map(samples, (waves.y, waves.rates, waves.H, drive))):
+        yield Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0), y, rate, H
 
 
 def _left_over(model: Model, waves: Waves, drive: Array) -> tuple[Array, Array]:
     """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
-    o, P_venous = operators(model, model.settings.dt), model.coefficients.P_venous
     R, net = list[Array](), list[Array]()
-    for y, rate, H, driven in moments(model, *map(samples, (waves.y, waves.rates, waves.H, drive))):
-        # an implicit step from where it would have come from at its present rate
-        stage = Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0)
+    for stage, y, _, H in _moments(model, waves, drive):
         Q = model.layout.part(y, "Q")
         R.append(terms.residual(stage.start, Q, H))
         net.append(stage.node_residual(Q, H))

@@ -22,7 +22,8 @@ from solver.quantity import Quantity
 from .unknown import Unknown, with_prior
 
 PRIOR_WIDTH = 10.0  # of an effect's size, in typical sizes: only to keep the search regular
-HOW_WIDTH = 2.0  # of how and where it acts, in typical steps
+HOW_WIDTH = 2.0  # of how it acts, in typical steps
+WHERE_WIDTH = 4.0  # of where along a segment, in typical steps: as good as anywhere, a tenth of it or all of it
 EVERY = "every segment"
 OWN = "of its own"
 _WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
@@ -108,8 +109,11 @@ def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -
 
 
 def _searched(effect: Effect, coordinate: Coordinate) -> Unknown:
-    """A size, which may be anything; or how an effect acts, which is known beforehand to a few typical steps."""
-    of_size = coordinate.name.rpartition(".")[2] not in (*effect.how, *effect.along)
+    """A size, which may be anything; or how and where an effect acts, known beforehand to a few typical steps."""
+    key = coordinate.name.rpartition(".")[2]
+    if key in effect.along:
+        return with_prior(coordinate, WHERE_WIDTH)
+    of_size = key not in effect.how
     return with_prior(coordinate, PRIOR_WIDTH if of_size else HOW_WIDTH, of_size)
 
 

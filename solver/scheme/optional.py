@@ -98,6 +98,9 @@ class Tight:
     def area_rate(self, supply: Array) -> Array:
         return supply
 
+    def left_over(self, supply: Array, A: Array, A_t: Array) -> Array:
+        return supply - A_t
+
     def slope(self, A: Array, A_t: Array) -> float:
         return 1.0
 
@@ -126,9 +129,12 @@ class Leaking:
         A_t = 0.0 * supply  # Newton steps from 0, which a long stage does not multiply: P depends on A and ∂A/∂t
         for _ in range(_LEAK_STEPS):
             A = self.A + self.tau * A_t
-            rest = A_t - supply + self.leak * (self.wall.pressure(A, A_t) - self.P_sink)
-            A_t = A_t - rest / (1.0 + self.leak * self._pressure_slope(A, A_t))
+            A_t = A_t + self.left_over(supply, A, A_t) / (1.0 + self.leak * self._pressure_slope(A, A_t))
         return A_t
+
+    def left_over(self, supply: Array, A: Array, A_t: Array) -> Array:
+        """Of what flows in, what neither fills nor leaks where area and ∂A/∂t are these, all (B, n_e, N) [m²/s]."""
+        return supply - A_t - self.leak * (self.wall.pressure(A, A_t) - self.P_sink)
 
     def slope(self, A: Array, A_t: Array) -> Array:
         """d(∂A/∂t)/d supply, (B, n_e, N, 1)."""

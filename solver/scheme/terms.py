@@ -40,9 +40,13 @@ class Start(NamedTuple):
         """A at the end of the stage, (B, n_e, N) [m²]."""
         return self.A + self.tau * A_t
 
+    def supply(self, Q: Array) -> Array:
+        """-∂Q/∂x, what flows in where the flow is Q : (B, n_e, N) [m²/s]."""
+        return (Q @ self.model.mesh.element.d_xi) * self.model.minus_J_inverse
+
     def area_rate(self, Q: Array) -> Array:
         """∂A/∂t at the end of the stage, where the flow is Q : (B, n_e, N) [m²/s]."""
-        return self.storage.area_rate((Q @ self.model.mesh.element.d_xi) * self.model.minus_J_inverse)
+        return self.storage.area_rate(self.supply(Q))
 
 
 class Flow(NamedTuple):
