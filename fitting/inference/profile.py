@@ -9,7 +9,7 @@ that the fit lies in. D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 8
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,7 +39,7 @@ def reaches(
     sd = np.sqrt(np.diag(fit.covariance))
     chosen = [i for i, u in enumerate(fit.unknowns) if u in unknowns and sd[i] > 0.0]
     ends = [
-        _End(fit, i, limit, quantile, float(np.clip(fit.x[i] + side * quantile * sd[i], low[i], high[i])))
+        _End(fit, i, side, limit, quantile, float(np.clip(fit.x[i] + side * quantile * sd[i], low[i], high[i])))
         for i in chosen
         for side, limit in ((-1.0, float(low[i])), (1.0, float(high[i])))
     ]
@@ -56,7 +56,9 @@ def reaches(
             end.answer(refit, lowest)
         active = [e for e in active if not e.done]
         asked = [e.held() for e in active]
-    apart = np.reshape([abs(e.end - fit.x[e.i]) / sd[e.i] for e in ends], (-1, 2))
+    # what one profile meets on its way lies in the intervals of the others: a record may show only a product of two
+    met = [f.x for e in ends for f in e.refits if f.cost <= lowest + quantile**2]
+    apart = np.reshape([e.reached(met) / sd[e.i] for e in ends], (-1, 2))
     return {fit.unknowns[i].name: (float(a), float(b)) for i, (a, b) in zip(chosen, apart, strict=True)}
 
 
@@ -64,13 +66,14 @@ def reaches(
 class _End:
     """The search for one end by the root of the rise, which is linear in x_i if C is quadratic.
 
-    i : the unknown. limit : of its range. x : where it is held next. inside : x_i and root of the rise of the farthest
+    i : the unknown. side : -1 or 1. limit : of its range. x : where it is held next. inside : x_i and root of the rise of the farthest
     try that rises less than q², and before : of the one before; outside : of the nearest that rises more, ∞ where it
     cannot be simulated.
     """
 
     fit: Fit
     i: int
+    side: float
     limit: float
     q: float
     x: float
@@ -91,6 +94,11 @@ class _End:
         if self.outside is not None and math.isfinite(self.outside[1]):
             return x + (self.outside[0] - x) * (self.q - g) / (self.outside[1] - g)
         return self._farther() if self.outside is None and g * g > (1.0 - _CLOSE) * self.q**2 else x
+
+    def reached(self, met: Sequence[Array]) -> float:
+        """How far from the fit its end lies; no nearer than points that were met in the same direction."""
+        here = float(self.fit.x[self.i])
+        return max(0.0, *(self.side * (float(x) - here) for x in (self.end, *(x[self.i] for x in met))))
 
     def held(self) -> Fit:
         """The fit with the unknown held at x, the others where the refits so far point to."""
