@@ -66,9 +66,9 @@ def reaches(
 class _End:
     """The search for one end by the root of the rise, which is linear in x_i if C is quadratic.
 
-    i : the unknown. side : -1 or 1. limit : of its range. x : where it is held next. inside : x_i and root of the rise of the farthest
-    try that rises less than q², and before : of the one before; outside : of the nearest that rises more, ∞ where it
-    cannot be simulated.
+    i : the unknown. side : -1 or 1. limit : of its range. x : where it is held next. inside : x_i and root of the rise
+    of the farthest try that rises less than q², and before : of the one before; outside : of the nearest that rises
+    more, ∞ where it cannot be simulated.
     """
 
     fit: Fit
