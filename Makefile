@@ -52,6 +52,7 @@ check: $(VENV)/installed-dev
 
 bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/speed.py
+	$(BIN)/python benchmarks/balance.py
 	$(BIN)/python benchmarks/size.py
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/fit_speed.py

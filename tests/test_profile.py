@@ -129,6 +129,21 @@ def test_the_end_of_a_range_is_the_end_of_the_interval() -> None:
     assert 1.3 < above <= 1.4
 
 
+def test_what_one_profile_meets_lies_in_the_intervals_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The profile of a meets b = 1/a on its way, up to 1.64. Where that of b is given up at once it ends at 1.44, by
+    itself; beside that of a it ends there, and never nearer than by itself."""
+    problem = Ratio(0.1, 0.2)
+    best = problem.best()
+    sd = math.sqrt(best.covariance[1, 1])
+    monkeypatch.setattr("fitting.inference.profile._TRIES", 1)
+    monkeypatch.setattr("fitting.inference.profile._End._farther", lambda end: end.inside[0])
+    alone = reaches(problem._forward, best, best.unknowns[1:], Q)["b"]
+    both = reaches(problem._forward, best, best.unknowns, Q)["b"]
+    assert 1.0 + alone[1] * sd == pytest.approx(1.438, abs=1e-3)
+    assert 1.0 + both[1] * sd == pytest.approx(1.0 / (1.0 - 0.2 * Q), rel=5e-3)
+    assert both[0] >= alone[0]
+
+
 # --- a bench ----------------------------------------------------------------------------------------------------------
 
 

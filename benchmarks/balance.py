@@ -1,0 +1,70 @@
+"""Time of a repeating beat by harmonic balance, against runs in time: a table, and JSON on request.
+
+    python benchmarks/balance.py [--json FILE]
+
+Sheep network, viscoelastic and elastic, a smooth inflow, batches of 1, 4, 16 and 64 moduli. CPU time of one thread, the
+best of several calls in one run; the error is that of a run in steps of 2.5 ms, relative to the balance, of the worst
+harmonic of P, Q and R at the ten sites. Nothing here is asserted: see tests/test_harmonics.py.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before NumPy is imported: one thread, so that CPU time is time
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from benchmarks.table import Row, best, show
+from solver import Network, Settings, beat_harmonics, load, repeating_beat
+
+SHEEP = load("sheep")
+ELASTIC = SHEEP.with_parameters({f"{s.name}.phi0": 0.0 for s in SHEEP.segments})
+NAMES = tuple(f"{site.name}.{kind}" for site in SHEEP.sites for kind in "PQR")
+K, BATCHES = 20, (1, 4, 16, 64)
+STEPS = Settings(dt=2.5e-3)
+
+
+def inflow(t: np.ndarray) -> np.ndarray:
+    """The sheep's mean and its first ten harmonics, smoothed [m³/s]."""
+    T = SHEEP.inlet.T
+    X = np.fft.rfft(SHEEP.inlet.Q(T * np.arange(1024) / 1024.0), norm="forward")[:11]
+    X *= np.exp(-((np.arange(11) / 6.0) ** 2)) * np.where(np.arange(11) > 0, 2.0, 1.0)
+    return np.asarray((np.exp(2j * np.pi * np.outer(t / T, np.arange(11))) @ X).real)
+
+
+def rows_of(name: str, network: Network) -> list[Row]:
+    """Both ways, of every batch."""
+    found = []
+    for B in BATCHES:
+        moduli = {"CA.E": 4e6 * np.linspace(0.9, 1.1, B)}
+        X = beat_harmonics(network, NAMES, K, inflow, parameters=moduli)
+        beat = repeating_beat(network, inflow, parameters=moduli, settings=STEPS)
+        run = np.stack([np.fft.rfft(beat[n][:, :-1], norm="forward")[:, : K + 1] for n in NAMES], axis=-1)
+        error = float((np.abs(run - X) / np.abs(X[:, 1:]).max(axis=1, keepdims=True)).max())
+        balance = best(partial(beat_harmonics, network, NAMES, K, inflow, parameters=moduli), 5)
+        in_time = best(partial(repeating_beat, network, inflow, parameters=moduli, settings=STEPS), 3)
+        found.append(
+            Row(f"{name}, batch of {B}, balance", 1e3 * balance, "ms", None, f"{in_time / balance:.1f} times as fast")
+        )
+        found.append(Row(f"{name}, batch of {B}, in time", 1e3 * in_time, "ms", None, f"off by {error:.1e}"))
+    return found
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+) -> None:
+    """Measure and print."""
+    rows = rows_of("sheep", SHEEP) + rows_of("elastic", ELASTIC)
+    show(rows, f"a beat that repeats, {K} harmonics, one thread", json_file)
+
+
+if __name__ == "__main__":
+    typer.run(main)
