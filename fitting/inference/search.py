@@ -24,6 +24,7 @@ _ALL_FRESH = 8  # from which on also those of what every artery has of its own, 
 _FEW = 100  # of which all are fresh at once
 _SMALL = 0.02  # decrease of the cost that ends a search, for each unit of cost per datum
 _ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which says nothing of slopes
+_STEEPEST = 1e100  # slope of a residual: what is steeper has broken down beside the point, and its square overflows
 _HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
 
@@ -170,7 +171,7 @@ def _derive(problem: Searched, searches: Sequence[Search], runs: Runs, everythin
         for s in searches
     ]
     for s, i, found in zip(searches, by, problem.derivatives([s.member() for s in searches], runs, by), strict=True):
-        if found is None:
+        if found is None or not np.abs(found[1]).max(initial=0.0) < _STEEPEST:
             s.failed = True
             continue
         J = np.empty((len(found[0]), len(s.x))) if s.J is None else s.J.copy()
