@@ -27,7 +27,6 @@ from .scheme import terms
 from .scheme.elimination import Factor
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
-from .scheme.optional import Tight
 from .scheme.stage import Condensed, Operators, Stage, operators, operators_about, start
 from .scheme.step import State, initial_state
 from .units import SIGNAL_UNITS
@@ -38,7 +37,9 @@ Drive = Callable[[Array], Array]
 _STORAGE = 5e8  # bytes of the Jacobians of all harmonics; a large mesh or batch has fewer of them
 _SAMPLES = 4  # of a period for each harmonic, so that products of harmonics have room
 _FINE = 4096  # samples of the drive, whose mean counts
+MOST = _FINE // 4  # harmonics
 _LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
+_MEAN = 1e6  # s, of the mean as a wave so slow that everything follows it
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
@@ -98,7 +99,7 @@ def samples(x: Array) -> Array:
 
 
 def amplitudes(x: Array, like: Array) -> Array:
-    """Amplitudes : (K+1, B, …) of values at all moments one after the other, the moments of ``like`` : (K+1, B, …)."""
+    """Amplitudes : (K+1, B, …) of the values of all members, moment after moment; K and B are those of ``like``."""
     K, B = len(like) - 1, like.shape[1]
     return np.fft.rfft(x.reshape(_SAMPLES * K, B, *x.shape[1:]), axis=0, norm="forward")[: K + 1]
 
@@ -142,20 +143,19 @@ def balanced(
     model: Model, rest: State, drive: Array, T: float, small: float, most: int, tell: Callable[[], None] | None = None
 ) -> tuple[Waves, Array]:
     """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and how large
-    the last correction of each member was : (B,), relative to its waves.
+    the last correction of each member was : (B,), of the flows that pulsate and relative to them.
 
     small : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
     them stands, and the size is infinite. tell : called after each.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
-    # the mean is a wave so slow that everything follows it
-    taus = [1.0 / (1j * w) if w else _LONG[-1] for w in omega]
+    taus = [1.0 / (1j * w) if w else _MEAN for w in omega]
     response = _Response.about(model, taus, rest)
     waves = before = Waves(omega, _constant(rest.y, len(omega)), _constant(rest.H, len(omega)))
     last = np.full(model.coefficients.B, np.inf)
     active = last > 0.0
     for _ in range(most):
-        filled = waves if isinstance(model.storage, Tight) else response.filled(waves, drive)
+        filled = waves if model.storage.proportional else response.filled(waves, drive)
         y, H = response.correction(*_left_over(model, filled, drive))
         size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
         less = size < last
@@ -220,7 +220,7 @@ class _Response:
         """The waves with areas that take what flows in and does not leak. A leak grows with the pressure, which the
         area is not proportional to; elsewhere corrections are exact."""
         model, left = self.model, list[Array]()
-        for stage, y, rate, _ in _moments(model, waves, drive):
+        for stage, y, rate, _ in _stages(model, waves, drive):
             A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
             left.append(stage.start.storage.left_over(stage.start.supply(Q), A, A_t))
         more = amplitudes(np.concatenate(left), waves.y)
@@ -251,7 +251,7 @@ def _storage(model: Model, o: Operators, rest: State) -> Array:
     return np.broadcast_to(np.reshape(slope, np.shape(slope)[:-1]), model.minus_J_inverse.shape)
 
 
-def _moments(model: Model, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
+def _stages(model: Model, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
     """Of all moments of a period the implicit stage that ends there, at the present rates; y, dy/dt and H."""
     o, P_venous = operators(model, model.settings.dt), model.coefficients.P_venous
     for y, rate, H, driven in moments(model, *map(samples, (waves.y, waves.rates, waves.H, drive))):
@@ -261,7 +261,7 @@ def _moments(model: Model, waves: Waves, drive: Array) -> Iterator[tuple[Stage, 
 def _left_over(model: Model, waves: Waves, drive: Array) -> tuple[Array, Array]:
     """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
     R, net = list[Array](), list[Array]()
-    for stage, y, _, H in _moments(model, waves, drive):
+    for stage, y, _, H in _stages(model, waves, drive):
         Q = model.layout.part(y, "Q")
         R.append(terms.residual(stage.start, Q, H))
         net.append(stage.node_residual(Q, H))

@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .balance import Waves, amplitudes, balanced, moments, samples, spectrum, steady, storable
+from .balance import MOST, Waves, amplitudes, balanced, moments, samples, spectrum, steady, storable
 from .coefficients import Parameters
-from .inflow import Inflows, drives_of
+from .inflow import Drives, Inflows, drives_of
 from .network import Network
 from .outputs import reporter
 from .scheme.guards import physical
 from .scheme.model import Model, Settings, build
 from .scheme.step import State
+from .simulate import check_network
 
 Array = np.ndarray
 
@@ -28,21 +29,57 @@ def beat_harmonics(
     """X : (B, K+1, m) complex harmonics of outputs of the beat that repeats: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
     By harmonic balance (:mod:`~solver.balance`): as the beat of :func:`~solver.simulate_periodic` with steps that
-    vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last correction, relative to
-    the flows of the wave; what is left is a part of it. more : harmonics that are kept beyond K, whose products with
-    others count below it. settings.dt plays no role. Other arguments as there.
+    vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last correction of the flows
+    that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept beyond K, whose
+    products with others count below it. settings.dt plays no role. progress : called after every correction; what it
+    raises ends the search. Other arguments as there.
 
     Members of a batch whose balance is not found, or has no room, are NaN; a simulation in time may find their beat.
-    Raises ValueError as simulate_periodic, and where there is no steady state with the mean of the drive.
+    Raises ValueError as simulate_periodic, for names that are no outputs, and where a member has no steady state with
+    the mean of the drive.
     """
+    _check(network, names, K, more, tolerance)
+    T = network.inlet.T if period is None else period
+    if not (isinstance(T, (int, float, np.number)) and 0.0 < T < np.inf):
+        raise ValueError(f"period = {T!r} s: must be a positive number.")
     model = build(network, parameters, settings)
-    B, T = model.coefficients.B, network.inlet.T if period is None else period
-    if storable(model) < K + more:
+    B = model.coefficients.B
+    drives, fit = drives_of(network, inflow, B), B * storable(model) // (K + more)
+    if fit >= B:
+        return _of_all(model, names, K, drives, T, tolerance, more, progress)
+    if not fit:
         return np.full((B, K + 1, len(names)), np.nan, complex)
-    harmonics = spectrum(model, drives_of(network, inflow, B), T, K + more)
+    found = []
+    for part in (slice(at, at + fit) for at in range(0, B, fit)):
+        own = {name: np.broadcast_to(value, B)[part] for name, value in (parameters or {}).items()}
+        model = build(network, own, settings)
+        found.append(_of_all(model, names, K, drives.members(part), T, tolerance, more, progress))
+    return np.concatenate(found)
+
+
+def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance: float) -> None:
+    check_network(network)
+    known = network.output_units()
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{name} is no output of network {network.name}; it has {', '.join(known)}.")
+    if not (K >= 0 and more >= 1 and K + more <= MOST):
+        raise ValueError(f"K = {K} harmonics and more = {more} beyond them: 0 and 1 at least, together {MOST} at most.")
+    if not tolerance > 0.0:
+        raise ValueError(f"tolerance = {tolerance!r} must be a positive number.")
+
+
+def _of_all(
+    model: Model, names: Sequence[str], K: int, drives: Drives, T: float, tolerance: float, more: int,
+    progress: Callable[[], None] | None,
+) -> Array:  # fmt: skip
+    harmonics = spectrum(model, drives, T, K + more)
     with np.errstate(all="ignore"):
         rest = steady(model, harmonics[0].real)
-        waves, last = balanced(model, rest, harmonics, T, tolerance, _CORRECTIONS, progress)
+        try:
+            waves, last = balanced(model, rest, harmonics, T, tolerance, _CORRECTIONS, progress)
+        except np.linalg.LinAlgError:  # waves of some frequency that nothing determines
+            return np.full((model.coefficients.B, K + 1, len(names)), np.nan, complex)
         X, good = _observed(model, waves, rest, names)
     X[~(good & (last < tolerance))] = np.nan
     return X[:, : K + 1]

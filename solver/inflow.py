@@ -61,6 +61,18 @@ class Drives:
             values = [x if x.ndim > t.ndim else np.repeat(x[..., None], self.B, axis=-1) for x in values]
         return np.stack(values, axis=1)
 
+    def members(self, part: slice) -> Drives:
+        """Those of some members of a batch."""
+
+        def own(inflow: Inflow) -> Inflow:
+            def some(t: Array) -> Array:
+                Q = np.asarray(inflow(t), float)
+                return Q if Q.ndim == t.ndim else Q[..., part]
+
+            return some
+
+        return Drives({name: own(inflow) for name, inflow in self.inflows.items()}, len(range(self.B)[part]))
+
     def values(self, name: str, t: Array) -> Array:
         """The flow [m³/s] or pressure [Pa] that drives an inlet at times t [s] : t.shape, or t.shape + (B,)."""
         Q, B = np.asarray(self.inflows[name](t.ravel()), float), self.B

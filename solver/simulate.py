@@ -65,7 +65,7 @@ def simulate(
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
-    _check_network(network)
+    check_network(network)
     made, settings = scheme_of(scheme, settings)
     duration = network.inlet.T if duration is None else duration
     if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0):
@@ -144,9 +144,10 @@ def repeating_beat(
     parameters: Parameters | None = None, settings: Settings | None = None,
     tolerance: float = 1e-5, resolved: float = 0.0, max_beats: int = 100, progress: Progress | None = None,
 ) -> Waveforms:  # fmt: skip
-    """The beat of :func:`simulate_periodic` in a third of its time: for fits, which need thousands.
+    """The beat of :func:`simulate_periodic` in a third of its time: for studies, which need thousands.
 
-    From near the periodic state, or from rest where there is none such, it runs on in quarters of a beat until every
+    (:func:`~solver.harmonics.beat_harmonics` needs no steps.) From near the periodic state, or from rest where there is
+    none such, it runs on in quarters of a beat until every
     output ends a period as it began it: a difference <= ``tolerance`` of its root mean square over the beat (of
     pressures and radii mean-removed). Pulses die out within a beat, so that the beat is as near to the periodic one.
     resolved : a difference that suffices after two beats; steps solved to settings.tolerance may not repeat better than
@@ -172,7 +173,7 @@ def _periodic_run(
     settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered",
 ) -> tuple[_Run, int]:  # fmt: skip
     """The run whose beats are to repeat, and the steps of a beat."""
-    _check_network(network)
+    check_network(network)
     made, settings = scheme_of(scheme, settings)
     period = network.inlet.T if period is None else period
     if not (isinstance(period, (int, float, np.number)) and math.isfinite(period) and period >= settings.dt):
@@ -187,7 +188,7 @@ def _periodic_run(
     return _run(network, inflow, parameters, made, settings, period / n), n
 
 
-def _check_network(network: Any) -> None:
+def check_network(network: Any) -> None:
     if not isinstance(network, Network):
         raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
 

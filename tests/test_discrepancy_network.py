@@ -264,12 +264,12 @@ def test_shorter_elements_that_break_down_are_not_taken(
     def breaks(self: Simulator, *given: Any) -> np.ndarray:
         if self.settings.element_length < healthy.simulator.settings.element_length:
             tried.append(self.settings.element_length)
-            raise NonPhysicalState("it did not converge", "A", 0.0, 0.0, "shorten the step")
+            raise NonPhysicalState("it did not converge", "A", 0.0, 0.0, "lower the inflow")
         return real(self, *given)
 
     monkeypatch.setattr(Simulator, "coefficients", breaks)
     assert healthy.sharpened(at(healthy, [0.0, 0.0, 0.0])) is healthy
-    assert len(tried) == 1
+    assert tried == [healthy.simulator.settings.element_length / 2.0]
 
 
 def test_nothing_is_simulated_after_the_deadline(healthy: NetworkProblem) -> None:

@@ -95,7 +95,7 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
     parameters = {n: unique[:, i] for i, n in enumerate(names) if n in nominal}
     try:
         X = simulator.coefficients(network, parameters, runs, driven(simulator.drive, [members[i] for i in first]))
-        return [X[i] for i in inverse.ravel()]
+        return [None if np.isnan(X[i]).any() else X[i] for i in inverse.ravel()]
     except (NonPhysicalState, NotPeriodic, ValueError):
         if len(members) == 1:
             return [None]

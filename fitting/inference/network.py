@@ -47,14 +47,12 @@ from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_valu
 
 Array = np.ndarray
 
-HARMONICS_BEYOND = (
-    8  # harmonics above those of the record that a balance keeps; what the elements do to all enters the noise
-)
+HARMONICS_BEYOND = 8  # above those of the record that a balance keeps: without more, 7e-5 of the pulse in elastic walls
 STEP_DT = 1e-3  # s, where no balance is found
-_FEWEST = 80  # steps in a beat
+_FEWEST = 80  # of such steps in a beat
+_REPEATS = 3.0  # of their tolerance: what beats need not repeat better than where they take more than two
 _STEP = 0.02  # of x: finite differences
 _SHARPER = 2  # times that the elements are halved at most
-_REPEATS = 3.0  # of the tolerance of a step: what beats need not repeat better than where they take more than two
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter elements
 
 
@@ -368,8 +366,8 @@ def network_problem(
     check_flow_driven(network)
     runs, known = runs or Runs(), network.output_units()
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
-    settings = Settings(dt=min(STEP_DT, beats.T / _FEWEST), tolerance=3e-5)
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2))
+    settings = Settings(dt=min(STEP_DT, beats.T / max(_FEWEST, 4 * K)), tolerance=3e-5)
     drive = inflow(beats, settings.dt)
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])

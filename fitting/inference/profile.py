@@ -3,7 +3,8 @@
 With C(x) = -2 ln(likelihood × priors), the profile of an unknown is p(x_i) = min C over all the others. Its interval
 ends where p has risen by q² above its minimum, on either side; if C is quadratic, at x̂_i ± q sd_i. An unknown that
 comes to the end of its range before that has its interval end there. Of several valleys, it is the profile of the one
-that the fit lies in. D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 87.
+that the fit lies in. Points that other profiles met on their way, as probable as its ends, are in the interval, too.
+D. J. Venzon, S. H. Moolgavkar, Appl. Statist. 37 (1988) 87.
 """
 
 from __future__ import annotations

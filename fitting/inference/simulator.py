@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
+from solver import NonPhysicalState, NotPeriodic, Settings, beat_harmonics, repeating_beat
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -76,8 +77,8 @@ class Runs:
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
-    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`); 0: beats are run in time,
-    which settings.dt is for, as where no balance is found.
+    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`). Where it is 0, or no
+    balance is found, the beat is run in time, in steps of settings.dt.
     start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
     flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
     """
@@ -98,8 +99,8 @@ class Simulator:
         return replace(self, settings=replace(self.settings, dt=self.settings.dt / 2.0))
 
     def finer(self) -> Simulator:
-        """The same with half the step, where it has one, and half the elements, to see what both do."""
-        half = self if self.beyond else self.halved()
+        """The same with half the step and half the elements, to see what both do."""
+        half = self.halved()
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
     def coefficients(
@@ -107,15 +108,20 @@ class Simulator:
     ) -> Array:
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps.
 
-        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
+        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline. Where some of a
+        batch have a balance, those that have none and break down in time are NaN instead.
         """
         runs.check()
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
         X = self._balanced(network, parameters, runs, inflow, B)
         left = np.isnan(X).any(axis=(1, 2))
-        if left.any():
-            some = {name: np.broadcast_to(value, B)[left] for name, value in parameters.items()}
-            X[left] = self._in_time(network, some, runs, inflow.members(left))
+        if left.all():
+            X = self._in_time(network, parameters, runs, inflow)
+        else:
+            for i in np.flatnonzero(left):
+                one = {name: np.broadcast_to(value, B)[i : i + 1] for name, value in parameters.items()}
+                with suppress(NonPhysicalState, NotPeriodic):
+                    X[i] = self._in_time(network, one, runs, inflow.members(slice(i, i + 1)))[0]
         runs.meter.add(B)
         return X
 
@@ -132,6 +138,8 @@ class Simulator:
         return np.full((B, self.K + 1, len(self.names)), np.nan, complex)
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
+        """By running beats until they repeat."""
+
         def drive(t: Array) -> Array:
             return inflow(t + self.start)
 
@@ -144,7 +152,7 @@ class Simulator:
 
 
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
-    """The model as given under this inflow, with shorter steps if it needs them.
+    """The model as given under this inflow; where it has no balance, with shorter steps if it needs them.
 
     Raises NonPhysicalState if none will do.
     """

@@ -39,7 +39,7 @@ class Inflow:
         k = np.arange(self.X.shape[-1])
         return np.asarray((np.exp(2j * np.pi * phase[..., None] * k) @ np.where(k > 0, 2.0 * self.X, self.X).T).real)
 
-    def members(self, which: Array) -> Inflow:
+    def members(self, which: slice) -> Inflow:
         """That of some members of a batch; one inflow is that of all of them."""
         return self if self.X.ndim == 1 else replace(self, X=self.X[which])
 

@@ -212,8 +212,9 @@ def response(network: Network, names: Sequence[str], T: float, K: int, parameter
 
 
 def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
-    """Standard deviation (K+1, m) of the solver's own error: what half the step changes, neighbours taken together.
+    """Standard deviation (K+1, m) of the solver's own error: what half the elements, and half the step, change.
 
+    Neighbouring harmonics are taken together.
     X, X_finer : (K+1, m). The scheme is of second order or better, so the change is 3/4 of the error or more.
     """
     change = np.abs(X - X_finer) * (4.0 / 3.0)

@@ -6,6 +6,7 @@ A term of a stage is made from the term of the model by ``since``, which tells i
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -92,6 +93,8 @@ Force = NoForce | DragForce
 class Tight:
     """∂A/∂t = -∂Q/∂x (`massConserv_AQ`)."""
 
+    proportional: ClassVar[bool] = True  # whether areas grow in proportion to what flows in
+
     def since(self, wall: Wall, A: Array, tau: float, P_venous: Array) -> Tight:
         return self
 
@@ -111,6 +114,8 @@ class Leaking:
 
     leak : (B, n_e, N) g [m²/(Pa·s)]. sink : (n_e,) the outlet; their number where there is none.
     """
+
+    proportional: ClassVar[bool] = False
 
     leak: Array
     sink: Array
