@@ -114,8 +114,8 @@ def test_two_inlets(drive: str) -> None:
 
 def test_a_member_is_what_it_is_alone(sheep: Network) -> None:
     """A batch of three moduli against each alone, which takes another way through the code: 2e-10 of the pulse, with
-    leaks 3e-9 (measured): the steady state, about which waves are corrected, is iterated to 1e-8."""
-    for case, expected in ((sheep, 3e-10), (sheep.with_terms(LEAKING), 5e-9)):
+    leaks 6e-9 (measured): the steady state, about which waves are corrected, is iterated to 1e-8."""
+    for case, expected in ((sheep, 3e-10), (sheep.with_terms(LEAKING), 8e-9)):
         together = beat_harmonics(case, names(case), K, flow(case), T, parameters=MODULI)
         for i, E in enumerate(MODULI["CA.E"]):
             alone = beat_harmonics(case, names(case), K, flow(case), T, parameters={"CA.E": np.array([E])})

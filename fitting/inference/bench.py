@@ -41,9 +41,7 @@ Array = np.ndarray
 _ITERATIONS = 40
 _MOST_HARMONICS = 40
 _ABOVE_NOISE = 4.0  # standard deviations
-_EARLIEST = 8  # iterations before which no search is given up
-_HOPELESS = 300.0  # by which it may promise to stay above the best one and still go on
-_GENEROUS = 3.0  # times what a step promises that a search may still gain
+_EARLIEST, _HOPELESS = 8, 300.0  # iterations, and promised cost above the best one's, from which a search is given up
 _EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _LARGEST = 3.0  # of a step in x, typical sizes
@@ -302,7 +300,7 @@ def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
         while trial is None and damping < 1e8:
             step = _largest(bounded_step(kept.state.J, kept.state.z, prior, kept.x, low, high, damping))
             promised = kept.state.promised(prior, kept.x, step)
-            if i >= _EARLIEST and best - _GENEROUS * max(best - promised, 0.0) > known + _HOPELESS:
+            if i >= _EARLIEST and best - 3.0 * max(best - promised, 0.0) > known + _HOPELESS:
                 break
             trial = _Point.at(problem, replace(member, x=kept.x + step), kept.state.radius(step))
             damping = damping if trial is not None else max(10.0 * damping, 1e-2)
