@@ -80,6 +80,9 @@ def with_own_walls(
         seen = afar.restated([found.none.fit], found.problem)
         columns = afar.rewhitened(found.columns, found.problem)
         yield (found := found.joined(_exact(found.problem, afar, [*seen, *fits], columns, terms, runs)))
+        if found.best.fit.terms and found.best.explains:  # an animal without effect begins at those walls, too
+            fits = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
+            yield found.joined_by(fits)
 
 
 def _from_afar(afar: Forward, common: Compared | None, runs: Runs) -> Fit | None:
