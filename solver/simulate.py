@@ -146,8 +146,9 @@ def repeating_beat(
 ) -> Waveforms:  # fmt: skip
     """The beat of :func:`simulate_periodic` in a third of its time: for studies, which need thousands.
 
-    (:func:`~solver.harmonics.beat_harmonics` needs no steps.) From near the periodic state, or from rest where there is
-    none such, it runs on in quarters of a beat until every
+    Where harmonics are enough, :func:`~solver.harmonics.beat_harmonics` takes less time, and no steps.
+
+    From near the periodic state, or from rest where there is none such, it runs on in quarters of a beat until every
     output ends a period as it began it: a difference <= ``tolerance`` of its root mean square over the beat (of
     pressures and radii mean-removed). Pulses die out within a beat, so that the beat is as near to the periodic one.
     resolved : a difference that suffices after two beats; steps solved to settings.tolerance may not repeat better than
@@ -189,6 +190,7 @@ def _periodic_run(
 
 
 def check_network(network: Any) -> None:
+    """Raise ValueError unless it is a Network."""
     if not isinstance(network, Network):
         raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
 

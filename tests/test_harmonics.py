@@ -52,11 +52,11 @@ def error(X: Array, exact: Array) -> float:
     return float((np.abs(X - exact) / np.abs(exact[1:]).max(axis=0)).max())
 
 
-# measured: 2.2e-7, 3.6e-6, 8.4e-6; with elements of 5 cm 2.1e-6, 3.1e-4, 7.6e-6
+# measured: 5.8e-8, 3.5e-6, 8.4e-6; with elements of 5 cm 2.1e-6, 3.1e-4, 7.6e-6
 @pytest.mark.parametrize(
     ("network", "expected"),
     [
-        pytest.param(lambda: load("sheep"), 3e-7, id="sheep"),
+        pytest.param(lambda: load("sheep"), 8e-8, id="sheep"),
         pytest.param(elastic, 5e-6, id="elastic"),
         pytest.param(lambda: load("sheep_nonlinear"), 1e-5, id="nonlinear viscosity"),
     ],
@@ -96,9 +96,9 @@ def test_runs_in_time_tend_to_it(network: Callable[[], Network], expected: float
     assert 6.0 <= errors[0] / errors[1] <= 9.0
 
 
-@pytest.mark.parametrize("drive", ["B.inlet.Q", "B.inlet.P"])
-def test_two_inlets(drive: str) -> None:
-    """The flow is given at A, flow or pressure at B, smooth waves both: runs in steps of 1 ms within 1e-5."""
+@pytest.mark.parametrize(("drive", "expected"), [("B.inlet.Q", 6e-7), ("B.inlet.P", 1.2e-6)])  # measured 4.4e-7, 9.5e-7
+def test_two_inlets(drive: str, expected: float) -> None:
+    """The flow is given at A, flow or pressure at B, smooth waves both: runs in steps of 1 ms are that near."""
     case, w = fork(B="flow" if drive.endswith("Q") else "pressure"), 2.0 * np.pi / T
     mean, size = (1e-5, 5e-6) if drive.endswith("Q") else (2e3, 5e2)
     drives = {
@@ -109,7 +109,7 @@ def test_two_inlets(drive: str) -> None:
     settings = Settings(tolerance=1e-8)
     beat = simulate_periodic(case, drives, T, settings=settings, tolerance=1e-7, start="periodic")
     waves = np.stack([beat[name][:-1] for name in names(case)], axis=1)
-    assert error(np.fft.rfft(waves, axis=0, norm="forward")[: K + 1], X) <= 1e-5
+    assert error(np.fft.rfft(waves, axis=0, norm="forward")[: K + 1], X) <= expected
 
 
 def test_a_member_is_what_it_is_alone(sheep: Network) -> None:
@@ -123,20 +123,20 @@ def test_a_member_is_what_it_is_alone(sheep: Network) -> None:
 
 
 def test_what_flows_in_flows_out(sheep: Network) -> None:
-    """The mean flows of the outlets add up to that of the inlet: to 1e-9 of it."""
+    """The mean flows of the outlets add up to that of the inlet: to 1e-9 of it (measured 8e-10)."""
     outlets = [f"{outlet.segment}.outlet.Q" for outlet in sheep.outlets]
     X = beat_harmonics(sheep, outlets, K, flow(sheep), T, tolerance=1e-10)[0, 0].real
     entered = flow(sheep)(T * np.arange(512) / 512.0).mean()
     assert X.sum() == pytest.approx(entered, rel=1e-9)
 
 
-@pytest.mark.parametrize(("viscous", "corrections", "left"), [(True, 5, 2e-6), (False, 7, 2e-6)])
+@pytest.mark.parametrize(("viscous", "corrections", "left"), [(True, 4, 8e-7), (False, 5, 1.2e-6)])
 def test_few_corrections_settle_it(sheep: Network, viscous: bool, corrections: int, left: float) -> None:
-    """Each is about a tenth of the one before: how many it takes to 1e-5, and what is left."""
+    """Each is about a tenth of the one before: how many it takes to 1e-5, and what is left (6.3e-7, 9.7e-7)."""
     case = sheep if viscous else elastic()
     exact, told = beat_harmonics(case, names(case), K, flow(case), T, tolerance=1e-10)[0], list[int]()
     X = beat_harmonics(case, names(case), K, flow(case), T, progress=lambda: told.append(1))[0]
-    assert len(told) <= corrections
+    assert len(told) == corrections
     assert error(X, exact) <= left
 
 
@@ -202,7 +202,7 @@ def test_what_has_no_balance_is_run_in_time(sheep: Network, monkeypatch: pytest.
     found = simulator.coefficients(sheep, MODULI, runs)
     assert runs.meter.simulations == 3
     assert np.array_equal(found[[0, 2]], exact[[0, 2]])
-    assert 0.0 < error(found[1], exact[1]) <= 1e-5
+    assert 0.0 < error(found[1], exact[1]) <= 5e-6
 
 
 def test_one_that_breaks_down_says_so(sheep: Network) -> None:
