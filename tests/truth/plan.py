@@ -1,10 +1,10 @@
 """The lists of cases of the bank: which effects, where, how large, in how much noise; drawn from ranges fixed here.
 
-A plan belongs to a group, which says what its records are like; each group has a seed of its own for tuning and one for
-the reported run. The order of a plan is shuffled, so that any first part of it is a fair sample. A reported seed whose
-records were looked at becomes one of tuning (20260401, 20261121, 20270315, 20290611, 20310105, 20310113 and 20310115 of
-the standard group have, 20290612, 20310106, 20310107, 20310117 and 20310119 of the walls, 20290615, 20310108 and 20310118 of
-those off centre, 20290614 of those that vary).
+A plan belongs to a group, which says what its records are like; each group has a seed of its own for tuning and one
+for the reported run. The order of a plan is shuffled, so that any first part of it is a fair sample. A reported seed
+whose records were looked at becomes one of tuning (20260401, 20261121, 20270315, 20290611, 20310105, 20310113 and
+20310115 of the standard group have, 20290612, 20310106, 20310107, 20310117 and 20310119 of the walls, 20290615,
+20310108 and 20310118 of those off centre, 20290614 of those that vary).
 
     standard       identical beats, common nuisances; a tenth outside the catalogue, a tenth with two effects
     walls          every wall off by itself, by half, once or one and a half times what is usual
