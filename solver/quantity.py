@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -69,4 +70,9 @@ def quantity(default: float | None, unit: str, description: str, low: float, hig
 
 def quantities(thing: Any) -> dict[str, Quantity]:
     """The quantities of a dataclass or of one of its instances, by field name."""
-    return {f.name: f.metadata["quantity"] for f in fields(thing) if "quantity" in f.metadata}
+    return dict(_quantities(thing if isinstance(thing, type) else type(thing)))
+
+
+@cache
+def _quantities(kind: Any) -> dict[str, Quantity]:
+    return {f.name: f.metadata["quantity"] for f in fields(kind) if "quantity" in f.metadata}

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic
+from solver.network import Network
 
 from .fit import Member
 from .observation import driven, inlet_sensor, sense
@@ -87,7 +89,7 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
     terms = {(t.label, *(u.name for u in t.unknowns)): t for member in members for t in member.terms}
     network = rewired(simulator.network, terms.values())
     nominal = network.parameters()
-    moved = [parameter_values(m.unknowns, network, m.x) | inlet_sensor(m) for m in members]
+    moved = [values | inlet_sensor(m) for m, values in zip(members, _values(members, network), strict=True)]
     names = dict.fromkeys(name for each in moved for name in each)
     # a sensor of an output needs no simulation of its own
     table = np.array([[float(each.get(n, nominal.get(n, 0.0))) for n in names] for each in moved])
@@ -101,3 +103,12 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
             return [None]
     half = len(members) // 2
     return _batch(simulator, members[:half], runs) + _batch(simulator, members[half:], runs)
+
+
+def _values(members: Sequence[Member], network: Network) -> Iterator[dict[str, float]]:
+    """The parameters of every member that move, [SI]; those of one hypothesis after the other are found together."""
+    for unknowns, some in groupby(members, key=lambda m: m.unknowns):
+        x = np.stack([m.x for m in some])
+        found = parameter_values(unknowns, network, x)
+        for i in range(len(x)):
+            yield {name: float(value[i]) for name, value in found.items()}

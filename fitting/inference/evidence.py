@@ -73,20 +73,35 @@ class Linear:
 
     def at(self, widths: Mapping[str, float] | None = None) -> float:
         """-2 ln evidence, up to a constant of the record, with these widths of the groups."""
-        w = self.sd if not widths else np.array(
-            [widths.get(g, s) if g else s for g, s in zip(self.groups, self.sd, strict=True)]
-        )  # fmt: skip
-        A = w[:, None] * self.gram * w + np.diag(np.where(self.free, _FREE, 1.0))
-        L = np.linalg.cholesky(A)
-        half = np.linalg.solve(L, w * self.right)
-        value = self.rest - float(half @ half) + 2.0 * float(np.log(np.diag(L)).sum())
-        return value + (self._sizes(A, w * self.right) if self.free.any() else 0.0)
+        return float(self._scores(self._sds(widths or {})[None])[0])
 
-    def _sizes(self, A: Array, right: Array) -> float:
-        """-2 ln of the priors 1/(2 |x| ln range) of effects, less ln 2π of each; not below its standard deviation."""
-        inverse = np.linalg.inv(A)
-        size = np.maximum(np.abs(inverse @ right), np.sqrt(np.diag(inverse)))[self.free]
-        return float(2.0 * np.log(self.signs[self.free] * size * LOG_RANGE).sum()) - len(size) * math.log(2.0 * math.pi)
+    def _sds(self, widths: Mapping[str, float]) -> Array:
+        """(p,) standard deviations of the priors."""
+        return np.array([widths.get(g, s) if g else s for g, s in zip(self.groups, self.sd, strict=True)])
+
+    def _of_widths(self, found: Mapping[str, float], group: str) -> Array:
+        """-2 ln evidence of every width that a group may have, the others as found."""
+        w = np.tile(self._sds(found), (len(WIDTHS), 1))
+        w[:, [g == group for g in self.groups]] = np.array(WIDTHS)[:, None]
+        return self._scores(w) + _BEFOREHAND
+
+    def _scores(self, w: Array) -> Array:
+        """-2 ln evidence : (m,) with standard deviations w : (m, p) of the priors."""
+        ends = np.flatnonzero(self.free)
+        A = w[:, :, None] * self.gram * w[:, None, :] + np.diag(np.where(self.free, _FREE, 1.0))
+        right = np.zeros((*w.shape, 1 + len(ends)))
+        right[:, :, 0] = w * self.right
+        right[:, ends, 1 + np.arange(len(ends))] = 1.0
+        left = np.linalg.solve(A, right)
+        gain = np.einsum("mi,mi->m", right[:, :, 0], left[:, :, 0])
+        volume = np.log(np.diagonal(np.linalg.cholesky(A), axis1=1, axis2=2)).sum(axis=1)
+        value = self.rest - gain + 2.0 * volume
+        if not len(ends):
+            return np.asarray(value)
+        # -2 ln of the priors 1/(2 |x| ln range) of effects, less ln 2π of each; not below its standard deviation
+        size = np.maximum(np.abs(left[:, ends, 0]), np.sqrt(left[:, ends, 1 + np.arange(len(ends))]))
+        sizes = 2.0 * np.log(self.signs[ends] * size * LOG_RANGE).sum(axis=1)
+        return np.asarray(value + sizes - len(ends) * math.log(2.0 * math.pi))
 
     def inferred(self) -> Widths:
         """The most probable widths, one group after the other, a few times."""
@@ -95,7 +110,8 @@ class Linear:
         for _ in range(_SWEEPS):
             value = best
             for group in found:
-                value, found[group] = min((self.at({**found, group: w}) + beforehand(w), w) for w in WIDTHS)
+                scores = self._of_widths(found, group)
+                value, found[group] = float(scores.min()), WIDTHS[int(scores.argmin())]
             if value > best - 0.1:
                 break
             best = value
@@ -104,11 +120,11 @@ class Linear:
     def spreads(self) -> dict[str, float]:
         """Of every group the root of the mean square of its width, over all that it may be, the others as inferred."""
         found, widths = self.inferred().of, np.array(WIDTHS)
-        odds = np.array([beforehand(w) for w in WIDTHS])
-        odds[1:] += 2.0 * math.log(np.exp(-0.5 * odds[1:]).sum() / (1.0 - COMMON))
+        many = np.zeros(len(WIDTHS))  # WIDTHS stand for all that a group with deviations may have
+        many[1:] = 2.0 * math.log(np.exp(-0.5 * _BEFOREHAND[1:]).sum() / (1.0 - COMMON))
         spread = {}
         for group in found:
-            score = odds + np.array([self.at({**found, group: w}) for w in WIDTHS])
+            score = self._of_widths(found, group) + many
             p = np.exp(-0.5 * (score - score.min()))
             spread[group] = math.sqrt(float(p @ widths**2 / p.sum()))
         return spread
@@ -133,6 +149,9 @@ def beforehand(width: float) -> float:
     return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
 
 
+_BEFOREHAND = np.array([beforehand(w) for w in WIDTHS])
+
+
 def with_widths(fit: Fit) -> Fit:
     """A fit whose covariance goes by the widths of its groups, averaged as the record tells; it is linear in w²."""
     return replace(fit, widths=Linear.of(fit).spreads())
@@ -141,3 +160,4 @@ def with_widths(fit: Fit) -> Fit:
 def score(fit: Fit) -> float:
     """-2 ln evidence of a fit, up to a constant of the record, with the most probable widths of its groups."""
     return Linear.of(fit).inferred().score
+
