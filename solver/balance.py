@@ -40,6 +40,7 @@ _FINE = 4096  # samples of the drive, whose mean counts
 MOST = _FINE // 4  # harmonics
 _LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
 _MEAN = 1e6  # s, of the mean as a wave so slow that everything follows it
+_FILLED = 1e4  # s, the same where every correction fills what the one before left: a longer one has rounding errors
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
@@ -149,7 +150,7 @@ def balanced(
     them stands, and the size is infinite. tell : called after each.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
-    taus = [1.0 / (1j * w) if w else _MEAN for w in omega]
+    taus = [1.0 / (1j * w) if w else _MEAN if model.storage.proportional else _FILLED for w in omega]
     response = _Response.about(model, taus, rest)
     waves = before = Waves(omega, _constant(rest.y, len(omega)), _constant(rest.H, len(omega)))
     last = np.full(model.coefficients.B, np.inf)

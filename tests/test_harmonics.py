@@ -31,6 +31,7 @@ Array = np.ndarray
 T, K = 0.5, 20
 BEAT = Beat(T)
 LEAKING = {"PD.leak": 2e-8, "CA.leak": 1e-8}
+HELD = {"leak": 0.0, "leak_position": 0.5, "leak_length": 1.0}
 MODULI = {"CA.E": 5e5 * np.array([1.0, 1.2, 2.0])}
 
 
@@ -113,13 +114,27 @@ def test_two_inlets(drive: str, expected: float) -> None:
 
 
 def test_a_member_is_what_it_is_alone(sheep: Network) -> None:
-    """A batch of three moduli against each alone, which takes another way through the code: 2e-10 of the pulse, with
-    leaks 6e-9 (measured): the steady state, about which waves are corrected, is iterated to 1e-8."""
-    for case, expected in ((sheep, 3e-10), (sheep.with_terms(LEAKING), 8e-9)):
+    """A batch of three moduli against each alone, which takes another way through the code: 3e-10 of the pulse, with
+    leaks 4e-11 (measured): the steady state, about which waves are corrected, is iterated to 1e-8."""
+    for case, expected in ((sheep, 5e-10), (sheep.with_terms(LEAKING), 6e-11)):
         together = beat_harmonics(case, names(case), K, flow(case), T, parameters=MODULI)
         for i, E in enumerate(MODULI["CA.E"]):
             alone = beat_harmonics(case, names(case), K, flow(case), T, parameters={"CA.E": np.array([E])})
             assert error(together[i], alone[0]) <= expected
+
+
+def test_leaks_of_short_pieces_settle(sheep: Network) -> None:
+    """One in every artery, a member each, whose ends cut the meshes of all: every one has a balance. With a mean so
+    slow that rounding errors of the pieces add up, four of ten had none."""
+    R0 = np.array([9.67, 9.0, 8.41, 8.91, 9.13, 3.95, 2.83, 3.76, 3.92, 8.49]) * 1e-3  # the sheep's, each by itself
+    leaking, own = [s.name for s in sheep.segments], np.eye(len(sheep.segments))
+    case = sheep.with_terms({f"{name}.{key}": x for name in leaking for key, x in HELD.items()})
+    parameters = {f"{name}.R0": float(x) for name, x in zip(leaking, R0, strict=True)}
+    for key, there in (("leak", 1e-9), ("leak_position", 0.7), ("leak_length", 0.3)):
+        away = there - HELD[key]
+        parameters |= {f"{name}.{key}": HELD[key] + away * row for name, row in zip(leaking, own, strict=True)}
+    X = beat_harmonics(case, names(case), K, flow(case), T, parameters=parameters)
+    assert np.isfinite(X).all()
 
 
 def test_what_flows_in_flows_out(sheep: Network) -> None:

@@ -160,4 +160,3 @@ def with_widths(fit: Fit) -> Fit:
 def score(fit: Fit) -> float:
     """-2 ln evidence of a fit, up to a constant of the record, with the most probable widths of its groups."""
     return Linear.of(fit).inferred().score
-

@@ -126,15 +126,11 @@ class Simulator:
         return X
 
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, B: int) -> Array:
-        """By harmonic balance; NaN where none is found."""
+        """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
         if self.beyond:
-            try:
-                return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
-                                      settings=self.settings, tolerance=self.tolerance, more=self.beyond,
-                                      progress=runs.check)  # fmt: skip
-            except ValueError:  # of some member perhaps, which is found where it is alone
-                if B > 1:
-                    raise
+            return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
+                                  settings=self.settings, tolerance=self.tolerance, more=self.beyond,
+                                  progress=runs.check)  # fmt: skip
         return np.full((B, self.K + 1, len(self.names)), np.nan, complex)
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
@@ -154,7 +150,7 @@ class Simulator:
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
     """The model as given under this inflow; where it has no balance, with shorter steps if it needs them.
 
-    Raises NonPhysicalState if none will do.
+    Raises NonPhysicalState if none will do, ValueError where it has no steady state under the mean of the inflow.
     """
     for _ in range(_SHORTER):
         try:
