@@ -39,8 +39,7 @@ _SAMPLES = 4  # of a period for each harmonic, so that products of harmonics hav
 _FINE = 4096  # samples of the drive, whose mean counts
 MOST = _FINE // 4  # harmonics
 _LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
-_MEAN = 1e6  # s, of the mean as a wave so slow that everything follows it
-_FILLED = 1e4  # s, the same where every correction fills what the one before left: a longer one has rounding errors
+_MEAN = 1e4  # s, of the mean as a wave so slow that everything follows it; a longer one has rounding errors
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
@@ -150,7 +149,7 @@ def balanced(
     them stands, and the size is infinite. tell : called after each.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
-    taus = [1.0 / (1j * w) if w else _MEAN if model.storage.proportional else _FILLED for w in omega]
+    taus = [1.0 / (1j * w) if w else _MEAN for w in omega]
     response = _Response.about(model, taus, rest)
     waves = before = Waves(omega, _constant(rest.y, len(omega)), _constant(rest.H, len(omega)))
     last = np.full(model.coefficients.B, np.inf)
@@ -239,6 +238,8 @@ class _Response:
         self.jacobian.add_to(Q, H)
         y = np.zeros((n * B, layout.size), complex)
         layout.part(y, "A")[:] = self.tau * self.storage * (Q @ mesh.element.d_xi) * self.minus_J_inverse
+        if model.storage.proportional:  # the mean fills nothing for ever: what it does in a long while is no flow
+            Q[:B] = Q[:B].mean(axis=-1, keepdims=True)
         layout.part(y, "Q")[:] = Q
         if layout.part(y, "P_C").size:
             layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]

@@ -221,8 +221,10 @@ def test_what_has_no_balance_is_run_in_time(sheep: Network, monkeypatch: pytest.
 
 
 def test_one_that_breaks_down_says_so(sheep: Network) -> None:
-    """Under a mean flow that no wall carries, the run from rest names segment and remedy, as before."""
+    """Under a mean flow that no wall carries, the sentence names network, flow, segment and remedy."""
     drive = Inflow(T, np.array([5e-3 + 0j]), np.ones(1, bool))
     simulator = Simulator(sheep, drive, T, tuple(names(sheep)), K, Settings(dt=5e-3), beyond=8)
-    with pytest.raises(NonPhysicalState):
+    with pytest.raises(
+        ValueError, match=r"network sheep: .* inlet.Q = 0.005 m\^3/s, .*segment VA2: .*; change inlet.Q"
+    ):
         simulator.coefficients(sheep, {}, Runs())
