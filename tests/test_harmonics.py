@@ -22,7 +22,7 @@ import fitting.inference.simulator
 import solver.balance
 from fitting.inference.simulator import Runs, Simulator
 from fitting.records.inflow import Inflow
-from solver import Network, NonPhysicalState, Settings, beat_harmonics, load, simulate_periodic
+from solver import Network, Settings, beat_harmonics, load, simulate_periodic
 from solver.balance import storable
 from solver.scheme.model import build
 
