@@ -49,14 +49,9 @@ def _deviating(fit: Fit, there: dict[str, float], known: dict[str, Quantity]) ->
 
 
 def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:
-    """The stated spread of every quantity between arteries, and the one that makes the record most probable.
-
-    Of a calibration, in units of its own uncertainty.
-    """
-    quantities = {name.rpartition(".")[2]: q for name, q in known.items()}
-    found = Linear.of(fit).inferred().of
-    sizes = {group: quantities[group].individual if group in quantities else 1.0 for group in found}
-    return {group: (size, found[group] * size) for group, size in sizes.items()}
+    """The stated spread of every quantity between arteries, and the one that makes the record most probable."""
+    sizes = {name.rpartition(".")[2]: q.individual for name, q in known.items()}
+    return {group: (sizes[group], width * sizes[group]) for group, width in Linear.of(fit).inferred().of.items()}
 
 
 def odd_ones(walls: Walls, network: Network) -> list[str]:

@@ -61,11 +61,9 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     """The verdict on what was compared."""
     problem = found.problem
     every = (*found.nones, *found.ranked)
-    wider = {
-        n.key: with_errors(problem, n, terms) for n in [n for n in every if n.visible][: len(found.nones) + at.LOOSE]
-    }
-    loose = {key: n for key, n in wider.items() if n is not None}
     exact = [n for n in every if n.explains and both_show(found, n)]
+    wider = {n.key: with_errors(problem, n, terms) for n in _held_loosely(found, exact)}
+    loose = {key: n for key, n in wider.items() if n is not None}
     ways = ranked([*exact, *loose.values()])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
@@ -84,6 +82,15 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
         members = _class(same)
         return make(_said(best, members), problem, none, same + rest, members, stated(confidence, problem.kind))
     return _partial(make, found, none, loose, ways, confidence)
+
+
+def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
+    """What is held with an error of the model, too: the likeliest, and of every two effects that are weighed each by
+    itself, so that a second one must do better than the same misfit spread over all channels."""
+    likely = [*found.nones, *[n for n in found.ranked if n.visible][: at.LOOSE]]
+    alone = {t.label for n in (*likely, *exact) if len(n.fit.terms) > 1 for t in n.fit.terms}
+    known = {n.key for n in likely}
+    return likely + [n for n in found.ranked if n.label in alone and n.key not in known]
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:

@@ -149,7 +149,7 @@ def found_from(terms: Sequence[Term], term: Term) -> float:
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     """An exact hypothesis."""
-    groups = len({u.group for u in problem.individual().deviations})
+    groups = len({u.group for u in problem.individual().deviations if not u.stated})
     return Named(fit, evidence.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
 
 

@@ -12,9 +12,10 @@ from forked import NETWORK, clean, record
 
 from discrepancy.asked import Asked
 from fitting.inference.asked import parse_unknowns
+from fitting.inference.evidence import with_widths
 from fitting.inference.fit import Member
 from fitting.inference.network import network_problem
-from fitting.inference.prior import Calibrated, along, possible
+from fitting.inference.prior import CALIBRATION, Calibrated, along, possible
 from fitting.inference.terms import candidates, deviations
 from fitting.inference.unknown import values
 from fitting.parameter_set import ParameterSet, Value, unit_of, write_set
@@ -78,6 +79,19 @@ def test_what_was_calibrated_has_no_other_prior() -> None:
     common = {u.name for u in problem.individual().hypothesis(()) if not u.group}
     assert "all.E" in {u.name for u in problem.hypothesis(())} and "all.E" not in common
     assert {"all.phi0", "all.outlet.R_t"} <= common
+
+
+def test_the_width_of_its_prior_is_given() -> None:
+    """E of B known to 0.2 % before, which a record of 1 % noise does not better: 0.20 % after, where a width that the
+    record tells would be 0, with E of B as given and no interval at all. The other spreads are told by the record."""
+    known = along(parse_unknowns(("B.E",), NETWORK), np.array([[0.002**2]]), NETWORK)
+    problem = network_problem(record(clean(), 10, 0.01, 1), NETWORK, prior=known).individual()
+    (fit,) = problem.refit([()])
+    assert fit is not None
+    fit = with_widths(fit)
+    i = next(i for i, u in enumerate(fit.unknowns) if u.group == CALIBRATION)
+    assert np.sqrt(fit.covariance[i, i]) == pytest.approx(1.0, abs=0.02)
+    assert set(fit.widths) == {u.group for u in fit.unknowns} - {CALIBRATION, ""}
 
 
 def test_of_an_outlet_that_is_replaced() -> None:

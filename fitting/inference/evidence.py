@@ -56,7 +56,7 @@ class Linear:
         y = z - J @ x
         self.gram, self.right = J.T @ J, J.T @ y
         self.free = np.array([u.of_size for u in unknowns], bool)
-        self.groups = [u.group for u in unknowns]
+        self.groups = ["" if u.stated else u.group for u in unknowns]
         self.signs = np.array([2.0 if u.low < 0.0 else 1.0 for u in unknowns])
         grouped = np.array([bool(g) for g in self.groups], bool)
         local = precision(prior, x)

@@ -1,8 +1,8 @@
 """A calibration as a prior: deviations along the directions in which it left the walls uncertain.
 
 With the unknowns x of the calibration, their covariance Σ = V Λ Vᵀ and what they move, unknown i of the prior moves
-variable v by √λ_i Σ_j V_ji step_jv and has the standard deviation 1. Factors and shifts have a Σ each: what they have
-in common is left out, which makes the prior wider.
+variable v by √λ_i Σ_j V_ji step_jv and has the standard deviation 1, which the record does not change. Factors and
+shifts have a Σ each: what they have in common is left out, which makes the prior wider.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _directions(coordinates: Sequence[Coordinate], covariance: Array, network: N
         moves = tuple((name, float(step)) for name, step in zip(names, moved, strict=True) if step != 0.0)
         low, high = _range(kind, moves, values, known)
         name = f"{CALIBRATION} {kind} {len(found) + 1} {OWN}"
-        found.append(Unknown(name, kind, moves, low, high, group=CALIBRATION))
+        found.append(Unknown(name, kind, moves, low, high, group=CALIBRATION, stated=True))
     return found
 
 

@@ -33,12 +33,14 @@ class Unknown(Coordinate):
 
     prior_sd : standard deviation of x, or None. typical_sd : of the default prior; the size of x against which a datum
     without prior is judged, and that finite differences go by. group : those with one name share the width of their
-    priors, which the record tells. of_size : the size of an effect, any decade of which is equally likely beforehand.
+    priors, which the record tells; or are ``stated`` to have the width of 1. of_size : the size of an effect, any
+    decade of which is equally likely beforehand.
     """
 
     prior_sd: float | None = 1.0
     typical_sd: float = 1.0
     group: str = ""
+    stated: bool = False
     of_size: bool = False
 
     def within(self, spreads: float) -> Unknown:
