@@ -22,6 +22,7 @@ from fitting.records.inflow import Inflow
 from solver import Settings, repeating_beat, simulate, simulate_periodic
 
 EFFECTS = ("channel_gain", "channel_lag", "channel_offset", "catheter_resonance", "terminal_reflection", "side_branch")
+PHYSICS = (*EFFECTS, "external_pressure", "fluid_friction")
 OFFSET = 1.5e-6  # m³/s
 SHOWN = {
     "channel_gain": ({"inlet.Q.gain": 1.05}, lambda f: 1.05 + 0.0 * f),
@@ -74,6 +75,18 @@ def test_a_fault_of_the_flow_meter_is_found(effect: str) -> None:
     assert isinstance(problem, NetworkProblem)
     Q = problem.wave(problem.beats, fit)
     assert np.linalg.norm(Q - truth()["inlet.Q"]) <= 0.005 * np.linalg.norm(truth()["inlet.Q"])
+
+
+@pytest.mark.slow
+def test_what_imitates_a_fault_of_the_flow_meter_is_in_its_class() -> None:
+    """Gain 1.05, of which three pressures alone cannot tell a side branch or an external pressure."""
+    shown = ("A.P", "B.P", "C.P")
+    beats = record({"inlet.Q": 1.05 * truth()["inlet.Q"], **{n: truth()[n] for n in shown}}, 15, 0.01)
+    terms = candidates(NETWORK, (*shown, "inlet.Q"))
+    found = name(network_problem(beats, NETWORK), tuple(t for t in terms if t.effect in PHYSICS), walls=COMMON)
+    effects = {t.effect for n in found.members for t in n.fit.terms}
+    assert found.verdict == "ambiguous" and "channel_gain at inlet.Q" in {n.label for n in found.members}
+    assert effects & {"side_branch", "external_pressure", "terminal_reflection"}
 
 
 def test_every_member_of_a_batch_has_its_inflow() -> None:

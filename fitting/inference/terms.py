@@ -242,8 +242,8 @@ def nuisances(network: Network, site: str | None = None) -> tuple[Unknown, ...]:
 def deviations(network: Network) -> tuple[Unknown, ...]:
     """What every artery and outlet may have of its own, about what all have in common: one unknown for each number.
 
-    x = 1 is the spread that its quantity states; those of one quantity are a group. The thickness h has none: with the
-    radius known, it is the factor that E and φ0 have in common.
+    x = 1 is the spread that its quantity states; those of one quantity are a group. The thickness h has none: the wall
+    law has it nowhere but as a factor of E and of φ0 (and φNL), which deviate.
     """
     found = []
     for prefix, owner in network.owners():
