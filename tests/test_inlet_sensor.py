@@ -77,7 +77,6 @@ def test_a_fault_of_the_flow_meter_is_found(effect: str) -> None:
     assert np.linalg.norm(Q - truth()["inlet.Q"]) <= 0.005 * np.linalg.norm(truth()["inlet.Q"])
 
 
-@pytest.mark.slow
 def test_what_imitates_a_fault_of_the_flow_meter_is_in_its_class() -> None:
     """Gain 1.05, of which three pressures alone cannot tell a side branch or an external pressure."""
     shown = ("A.P", "B.P", "C.P")
