@@ -1,4 +1,4 @@
-"""The targets of the groups that are nearer to real animals."""
+"""The targets of the groups whose animals, sensors and beats are further from the model; all records synthetic."""
 
 from __future__ import annotations
 
