@@ -21,6 +21,10 @@ from benchmarks.hidden.row import row
 from benchmarks.hidden.targets import Targets, median_bounds
 from fitting.records.record import Record
 from solver import load
+from solver.network import Segment
+from solver.outlets import Reflection
+from solver.quantity import quantities
+from tests.truth.animal import INDIVIDUAL
 from tests.truth.hide import OUTSIDE, Effect
 from tests.truth.plan import GROUPS, REPORTED, TUNING_SEED, plan
 from tests.truth.records import Case, make
@@ -473,3 +477,13 @@ def test_outside_the_catalogue_of_all_sizes(group: str, kind: str) -> None:
 def test_every_group_has_targets() -> None:
     """The groups of the plan other than the standard one."""
     assert {"standard", *animals.GROUPS} == set(GROUPS)
+
+
+def test_walls_are_drawn_from_what_is_assumed() -> None:
+    """What the page says of the group: the workflow's spreads between arteries, but for R_t, 0.02 against 0.03."""
+    known = quantities(Segment) | quantities(Reflection)
+    assumed = {key: known[key].individual for key in INDIVIDUAL}
+    assert assumed == INDIVIDUAL | {"R_t": 0.03}
+    assert GROUPS["walls"].walls == (0.5, 1.0, 1.5)
+    said = "E 8 %, φ0 20 %, R0 2 %; of R_t 0.02, where 0.03 is assumed"
+    assert said in (bank.ROOT / "docs" / "hidden-effects.md").read_text(encoding="utf-8")
