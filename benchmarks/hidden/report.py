@@ -9,7 +9,7 @@ from typing import Any
 from solver.files import write_whole
 from solver.network import Network
 
-from . import real, through_fmu
+from . import animals, through_fmu
 from . import tables as t
 from . import words as w
 from .calibration import reliability
@@ -32,11 +32,11 @@ def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()
     """All tables that the lines have records for. network : whose junctions say what is adjacent. through : the lines
     of a sample that went through the rebuilt FMUs."""
     made = w.judged(lines)
-    groups = {name: [x for x in made if w.group(x) == name] for name in ("standard", *real.GROUPS)}
+    groups = {name: [x for x in made if w.group(x) == name] for name in ("standard", *animals.GROUPS)}
     parts = [origin(lines)]
     for name, own in groups.items():
         if own:
-            table = standard(own, network) if name == "standard" else real.GROUPS[name](own)
+            table = standard(own, network) if name == "standard" else animals.GROUPS[name](own)
             parts += [f"## {TITLES[name]}", table, *_by_kind(name, own, network)]
     if through:
         parts += ["## Through the rebuilt FMUs", through_fmu.table(through)]
