@@ -126,8 +126,18 @@ def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterato
             return
         known = found.best.score
         found = found.joined_by(fits)
+        if not found.best.visible:
+            found = found.joined_by(_each_alone(found, runs))
         found = found.polished(runs) if found.best.score < known else found
         yield found
+
+
+def _each_alone(found: Compared, runs: Runs) -> list[Fit]:
+    """Each effect of the best hypothesis alone, from where that ended: one that is nothing beside the other has only
+    shown its search the way."""
+    best, able = found.best.fit, {t.label for t in found.terms}
+    fits = found.problem.refit([(t,) for t in best.terms if t.label in able], best, runs)
+    return [f for f in fits if f is not None]
 
 
 def rewirings(found: Compared) -> list[tuple[Term, ...]]:

@@ -52,6 +52,7 @@ IN_COMMON = 0.3  # of the time limit, which walls with all in common may take wh
 FARTHEST = 3.0  # stated spreads that what all arteries have in common may be off, where walls may differ instead
 HOPELESS = 300.0  # chi2 per datum of the best effect with walls in common, from which no more is tried with them
 STALLED = 4.0  # chi2 per datum of walls that differ, seen from afar, from which they are searched for once more
+BENT = 1.0  # the same, from which effects are begun again from the walls of the file: those may have taken up a part
 STUCK = 3  # hypotheses without an end that are begun again from where the best freed the walls
 REFINED = 5  # hypotheses that are searched on without error
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named, linear

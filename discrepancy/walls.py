@@ -41,6 +41,7 @@ def with_own_walls(
     base = _from_afar(afar, common, runs)
     if base is None:
         return
+    bent = base.chi2 > at.BENT * len(base.z)
     yield Compared.of(problem, [settled(f) for f in problem.restated([base], afar)], {}, terms)
     if rival is not None:
         near = _seen(problem, at.CLOSER[-1])
@@ -73,10 +74,13 @@ def with_own_walls(
             fits = [f for f in found.problem.refit(again, found.best.fit, runs) if f is not None]
             yield (found := found.joined_by(fits))
     yield (found := found.at_minimum(runs))
-    if rewiring := rewirings(found):
-        # from the walls of the file: those found without the outlet are bent for want of it
+    anew = rewirings(found)
+    if bent and not found.best.explains:
+        anew += [(t,) for t in list(chosen)[: at.EACH]]
+    if anew:
+        # from the walls of the file: those fitted without an effect have taken up a part of it
         afar = _seen(found.problem, at.AFAR)
-        fits = [f for f in afar.refit(rewiring, runs=runs) if f is not None]
+        fits = [f for f in afar.refit(anew, runs=runs) if f is not None]
         seen = afar.restated([found.none.fit], found.problem)
         columns = afar.rewhitened(found.columns, found.problem)
         yield (found := found.joined(_exact(found.problem, afar, [*seen, *fits], columns, terms, runs)))
