@@ -3,8 +3,8 @@
 A plan belongs to a group, which says what its records are like; each group has a seed of its own for tuning and one
 for the reported run. The order of a plan is shuffled, so that any first part of it is a fair sample. A reported seed
 whose records were looked at becomes one of tuning (20260401, 20261121, 20270315, 20290611, 20310105, 20310113 and
-20310115 of the standard group have, 20290612, 20310106, 20310107, 20310117 and 20310119 of the walls, 20290615,
-20310108 and 20310118 of those off centre, 20290614 of those that vary).
+20310115 of the standard group have, 20290612, 20310106, 20310107, 20310117, 20310119 and 20310123 of the walls,
+20290615, 20310108 and 20310118 of those off centre, 20290614 of those that vary).
 
     standard       identical beats, common nuisances; a tenth outside the catalogue, a tenth with two effects
     walls          every wall off by itself, by half, once or one and a half times what is usual
@@ -65,7 +65,7 @@ class Group:
 _SPREADS = (0.5, 1.0, 1.5)
 GROUPS = {
     "standard": Group(11, 20310120, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
-    "walls": Group(21, 20310123, {"network": 560}, 0.4, walls=_SPREADS),
+    "walls": Group(21, 20310124, {"network": 560}, 0.4, walls=_SPREADS),
     "sensors": Group(22, 20290613, {"bench": 240, "network": 120}, 0.4, sensors=tuple(SENSORS)),
     "varying": Group(23, 20310122, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),
     "offcentre": Group(24, 20310121, {"network": 100}, 0.0, walls=(0.0, 1.0), only=("stenosis", "side_branch"),
