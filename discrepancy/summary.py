@@ -30,6 +30,7 @@ from .study import Study, Unusable
 from .verdict import Naming
 
 _SHOWN = 12  # candidates in the report
+_ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
 _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
 
 
@@ -186,6 +187,7 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
         else ""
     )
     others = len(naming.members) - 1
+    more = f"; {others} other candidate{'s' if others > 1 else ''} cannot be ruled out" if others > 0 else ""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
     match naming.verdict:
         case "none":
@@ -201,18 +203,16 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
                 f"The model lacks two effects, most likely {labels}: with both {gap}, but {others} other "
                 f"pair{'s' if others > 1 else ''} cannot be ruled out."
             )
-        case "ambiguous" if not others:
-            return (
-                f"Two sensors of one site seem to be at fault, which together can imitate much else: {labels}: {gap}."
-            )
+        case "ambiguous" if naming.of_one_site:
+            return f"{_ONE_SITE} {labels}: with both {gap}{more}."
         case "ambiguous":
             return (
                 f"The model lacks something like {labels}: with it {gap}, but {others} other "
                 f"candidate{'s' if others > 1 else ''} cannot be ruled out."
             )
         case "partial":
-            more = f"; {others} other candidate{'s' if others > 1 else ''} cannot be ruled out" if others else ""
             lacks = "The measurement is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
+            lacks = _ONE_SITE if naming.of_one_site else lacks
             them, remains = "both" if len(effects) > 1 else "it", plain(naming.reason or "")
             return f"{lacks} {labels}: with {them} {gap}, but more than noise remains: {remains}{more}."
     return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."

@@ -52,6 +52,11 @@ class Naming:
         return self.ranked[0] if self.ranked else self.base
 
     @property
+    def of_one_site(self) -> bool:
+        """Whether the best are two faults of the sensors of one site: both can imitate much that is neither."""
+        return _of_one_site(self.best)
+
+    @property
     def walls(self) -> str:
         """Whether the arteries have all in common, or deviations of their own."""
         return "individual" if self.base.individual else "common"
@@ -106,8 +111,12 @@ def _said(best: Named, members: Sequence[Named]) -> str:
     """The verdict of exact hypotheses."""
     if len(best.fit.terms) == 1:
         return "effect" if len(members) == 1 else "ambiguous"
+    return "ambiguous" if _of_one_site(best) else "several"
+
+
+def _of_one_site(best: Named) -> bool:
     sites = [t.place.rpartition(".")[0] for t in best.fit.terms if t.is_sensor]
-    return "ambiguous" if len(sites) == 2 and sites[0] == sites[1] else "several"
+    return len(sites) == 2 and sites[0] == sites[1]
 
 
 def _partial(

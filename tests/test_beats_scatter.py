@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from pulses import DT, noisy, pressure, radius, record
@@ -131,14 +133,19 @@ def test_a_given_period_that_the_record_contradicts() -> None:
 
 
 def test_a_beat_unlike_the_others_is_named() -> None:
-    """Beat 9 of 12 has half the pulse: it is named, and not taken for spikes; an even record gives no warning."""
+    """Beat 9 of 12 has 0.95 of the pulse: it is named, and not taken for spikes; an even record gives no warning. With
+    half the pulse it is left out, its period given or not."""
     time = np.arange(1200) * DT
-    P = pressure(time / 0.5) + np.random.default_rng(0).normal(0.0, 20.0, time.size)
+    P = pressure(time / 0.5) + np.random.default_rng(0).normal(0.0, 5.0, time.size)
+    weak = P[800:900] - P[800:900].mean()
     assert align(record(time, P=P), 0.5).warnings == ()
-    P[800:900] = P[800:900].mean() + 0.5 * (P[800:900] - P[800:900].mean())
+    P[800:900] -= 0.05 * weak
     texts = align(record(time, P=P), 0.5).warnings
     assert [text.split(" (")[0] for text in texts] == ["beat 9"]
     assert "unlike the others in AA.P" in texts[0]
+    P[800:900] -= 0.45 * weak
+    given, found = (align(record(time, P=P), period).warnings for period in (0.5, None))
+    assert given == found and re.match(r"beats left out \(1, 4\.\d+ s .*: unlike the others in shape\.", found[-1])
 
 
 def test_spikes_are_left_out_and_counted() -> None:
@@ -161,11 +168,11 @@ def test_spikes_are_left_out_and_counted() -> None:
 
 
 def test_a_gap_over_a_whole_beat_costs_that_beat_alone() -> None:
-    """Beat 5 of 12 is empty and beat 9 has half the pulse: the other ten are whole, beat 9 is named, nothing warns."""
+    """Beat 5 of 12 is empty and beat 9 has 0.95 of the pulse: ten are whole, beat 9 is named, nothing warns."""
     time = np.arange(1200) * DT
-    P = pressure(time / 0.5) + np.random.default_rng(1).normal(0.0, 20.0, time.size)
+    P = pressure(time / 0.5) + np.random.default_rng(1).normal(0.0, 5.0, time.size)
     P[400:500] = np.nan
-    P[800:900] = P[800:900].mean() + 0.5 * (P[800:900] - P[800:900].mean())
+    P[800:900] = P[800:900].mean() + 0.95 * (P[800:900] - P[800:900].mean())
     beats = align(record(time, P=P), 0.5)
     assert np.isnan(beats.values["AA.P"]).sum(axis=1).tolist() == [0] * 4 + [100] + [0] * 7
     assert [text.split(" (")[0] for text in beats.warnings] == ["beat 9"]
@@ -174,8 +181,8 @@ def test_a_gap_over_a_whole_beat_costs_that_beat_alone() -> None:
 def test_a_smooth_artefact_is_no_spike() -> None:
     """A beat with a sine of 19 samples a period on it is a beat unlike the others; none of its samples is a spike."""
     time = np.arange(1500) * DT
-    P = pressure(time / 0.5) + np.random.default_rng(2).normal(0.0, 13.0, time.size)
-    P[700:800] += 2e3 * np.sin(2.0 * np.pi * np.arange(100) / 19.0)
+    P = pressure(time / 0.5) + np.random.default_rng(2).normal(0.0, 5.0, time.size)
+    P[700:800] += 100.0 * np.sin(2.0 * np.pi * np.arange(100) / 19.0)
     beats = align(record(time, P=P), 0.5)
     assert beats.spikes == {}
     assert any(text.startswith("beat 8") for text in beats.warnings)

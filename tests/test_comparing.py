@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,10 @@ import pytest
 
 from discrepancy import thresholds as at
 from discrepancy.compare import Compared, _firsts, along
+from discrepancy.outcome import NamedEffect
+from discrepancy.show import Gap
+from discrepancy.summary import sentence
+from discrepancy.verdict import Naming, _said
 from discrepancy.weigh import Named, ranked
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Runs
@@ -41,3 +46,51 @@ def test_near_the_best_whatever_the_unit(log_volume: float) -> None:
     assert (at.BRANCH_COST, at.ALONG_COST) == (3.0, 30.0)
     assert [f.terms[0].effect for f in _firsts(found, set(), 6)] == ["a", "b"]
     assert along(found, Runs()) == [] and placed == ["a", "b", "c"]
+
+
+# --- two faults of sensors --------------------------------------------------------------------------------------------
+
+LAG, SLOW, GAIN = ("channel_lag", "A.P"), ("catheter_resonance", "A.R"), ("channel_gain", "B.P")
+WALL = ("wall_viscosity", "A")
+
+
+def pair(*effects: tuple[str, str]) -> Named:
+    """A hypothesis of effects, each with its place."""
+    one = named("none", 1.0, 0.0)
+    return replace(one, fit=replace(one.fit, terms=tuple(Term(e, place, (place,), ()) for e, place in effects)))
+
+
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [
+        ((LAG, SLOW), "ambiguous"),
+        ((LAG, ("channel_gain", "A.P")), "ambiguous"),
+        ((LAG, GAIN), "several"),
+        ((LAG, WALL), "several"),
+        ((LAG,), "effect"),
+    ],
+)
+def test_two_faults_at_one_site_are_no_discovery(effects: tuple[tuple[str, str], ...], expected: str) -> None:
+    """Of the sensors of one site, or of one of them twice; those of two sites, or beside a wall, are."""
+    assert _said(pair(*effects), (pair(*effects),)) == expected
+
+
+@pytest.mark.parametrize("verdict", ["ambiguous", "partial"])
+@pytest.mark.parametrize("others", [0, 1])
+def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
+    """Beside an error of the model, too, and beside another candidate: that they can imitate much else; of two sites
+    it is not said. The model lacks nothing then."""
+    gap = Gap((9.0, 9.0), {})
+
+    def said(*effects: tuple[str, str]) -> str:
+        best, problem = pair(*effects), None
+        members = (best, *[pair(LAG, GAIN)] * others)
+        naming = Naming(verdict, problem, best, (best,), members, {}, (), 0.9, "RMS 3")  # type: ignore[arg-type]
+        return sentence(naming, tuple(NamedEffect(e, (place,), {}, 0.9) for e, place in effects), gap, gap)
+
+    one = said(LAG, SLOW)
+    assert "The sensors of one site seem to have two faults, which together can imitate much else: channel lag" in one
+    assert "with both the gap" in one and "lacks" not in one
+    assert ("but more than noise remains: RMS 3" in one) == (verdict == "partial")
+    assert ("1 other candidate cannot be ruled out" in one) == (others == 1)
+    assert "imitate" not in said(LAG, GAIN)

@@ -254,6 +254,15 @@ def test_two_effects_are_several() -> None:
     assert naming.best.explains
 
 
+def test_two_clear_faults_of_the_sensors_of_one_site_are_ambiguous() -> None:
+    """A catheter that rings and a radius 6 ms late: the pair leaves noise, and is no discovery of two effects."""
+    hidden = (Effect("catheter_resonance", ("CA.P",), 1 / 15, 0.1), Effect("channel_lag", ("CA.R",), 6e-3))
+    naming = judged(hidden, "elastic")
+    assert {t.label for t in naming.best.fit.terms} == {"catheter_resonance at CA.P", "channel_lag at CA.R"}
+    assert naming.best.explains and naming.of_one_site
+    assert naming.verdict == "ambiguous"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "base"),

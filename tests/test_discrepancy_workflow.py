@@ -6,7 +6,9 @@ import json
 import pickle
 import shutil
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,16 +19,18 @@ from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
 from discrepancy import report, workflow
+from discrepancy.asked import Asked
 from discrepancy.journal import Journal, parted
 from discrepancy.name import name
-from discrepancy.outcome import VERDICTS, Outcome
-from discrepancy.show import Gap, Run, own_parity
+from discrepancy.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.show import Gap, Run, compared, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import judge, prepare
-from discrepancy.summary import Shown, fmu_warnings, global_p
+from discrepancy.summary import Shown, fmu_warnings, global_p, summary
 from discrepancy.verdict import Naming
 from discrepancy.workflow import discover
 from fitting.bench import on_bench
+from fitting.inference.simulator import Runs
 from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
@@ -258,6 +262,64 @@ def test_bench_of_a_site() -> None:
     assert {k: v for k, v in vars(network.segment(SITE)).items() if k != "L"} == {
         k: v for k, v in vars(sheep.segment(SITE)).items() if k != "L"
     }
+
+
+# --- the time limit --------------------------------------------------------------------------------------------------
+
+
+def test_an_incomplete_search_is_said(tmp_path: Path) -> None:
+    """A healthy bench whose search was cut short: summary, page and verdict.json say so; of a whole one none does."""
+    made = make(Case("bench", SITE, 40.0), 3)
+    record = Record("made", "", made.time, made.channels, {})
+    study, naming = judge(record, made.base)
+    assert (naming.verdict, naming.complete) == ("none", True)
+    X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
+    run = compared(study, naming.base.fit, X)
+    for complete in (True, False):
+        outcome = summary(record, "base.toml", study, replace(naming, complete=complete), Shown(run, run))
+        report.write_report(outcome, tmp_path)
+        said = verdict_json(outcome)
+        incomplete = "Search incomplete: the time limit was over before all was compared."
+        for text in (outcome.sentence, said["sentence"], (tmp_path / "report.html").read_text(encoding="utf-8")):
+            assert (incomplete in text) != complete
+        assert outcome.complete == said["complete"] == complete
+
+
+@pytest.mark.parametrize(("limit", "last"), [(300.0, "00:03:30"), (45.0, "23:59:15"), (3600.0, "00:58:30")])
+def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: float, last: str) -> None:
+    """From 23:58:30 on: the time of day that is shown is the deadline, over midnight, too, and does not move with
+    the clock. The bar goes to half of naming by 300 simulations, or in half of the time, and never beyond."""
+    now = 1000.0
+    told: list[tuple[float, str]] = []
+
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> Clock:
+            return cls(2026, 3, 1, 23, 58, 30) + timedelta(seconds=now - 1000.0)
+
+    def named(_problem: Any, _terms: Any, runs: Runs, _walls: Any) -> str:
+        nonlocal now
+        assert runs.left == limit
+        runs.meter.add(300)
+        now += 0.75 * limit
+        runs.meter.add(1)
+        now += limit
+        runs.meter.add(1)
+        assert runs.left == pytest.approx(-0.75 * limit)
+        return "named"
+
+    monkeypatch.setattr(workflow, "monotonic", lambda: now)
+    monkeypatch.setattr(workflow, "datetime", Clock)
+    monkeypatch.setattr(workflow, "name", named)
+    work: Any = object.__new__(workflow._Work)
+    work.study, work.asked = SimpleNamespace(problem=None, terms=()), Asked(time_limit=limit)
+    work.progress = lambda fraction, label: told.append((fraction, label))
+    work.journal = SimpleNamespace(naming=lambda problem, compute: compute())
+    assert work._name() == "named"
+    assert [label for _, label in told[1:]] == [
+        f"naming, {n} simulations, done by {last} at the latest" for n in (300, 301, 302)
+    ]
+    assert [fraction for fraction, _ in told] == pytest.approx([0.2, 0.45, 0.575, 0.7])
 
 
 # --- the journal -----------------------------------------------------------------------------------------------------

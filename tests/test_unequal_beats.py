@@ -182,6 +182,76 @@ def test_the_seam_of_unequal_beats_is_taken_out() -> None:
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.4)
 
 
+# --- a given period --------------------------------------------------------------------------------------------------
+
+
+def varying(seed: int) -> Record:
+    """A bench of 17 s whose intervals, of 0.8 s, vary by 3 % and whose strokes by 5 %."""
+    return bench(seed, 0.03, 0.05)[0]
+
+
+def same(a: Beats, b: Beats) -> bool:
+    """Whether two cuts are the same, bit for bit, but for what is said of them."""
+    return a.T == b.T and all(np.array_equal(a.values[name], x) for name, x in b.values.items())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_own_period_of_varying_beats(seed: int) -> None:
+    """The period that was found, given, and 4 % more or less: the beats and sentences that are found without it."""
+    made = varying(seed)
+    found = align(made)
+    assert found.whole is not None
+    for period in (found.T, 1.04 * found.T, 0.96 * found.T):
+        given = align(made, period)
+        assert same(given, found) and given.warnings == found.warnings
+
+
+def test_the_own_period_of_equal_beats() -> None:
+    """Given as it was found it changes nothing: beats are cut at one strict period, 4 % more is refused."""
+    made = bench(0, 0.0, 0.0)[0]
+    found = align(made)
+    assert found.whole is None and same(align(made, found.T), found)
+    with pytest.raises(ValueError, match=r"the record repeats every 0\.8\d* s; give that, or leave it out\.$"):
+        align(made, 1.04 * found.T)
+
+
+def test_several_varying_beats_given() -> None:
+    """Twice and three times the period: single beats, and a sentence; of equal beats the given period is taken."""
+    made = varying(1)
+    found = align(made)
+    for count in (2, 3):
+        given = align(made, count * found.T)
+        assert same(given, found) and given.warnings[1:] == found.warnings
+        assert f"holds {count} beats; they vary, so that each was cut by itself" in given.warnings[0]
+    equal = bench(0, 0.0, 0.0)[0]
+    assert align(equal, 1.6).T == 1.6 and align(equal, 1.6).warnings == ()
+
+
+@pytest.mark.parametrize("part", [0.5, 0.7, 0.88, 1.12, 1.5, 1.8])
+def test_a_wrong_period_of_varying_beats(part: float) -> None:
+    """Refused with the sentence, and what that says to give is taken."""
+    made = varying(2)
+    found = align(made)
+    with pytest.raises(ValueError, match=r"the record repeats every .* s; give that, or leave it out\.$") as refused:
+        align(made, part * found.T)
+    told = float(re.findall(r"repeats every ([\d.]+) s", str(refused.value))[0])
+    assert told == pytest.approx(found.T, rel=0.01) and same(align(made, told), found)
+
+
+def test_a_given_period_where_none_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beats that resemble one another too little to tell a period: the given one finds them."""
+    made = varying(3)
+    found = align(made)
+
+    def none(*_: object) -> None:
+        raise ValueError("no periodicity found")
+
+    monkeypatch.setattr("fitting.records.beats.find_period", none)
+    with pytest.raises(ValueError, match="no periodicity"):
+        align(made)
+    assert same(align(made, 0.8), found)
+
+
 # --- steps of a converter --------------------------------------------------------------------------------------------
 
 

@@ -28,6 +28,7 @@ FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _NAMED = 3  # odd beats
 _SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
 _SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
+_VAGUE = 0.1  # of a beat, by which a given period may differ from the mean of beats that vary
 _ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
 _TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
 
@@ -272,13 +273,14 @@ def _serial_factor(means: Array) -> float:
 def align(record: Record, period: float | None = None) -> Beats:
     """The record as whole beats that start at its first sample, moved onto the strict period where they jitter.
 
-    period : [s], taken as it is; by default it is found. Beats have N = round(T/dt) samples; where T is no multiple
-    of dt they are resampled by a harmonic model. Jitter is removed if it is significant.
-    Raises ValueError if there is no period, fewer than two whole beats, or a phase that a channel never measured.
+    period : [s], by default found. Where beats are equal it is taken as it is, or several beats long; where they
+    vary it says which beats are meant, and each is cut by itself. Equal beats have N = round(T/dt) samples; where T is
+    no multiple of dt they are resampled by a harmonic model. Jitter is removed if it is significant.
+    Raises ValueError if there is no period, or another one than the given, fewer than two whole beats, or a phase that
+    a channel never measured.
     """
     dt, n = record.dt, len(record.time)
-    T = find_period(record.channels, dt, record.path).T if period is None else _given(period, record)
-    whole = unequal(record.channels, dt, T) if period is None else None
+    T, whole = _found(record) if period is None else _given(period, record)
     if whole is not None:
         return _cut(record, whole)
     f = dt / T
@@ -338,8 +340,14 @@ def _cut(record: Record, whole: Whole) -> Beats:
     return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told)
 
 
-def _given(period: float, record: Record) -> float:
-    """The period that was given, or a whole number of beats, unless the record says otherwise."""
+def _found(record: Record) -> tuple[float, Whole | None]:
+    """The period that is found [s], and the beats if they vary."""
+    T = find_period(record.channels, record.dt, record.path).T
+    return T, unequal(record.channels, record.dt, T)
+
+
+def _given(period: float, record: Record) -> tuple[float, Whole | None]:
+    """The period that was given, or a whole number of beats, unless the record says otherwise; and beats that vary."""
     source, span = record.path, len(record.time) * record.dt
     if not (np.isfinite(period) and period > 0.0):
         raise ValueError(f"{source}: period = {period!r} s: must be a positive, finite number.")
@@ -349,17 +357,24 @@ def _given(period: float, record: Record) -> float:
             "give a shorter one or record at least two whole beats."
         )
     if period < FEWEST * record.dt:
-        return float(period)  # refused for that
+        return float(period), None  # refused for that
     try:
-        found = find_period(record.channels, record.dt, source).T
+        T, whole = _found(record)
     except ValueError:  # too irregular or too short to tell: then the word of the user counts
-        return float(period)
-    beats = period / found
-    if abs(beats / max(1, round(beats)) - 1.0) * span / period > _SLIP:
+        T, whole = float(period), unequal(record.channels, record.dt, period)
+    if whole is not None:
+        T = whole.cut.interval * record.dt
+    beats = period / T
+    count = max(1, round(beats))
+    slip = abs(beats / count - 1.0) * span / period
+    if abs(beats - count) > _VAGUE if whole is not None else slip > _SLIP:
         raise ValueError(
-            f"{source}: period = {period:.4g} s: the record repeats every {found:.4g} s; give that, or leave it out."
+            f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
-    return float(period)
+    if whole is not None and count > 1:
+        said = f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself."
+        whole = replace(whole, said=(said, *whole.said))
+    return float(period), whole
 
 
 def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array]:

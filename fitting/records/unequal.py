@@ -53,6 +53,11 @@ class Cut:
         """First sample of the stretch, and the one after its last."""
         return int(self.starts[0]), int(self.starts[-1] + self.lengths[-1])
 
+    @property
+    def interval(self) -> float:
+        """The mean length of the beats that are alike [samples]."""
+        return float(self.lengths[self.steady].mean())
+
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         index = np.minimum(self.starts[:, None] + np.arange(self.N), len(x) - 1)
