@@ -73,10 +73,10 @@ def rounded_harmonics(beats: Array, step: float) -> Array:
     which add up to the b² of :func:`rounding`; σ is the noise of that b². x is the mean beat of the harmonics above a
     tenth of a step: its own steps would say that it has no error.
 
-    Measured on five waves, 15 beats of 110 samples, by bands of harmonics: the variance is 0.6 to 1.6 of V_k + scatter at
-    6 to 200 steps in the pulse and noise of up to 0.02 q, and 0.6 to 2.2 at 2 to 4; 0.5 to 1.5 at 0.1 and 0.3 q, where
-    scatter and b² are both on the safe side; 0.9 to 1.1 at q. As if white, b²/N, it was up to 3 times too small at 6
-    steps, 5 at 4, 9 at 2.
+    Measured on five waves, 15 beats of 110 samples, by bands of harmonics: the variance is 0.6 to 1.6 of what is
+    said with scatter at 6 to 200 steps in the pulse and noise of up to 0.02 q, 0.6 to 2.2 at 2 to 4 steps; 0.5 to 1.5
+    with noise of 0.1 and 0.3 q, which are on the safe side; 0.9 to 1.1 with q. As if white, b²/N, it was said up to 3
+    times too small at 6 steps, 5 at 4, 9 at 2.
     """
     N = beats.shape[1]
     left = (rounding(beats, step) / step) ** 2 if step > 0.0 else 0.0
