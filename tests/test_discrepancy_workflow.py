@@ -187,6 +187,28 @@ def test_the_global_p_value_of_healthy_benches() -> None:
     assert kstest(values, "uniform").pvalue > 0.01
 
 
+def coarse(case: Case, seed: int) -> Naming:
+    """What is said of a bench whose radius has steps of 3.7 µm."""
+    made, step = make(case, seed), 3.7e-6
+    R = step * np.round(made.channels[f"{SITE}.R"] / step)
+    return judge(Record("made", "", made.time, {**made.channels, f"{SITE}.R": R}, {}), made.base)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [*range(6), 200, 201, 202, 203, 204, 205])
+def test_healthy_benches_of_few_steps(seed: int) -> None:
+    """Nothing hidden, 3 to 9 steps of the converter in the pulse of CA.R: none."""
+    assert coarse(Case("bench", SITE, 40.0), seed).verdict == "none"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 5])
+def test_a_missing_viscosity_of_few_steps(seed: int) -> None:
+    """A viscous wall, 24 ms, of an elastic model, 6 and 8 steps in the pulse: it tops the class."""
+    naming = coarse(Case("bench", SITE, 40.0, (Effect("wall_viscosity", (SITE,), 0.024),), "elastic"), seed)
+    assert naming.verdict in ("effect", "ambiguous") and naming.best.label == f"wall_viscosity at {SITE}"
+
+
 def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
     """model.fmu, which no bench record drives, over two beats under its network's own inflow: the solver to round-off.
     That of another network differs, and more than a thousandth is warned about, as is one that does not run."""

@@ -12,7 +12,7 @@ import numpy as np
 from ..threads import single_threaded
 from .period import FEWEST, Normal, evaluate, find_period, highest
 from .record import Array, Record, require
-from .rounding import converter_step, rounding
+from .rounding import converter_step, rounded_harmonics
 from .spikes import FAR, without_spikes
 from .timing import without_jitter, without_slope
 from .unequal import Whole, unequal
@@ -170,19 +170,19 @@ class Beats:
         K = len(C) - 1
         pooled = np.empty_like(C)
         factors = np.sqrt(self.serial_factors(names))
-        pooled[0] = C[0].real * np.outer(factors, factors)
+        at, V = np.arange(len(names)), self.rounding(names)
+        pooled[0] = C[0].real * np.outer(factors, factors) + np.diag(V[0])
+        C[:, at, at] += V
         for k in range(1, K + 1):
             half = min(_WINDOW, max(1, k - 1)) if self.n_beats >= _MANY else _WINDOW
             pooled[k] = C[max(1, k - half) : k + half + 1].mean(axis=0)
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
-        at = np.arange(len(names))
-        pooled[:, at, at] += self.rounding(names) ** 2 / self.N
         return pooled
 
     def rounding(self, names: Sequence[str]) -> Array:
-        """(m,) what rounding by a converter leaves in a sample of the mean beat, which no number of beats lowers."""
-        return np.array([rounding(self.values[name], self.steps.get(name, 0.0)) for name in names])
+        """Variance that a converter's steps leave in X_k, which no number of beats lowers : (K + 1, m)."""
+        return np.stack([rounded_harmonics(self.values[name], self.steps.get(name, 0.0)) for name in names], axis=1)
 
     def serial_factors(self, names: Sequence[str]) -> Array:
         """(m,) how many successive beats hold as much of the mean as one that is independent: (1 + r)/(1 - r)."""

@@ -8,9 +8,13 @@ Array = np.ndarray
 
 _SHARE = 1e-3  # of the steps between neighbours that are not zero: the smallest may be an accident of rounding twice
 _WHOLE = 0.02  # of a step, by which a difference may miss a whole number of steps
-_FEWEST = 200  # samples
+_NEAR = 30.0  # steps: differences that are compared with whole steps
+_FEWEST = 20  # of them: by accident none of so many is whole; a pulse of three steps crosses six levels a beat
 _FINEST = 1e-5  # of the range: finer steps are of no converter
-_WAVES = np.arange(1, 6)
+_WAVES = np.arange(1, 21)  # of the sawtooth: 97 % of its variance
+_SIGMA = np.linspace(0.0, 1.0, 201)  # noise before rounding, in steps
+_LEFT = (np.exp(-4.0 * np.pi**2 * np.outer(_SIGMA**2, _WAVES**2)) / _WAVES**2).sum(axis=1) / (2.0 * np.pi**2)
+_SURE = 0.1  # of a step: a harmonic of the mean beat that is larger is the signal's, not of rounding
 
 
 def converter_step(values: Array) -> float:
@@ -27,9 +31,11 @@ def converter_step(values: Array) -> float:
     if not step > _FINEST * span:
         return 0.0
     small = steps[(steps > 0.6 * step) & (steps < 8.4 * step)]
+    if not len(small):
+        return 0.0
     step = float(np.median(small / np.rint(small / step)))
-    off = np.abs(steps / step - np.rint(steps / step))
-    return step if np.quantile(off[steps <= 30.0 * step], 0.9) < _WHOLE else 0.0
+    near = steps[steps <= _NEAR * step] / step
+    return step if len(near) >= _FEWEST and np.quantile(np.abs(near - np.rint(near)), 0.9) < _WHOLE else 0.0
 
 
 def rounding(beats: Array, step: float) -> float:
@@ -52,7 +58,34 @@ def rounding(beats: Array, step: float) -> float:
     # one phase has few beats to tell by: its neighbours help
     width = min(5, len(scatter))
     pooled = np.convolve(np.pad(scatter, width // 2, mode="wrap"), np.ones(width) / width, mode="valid")
-    sigma = np.linspace(0.0, 1.0, 201)
-    left = (np.exp(-4.0 * np.pi**2 * np.outer(sigma**2, _WAVES**2)) / _WAVES**2).sum(axis=1) / (2.0 * np.pi**2)
-    shown = sigma**2 + 1.0 / 12.0 - left
-    return step * float(np.sqrt(np.mean(np.interp(pooled, shown, left))))
+    shown = _SIGMA**2 + 1.0 / 12.0 - _LEFT
+    return step * float(np.sqrt(np.mean(np.interp(pooled, shown, _LEFT))))
+
+
+def rounded_harmonics(beats: Array, step: float) -> Array:
+    """Variance that rounding to ``step`` leaves in X_k = rfft(mean)/N of beats : (n, N) -> (N//2 + 1,).
+
+    Rounding is a sawtooth of the signal x(φ), Σ_m (-1)^m q/(πm) sin(2πmx/q), of as many teeth as there are steps in
+    the beat: at few steps a low harmonic, not white noise. Where the levels lie is accidental; over all their places
+
+        V_k = q²/(4π²) Σ_m e^{-4π² m² σ²/q²}/m² (|Z_m,k|² + |Z_m,-k|²),  Z_m = Fourier coefficients of e^{2πi m x/q}
+
+    which add up to the b² of :func:`rounding`; σ is the noise of that b². x is the mean beat of the harmonics above a
+    tenth of a step: its own steps would say that it has no error.
+
+    Measured on five waves, 15 beats of 110 samples, by bands of harmonics: the variance is 0.6 to 1.6 of what is
+    said with scatter at 6 to 200 steps in the pulse and noise of up to 0.02 q, 0.6 to 2.2 at 2 to 4 steps; 0.5 to 1.5
+    with noise of 0.1 and 0.3 q, which are on the safe side; 0.9 to 1.1 with q. As if white, b²/N, it was said up to 3
+    times too small at 6 steps, 5 at 4, 9 at 2.
+    """
+    N = beats.shape[1]
+    left = (rounding(beats, step) / step) ** 2 if step > 0.0 else 0.0
+    if not left > 0.0:
+        return np.zeros(N // 2 + 1)
+    sigma = np.interp(left, _LEFT[::-1], _SIGMA[::-1])
+    c = np.fft.rfft(np.nanmean(beats, axis=0) / step)
+    c[np.abs(c) < _SURE * N] = 0.0
+    Z = np.abs(np.fft.fft(np.exp(2j * np.pi * np.outer(_WAVES, np.fft.irfft(c, N)))) / N) ** 2
+    share = np.exp(-4.0 * np.pi**2 * (sigma * _WAVES) ** 2) / _WAVES**2 / (4.0 * np.pi**2)
+    V = step**2 * (share @ Z)
+    return np.asarray((V + V[-np.arange(N)])[: N // 2 + 1])
