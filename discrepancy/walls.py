@@ -78,15 +78,27 @@ def with_own_walls(
     if bent and not found.best.explains:
         anew += [(t,) for t in list(chosen)[: at.EACH]]
     if anew:
-        # from the walls of the file: those fitted without an effect have taken up a part of it
-        afar = _seen(found.problem, at.AFAR)
-        fits = [f for f in afar.refit(anew, runs=runs) if f is not None]
-        seen = afar.restated([found.none.fit], found.problem)
-        columns = afar.rewhitened(found.columns, found.problem)
-        yield (found := found.joined(_exact(found.problem, afar, [*seen, *fits], columns, terms, runs)))
+        yield (found := _from_the_file(found, anew, runs))
+        if others := _instead(found):
+            yield (found := _from_the_file(found, others, runs))
         if found.best.fit.terms and found.best.explains:  # an animal without effect begins at those walls, too
             fits = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
             yield found.joined_by(fits)
+
+
+def _from_the_file(found: Compared, hypotheses: Sequence[tuple[Term, ...]], runs: Runs) -> Compared:
+    """With hypotheses begun at the walls of the file: those fitted without an effect have taken up a part of it."""
+    afar = _seen(found.problem, at.AFAR)
+    fits = [f for f in afar.refit(hypotheses, runs=runs) if f is not None]
+    seen = afar.restated([found.none.fit], found.problem)
+    columns = afar.rewhitened(found.columns, found.problem)
+    return found.joined(_exact(found.problem, afar, [*seen, *fits], columns, found.terms, runs))
+
+
+def _instead(found: Compared) -> list[tuple[Term, ...]]:
+    """Where an outlet of another kind is best: the other effects at its place, which three numbers can imitate."""
+    places = {t.place for t in found.best.fit.terms if t.rewires}
+    return [(t,) for t in found.terms if t.place in places and not t.rewires]
 
 
 def _from_afar(afar: Forward, common: Compared | None, runs: Runs) -> Fit | None:
