@@ -7,6 +7,7 @@ stenosis in such an animal: test_discrepancy_walls.py.
 from __future__ import annotations
 
 import pytest
+from truth.hide import Effect
 from truth.records import Case, make
 
 from discrepancy.study import judge
@@ -20,3 +21,30 @@ def test_nothing_hidden() -> None:
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
     assert (naming.verdict, naming.walls, naming.complete) == ("none", "individual", True)
     assert naming.base.explains and not naming.members and naming.confidence > 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "index"),
+    [
+        pytest.param(
+            Case("network", "three pressures", 40.0, (Effect("wall_viscosity", ("CA",), 0.0121),), "elastic",
+                 walls=0.5),
+            223,
+            id="viscosity that an outlet of another kind imitates",
+        ),
+        pytest.param(
+            Case("network", "all", 40.0, (Effect("stress_relaxation", ("CA",), 0.0329),), "sheep",
+                 viscous_law="quadratic", walls=0.5),
+            224,
+            id="a relaxation that the walls take up",
+        ),
+    ],
+)  # fmt: skip
+def test_what_shows_from_the_walls_of_the_file(case: Case, index: int) -> None:
+    """Two records of the bank (seed 20310123): found where the search begins at the file's walls again, and not from
+    walls that were fitted without the effect: the first was told as a Windkessel, the second was unknown."""
+    made = make(case, (20310123, 1, index))
+    naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
+    assert (naming.verdict, naming.best.label) == ("effect", f"{case.effects[0].name} at CA")
+    assert naming.best.explains and naming.complete
