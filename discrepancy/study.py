@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -162,14 +162,21 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
     return names
 
 
+def _missing(sites: Sequence[str], record: Record) -> str:
+    """What a bench record lacks, by name where it is of one site."""
+    if len(sites) != 1:
+        return "P and R of one site alone"
+    return " and ".join(n for n in (f"{sites[0]}.P", f"{sites[0]}.R") if n not in record.channels)
+
+
 def bench_site(record: Record, network: Network) -> str:
     """The segment whose P and R a bench record holds. Raises Unusable if it holds anything else."""
     sites = list(dict.fromkeys(n.rpartition(".")[0] for n in record.channels))
     both = [s for s in sites if {f"{s}.P", f"{s}.R"} <= set(record.channels)]
     if len(sites) != 1 or not both:
         raise Unusable(
-            f"{record.path}: it has no {INFLOW}, and not P and R of one site alone ({', '.join(record.channels)}); "
-            f"record the inflow for a comparison with a network, or P and R of one site for one with its wall."
+            f"{record.path}: it has no {INFLOW}, and not P and R of one site alone, but {', '.join(record.channels)}; "
+            f"record {_missing(sites, record)} for one with its wall, or the inflow for a comparison with a network."
         )
     segments = {site.name: site.segment for site in network.sites}
     segment = segments.get(sites[0], sites[0])

@@ -94,7 +94,7 @@ def _to_digits(value: float, width: float) -> str:
         return number(value)
     places = decimals(half)
     if not -6 <= places <= 6:
-        return number(value)
+        return number(value, max(3, 1 + math.floor(math.log10(abs(value))) + places) if value else 3)
     rounded = round(value, places) + 0.0  # no −0
     return f"{rounded:.{max(places, 0)}f}".replace("-", "−")
 

@@ -212,7 +212,7 @@ class _Work:
         except OutOfTime:
             raise Unusable(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
-                f"this record; allow more time."
+                f'this record, which may be fit for use; allow more time, say --time-limit "5 min".'
             ) from None
 
     def _fmu(self, network: Network, stage: str) -> Path:

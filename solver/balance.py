@@ -43,6 +43,10 @@ _MEAN = 1e4  # s, of the mean as a wave so slow that everything follows it; a lo
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
+class NoSteadyState(ValueError):
+    """A network that the mean of its drive does not let come to rest; the message says where, and what to do."""
+
+
 class Waves(NamedTuple):
     """Amplitudes of e^{iωt}, the mean first: y (K+1, B, n) of the state vector, H (K+1, B, n_nodes) [Pa]."""
 
@@ -129,7 +133,7 @@ def steady(model: Model, mean: Array) -> State:
         means = ", ".join(
             f"{name} = {x:g} {SIGNAL_UNITS[name[-1]]}" for name, x in zip(names, mean.mean(axis=0), strict=True)
         )
-        raise ValueError(
+        raise NoSteadyState(
             f"network {model.network.name}: it has no steady state with {means}, the mean{where}; "
             f"change {names[0]} or the outlets, or start from rest."
         ) from None

@@ -318,6 +318,8 @@ def test_numbers_are_read_in_display_units() -> None:
     assert estimate_text("CA.P_ext", Estimate(10 * MMHG, "Pa", (9 * MMHG, 11 * MMHG))) == ("10.0 mmHg", "9.0 … 11.0")
     assert estimate_text("CA.ENL", Estimate(-2e6, "Pa", (-2.5e6, -1.5e6))) == ("−2.00 MPa", "−2.50 … −1.50")
     assert estimate_text("CA.outlet.C", Estimate(7.5006e-9, "m^3/Pa", (7.5e-9, 7.5e-9)))[0] == "1 mL/mmHg"
+    precise = Estimate(4.0406761e-3, "m", (4.0406747e-3, 4.0406775e-3))  # half a millionth of a millimetre apart
+    assert estimate_text("CA.R0", precise) == ("4.0406761 mm", "4.0406747 … 4.0406775")
     assert estimate_text("CA.E_scale", Estimate(1.3, "1", (-np.inf, np.inf))) == ("1.3", "–")
     assert (number(12345.6), number(-0.5), number(float("nan")), number(1e-9)) == ("12300", "−0.5", "–", "1e−09")
 

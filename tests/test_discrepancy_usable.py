@@ -108,6 +108,14 @@ def test_wrong_unit(model: Path, tmp_path: Path) -> None:
     assert "the pulse of C.Q is 0.001" in reason.replace("0.00100", "0.001") and "a wrong unit" in reason
 
 
+def test_an_inflow_that_no_artery_carries(model: Path, tmp_path: Path) -> None:
+    """inlet.Q in µL/s under a title in mL/s: a thousand times the model's, under which nothing can be simulated."""
+    waves = healthy()
+    waves["inlet.Q"] = 1000.0 * waves["inlet.Q"]
+    reason = refused(waves, model, tmp_path)
+    assert "mL/s on average is more than the arteries of" in reason and "check the unit of its column" in reason
+
+
 def test_saturated(model: Path, tmp_path: Path) -> None:
     """A.P cut off at 70 % of its pulse in every beat: the sentence says clipped."""
     waves = healthy()
@@ -191,7 +199,7 @@ def test_what_a_bench_is() -> None:
     x = np.zeros(8)
     assert bench_site(as_record({"CA.P": x, "CA.R": x}), sheep) == "CA"
     for names, said in (
-        (("CA.P", "CA.Q"), "not P and R of one site alone"),
+        (("CA.P", "CA.Q"), "not P and R of one site alone, but CA.P, CA.Q; record CA.R for one with its wall"),
         (("CA.P", "CA.R", "FA.P"), "not P and R of one site alone"),
         (("ZZ.P", "ZZ.R"), "has no segment ZZ"),
     ):

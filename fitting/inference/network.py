@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver import Settings
+from solver.balance import NoSteadyState
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -373,7 +374,13 @@ def network_problem(
     start = float(time[np.argmin(np.abs(drive(time)))])
     simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance,
                           beyond=HARMONICS_BEYOND)  # fmt: skip
-    simulator, X = started(simulator, runs)
+    try:
+        simulator, X = started(simulator, runs)
+    except NoSteadyState as why:
+        raise ValueError(
+            f"{INFLOW}: {1e6 * drive(time).mean():.4g} mL/s on average is more than the arteries of {network.name} can "
+            f"carry; check the unit of its column, or the network."
+        ) from why
     error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     felt = varying(beats, network, chosen, K)
