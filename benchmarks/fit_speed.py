@@ -26,7 +26,8 @@ from fitting.calibrate import Calibration, calibrate
 from fitting.cohort.file import read_cohort
 from fitting.cohort.fits import MODELS, fit_cohort
 from fitting.cohort.virtual import virtual_cohort, write_cohort
-from fitting.records.beats import Beats, align
+from fitting.records.align import align
+from fitting.records.beats import Beats
 from fitting.records.record import Record, read_record
 from fitting.records.virtual import measured
 from fitting.wall import bootstrap, fit

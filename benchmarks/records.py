@@ -49,7 +49,7 @@ def make(path: Path, samples: int, channels: int) -> None:
 
 _RUN = """
 import json, resource, sys, time
-from fitting.records.beats import align
+from fitting.records.align import align
 from fitting.records.record import read_record
 from fitting.wall import fit
 unit = 1024**3 if sys.platform == "darwin" else 1024**2

@@ -34,7 +34,7 @@ from scipy.stats import norm
 
 from fitting.inference.errors_in_variables import solve
 from fitting.inference.loop import Loop
-from fitting.records.beats import align
+from fitting.records.align import align
 from fitting.records.record import Record
 from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall
 from fitting.wall import fit

@@ -14,7 +14,8 @@ from fitting.inference.network import network_problem
 from fitting.inference.prior import Calibrated
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates
-from fitting.records.beats import Beats, align
+from fitting.records.align import align
+from fitting.records.beats import Beats
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
 from solver.network import Network

@@ -23,7 +23,8 @@ from .indices import indices, plain
 from .inference.loop import NoFit
 from .parameter_set import ParameterSet, read_set, set_format, set_json, write_set
 from .record_options import Columns, Decimal, Mapped
-from .records.beats import Beats, align
+from .records.align import align
+from .records.beats import Beats
 from .records.columns import Reading
 from .records.record import read_record
 from .wall import bootstrap, fit

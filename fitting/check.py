@@ -25,7 +25,8 @@ from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_l
 from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
-from .records.beats import Beats, align
+from .records.align import align
+from .records.beats import Beats
 from .records.record import Record
 from .records.spectral import coefficients
 from .result_files import json_text

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from pulses import DT, noisy, pressure, radius, record
 
-from fitting.records.beats import Beats, align
+from fitting.records.align import align
+from fitting.records.beats import Beats
 
 # --- timing -------------------------------------------------------------------------------------------------------
 

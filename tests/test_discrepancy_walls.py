@@ -35,7 +35,7 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term, beside_sites
 from fitting.inference.unknown import absent, free, quantile
 from fitting.parameter_set import write_set
-from fitting.records.beats import align
+from fitting.records.align import align
 from fitting.records.record import read_record, write_record
 from solver import simulate_periodic
 from solver.files import read_network, write_network

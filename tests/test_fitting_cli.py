@@ -169,7 +169,7 @@ def test_one_sentence(folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: 
 
 def test_loop_figure(folder: Path) -> None:
     """A panel a model and the spectrum, every axis with its unit."""
-    from fitting.records.beats import align
+    from fitting.records.align import align
 
     beats = align(read_record(folder / "AA.csv"))
     figure = loop_figure([fit(beats, "AA", WALL.h, name) for name in ("linear", "monotone")], beats)

@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 
 from fitting.inference.errors_in_variables import solve
 from fitting.inference.loop import Loop
-from fitting.records.beats import Beats, align
+from fitting.records.align import align
+from fitting.records.beats import Beats
 from fitting.records.record import Record
 from fitting.records.spectral import coefficients, derivative
 from fitting.records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radius, table_wall

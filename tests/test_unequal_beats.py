@@ -10,7 +10,8 @@ from pulses import pulse, record
 from scipy.signal import find_peaks, lfilter
 
 from fitting.inference.loop import mean_loop
-from fitting.records.beats import Beats, align
+from fitting.records.align import align
+from fitting.records.beats import Beats
 from fitting.records.felt import Felt
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
@@ -246,7 +247,7 @@ def test_a_given_period_where_none_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     def none(*_: object) -> None:
         raise ValueError("no periodicity found")
 
-    monkeypatch.setattr("fitting.records.beats.find_period", none)
+    monkeypatch.setattr("fitting.records.align.find_period", none)
     with pytest.raises(ValueError, match="no periodicity"):
         align(made)
     assert same(align(made, 0.8), found)

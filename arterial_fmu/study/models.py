@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fitting.records.beats import align
+from fitting.records.align import align
 from fitting.records.inflow import Inflow, inflow
 from fitting.records.record import read_record
 from solver import Network, NonPhysicalState, NotPeriodic, Settings, repeating_beat

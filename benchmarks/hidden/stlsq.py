@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from fitting.records import spectral
-from fitting.records.beats import align
+from fitting.records.align import align
 from fitting.records.record import Record
 from solver.network import Network
 from tests.truth.records import FITTED, Case

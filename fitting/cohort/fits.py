@@ -12,7 +12,7 @@ import numpy as np
 from ..inference.unknown import quantile
 from ..parameter_set import ParameterSet, Value
 from ..provenance import software
-from ..records.beats import align
+from ..records.align import align
 from ..records.columns import Reading
 from ..records.record import read_record
 from ..tasks import done

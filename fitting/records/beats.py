@@ -1,4 +1,4 @@
-"""Beats: a record cut into aligned beats, their ensemble mean, and what its scatter says of the mean's error."""
+"""Beats of one length: their ensemble mean, and what its scatter says of the mean's error."""
 
 from __future__ import annotations
 
@@ -9,28 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from ..threads import single_threaded
-from .period import FEWEST, Normal, evaluate, find_period, highest
-from .record import Array, Record, require
-from .rounding import converter_step, rounded_harmonics
-from .spikes import FAR, without_spikes
-from .timing import without_jitter, without_slope
-from .unequal import Whole, unequal
-from .upstrokes import without_gaps
+from .record import Array, require
+from .rounding import rounded_harmonics
+from .spikes import FAR
+from .unequal import Whole
 
 _MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
 _WINDOW = 3  # harmonics on either side that share one estimate of the covariance
 _SERIAL = 1.645  # a lag-1 correlation between beat means above this many standard errors (5 %) counts
 _MOST_SERIAL = 0.9
-_WHOLE = 1e-6  # samples that the beats may slip against the samples over the whole record and still be reshaped
-_UNSTEADY, _MOST_UNSTEADY = 0.05, 0.1  # of the period: beats longer or shorter are warned about, and refused
+UNSTEADY = 0.05  # of the period: beats longer or shorter by more are warned about
 FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
 _NAMED = 3  # odd beats
-_SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
-_SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
-_VAGUE = 0.1  # of a beat, by which a given period may differ from the mean of beats that vary
 _ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
-_TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
 
 
 @dataclass(frozen=True)
@@ -89,7 +80,7 @@ class Beats:
             found.append(
                 f"{self.n_beats} beats say little about the noise; record at least {FEWEST_BEATS} for honest intervals."
             )
-        if self.unsteadiness > _UNSTEADY:
+        if self.unsteadiness > UNSTEADY:
             found.append(
                 f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
                 "less; intervals do not cover what that does to the shape of a beat."
@@ -242,14 +233,14 @@ class _Moments:
 def _moments_of(values: Array, name: str, source: str) -> _Moments:
     there = ~np.isnan(values)
     counts = there.sum(axis=0)
-    _require_phases(counts, name, source)
+    require_phases(counts, name, source)
     whole = bool(there.all())
     mean = values.mean(axis=0) if whole else np.where(there, values, 0.0).sum(axis=0) / counts
     deviations = values - mean if whole else np.where(there, values - mean, 0.0)
     return _Moments(mean, (deviations * deviations).sum(axis=0), counts, whole)
 
 
-def _require_phases(counts: Array, name: str, source: str) -> None:
+def require_phases(counts: Array, name: str, source: str) -> None:
     if (counts == 0).any():
         raise ValueError(
             f"{source}: the gaps of {name} leave {np.mean(counts == 0):.0%} of the beat without a single sample; "
@@ -264,145 +255,3 @@ def _serial_factor(means: Array) -> float:
     r = float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
     r = min(r, _MOST_SERIAL)
     return (1.0 + r) / (1.0 - r) if n > 2 and r > _SERIAL / np.sqrt(n) else 1.0
-
-
-# --- cutting ------------------------------------------------------------------------------------------------------
-
-
-@single_threaded
-def align(record: Record, period: float | None = None) -> Beats:
-    """The record as whole beats that start at its first sample, moved onto the strict period where they jitter.
-
-    period : [s], by default found. Where beats are equal it is taken as it is, or several beats long; where they
-    vary it says which beats are meant, and each is cut by itself. Equal beats have N = round(T/dt) samples; where T is
-    no multiple of dt they are resampled by a harmonic model. Jitter is removed if it is significant.
-    Raises ValueError if there is no period, or another one than the given, fewer than two whole beats, or a phase that
-    a channel never measured.
-    """
-    dt, n = record.dt, len(record.time)
-    T, whole = _found(record) if period is None else _given(period, record)
-    if whole is not None:
-        return _cut(record, whole)
-    f = dt / T
-    N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
-    if N < FEWEST:
-        raise ValueError(
-            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times or more."
-        )
-    if n_beats < 2:
-        raise ValueError(
-            f"{record.path}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
-            "record at least two whole beats."
-        )
-    record, spikes, steps = _cleaned(record, np.minimum(_nearest(f, N, n_beats), n - 1))
-    if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
-        cut = {name: each[: n_beats * N].reshape(n_beats, N) for name, each in record.channels.items()}
-        for name, each in cut.items():
-            _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
-    else:
-        cut = _resample(record, f, N, n_beats)
-    values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, told=record.told)
-    if beats.unsteadiness > _MOST_UNSTEADY:
-        raise ValueError(
-            f"{record.path}: the heart rate is not steady: a beat lasts up to {beats.unsteadiness:.0%} of the period "
-            f"of {T:.4g} s more or less than the others, and more than {_MOST_UNSTEADY:.0%} cannot be aligned; "
-            "use a stretch of the record with a steady rate."
-        )
-    return beats
-
-
-def _nearest(f: float, N: int, n_beats: int) -> Array:
-    """(n_beats, N) the sample that is nearest to each phase."""
-    return np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp).reshape(n_beats, N)
-
-
-def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record, dict[str, int], dict[str, float]]:
-    """The record with gaps for spikes, their numbers, and the steps of the channels' converters."""
-    steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
-    cleaned = {
-        name: without_spikes(each, samples, steps.get(name, 0.0), slip) for name, each in record.channels.items()
-    }
-    spikes = {name: count for name, (_, count) in cleaned.items() if count}
-    return replace(record, channels={name: each for name, (each, _) in cleaned.items()}), spikes, steps
-
-
-def _cut(record: Record, whole: Whole) -> Beats:
-    """Beats of unequal length. Raises ValueError if fewer than two are left, or a phase was never measured."""
-    cut = whole.cut
-    samples = np.minimum(cut.starts[cut.serving][:, None] + np.arange(cut.N), len(record.time) - 1)
-    record, spikes, steps = _cleaned(record, samples, _SLIP_OF_CUTS)
-    values = {name: cut.of(each) for name, each in record.channels.items()}
-    for name, each in values.items():
-        _require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
-    whole = replace(whole, channels={name: without_gaps(each) for name, each in record.channels.items()})
-    shifts = np.zeros(len(cut.serving))
-    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told)
-
-
-def _found(record: Record) -> tuple[float, Whole | None]:
-    """The period that is found [s], and the beats if they vary."""
-    T = find_period(record.channels, record.dt, record.path).T
-    return T, unequal(record.channels, record.dt, T)
-
-
-def _given(period: float, record: Record) -> tuple[float, Whole | None]:
-    """The period that was given, or a whole number of beats, unless the record says otherwise; and beats that vary."""
-    source, span = record.path, len(record.time) * record.dt
-    if not (np.isfinite(period) and period > 0.0):
-        raise ValueError(f"{source}: period = {period!r} s: must be a positive, finite number.")
-    if 2.0 * period > span * (1.0 + 1e-9):
-        raise ValueError(
-            f"{source}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
-            "give a shorter one or record at least two whole beats."
-        )
-    if period < FEWEST * record.dt:
-        return float(period), None  # refused for that
-    try:
-        T, whole = _found(record)
-    except ValueError:  # too irregular or too short to tell: then the word of the user counts
-        T, whole = float(period), unequal(record.channels, record.dt, period)
-    if whole is not None:
-        T = whole.cut.interval * record.dt
-    beats = period / T
-    count = max(1, round(beats))
-    slip = abs(beats / count - 1.0) * span / period
-    if abs(beats - count) > _VAGUE if whole is not None else slip > _SLIP:
-        raise ValueError(
-            f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
-        )
-    if whole is not None and count > 1:
-        said = f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself."
-        whole = replace(whole, said=(said, *whole.said))
-    return float(period), whole
-
-
-def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array]:
-    """The harmonic model at the phases j/N plus the residual of the nearest sample.
-
-    The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so that
-    white noise keeps its variance. At high harmonics that little motion is a large part of a turn and would add noise
-    to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low harmonics it
-    is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
-    """
-    n = len(record.time)
-    nearest = np.minimum(_nearest(f, N, n_beats), n - 1)
-    shared: Normal | None = None
-    cut = {}
-    for name, values in record.channels.items():
-        there = ~np.isnan(values)
-        whole = bool(there.all())
-        _require_phases(there[nearest].sum(axis=0), name, record.path)
-        middle = values[there].mean()
-        x = np.where(there, values - middle, 0.0)
-        if whole and shared is None:
-            shared = Normal.of(None, f, highest(f, n, n), n)
-        measured = int(there.sum())
-        normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
-        c = normal.solve(x)
-        residual = values - middle - evaluate(c, f, n)
-        moved = residual[nearest]
-        spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
-        spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
-        cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
-    return cut
