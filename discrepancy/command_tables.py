@@ -9,7 +9,7 @@ from solver.console import right
 from . import thresholds
 from .outcome import Outcome
 from .places import plain
-from .sensor_plan import Gain, SensorPlan, confused, nearest
+from .sensor_plan import Gain, SensorPlan, nearest
 from .tables import effect_row, number, places_text, spread_text
 from .tables import gap_text as gap_pair
 
@@ -65,7 +65,7 @@ def plan_table(plan: SensorPlan) -> Table:
         if effect in plan.table.invisible:
             continue
         rival, separation = nearest(plan, effect) or ("–", float("inf"))
-        rivals = confused(plan, effect)
+        rivals = plan.table.confused(effect)
         others = len(plan.table.labels) - len(plan.table.invisible) - 1
         together = "all others" if len(rivals) == others > 3 else ", ".join(map(plain, rivals)) or "–"
         table.add_row(plain(effect), number(float(visibility)), plain(rival), number(separation), together)

@@ -21,6 +21,7 @@ from solver.network import Network
 from solver.notebook.network import below, draw
 from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
+from . import thresholds
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
 from .scales import APART, Scale, Z
@@ -168,7 +169,11 @@ def _isolability(isolability: Isolability) -> tuple[Picture, str]:
     axes.set_xlabel("if this is refitted instead")
     axes.set_ylabel("true effect, of typical size")
     _scale(figure, APART)
-    return (figure, f"Separation d′ of every pair of {n} effects and places by this set of sensors.")
+    return (
+        figure,
+        f"Separation d′ of every pair of {n} effects by these sensors, each where it shows most. Below "
+        f"{thresholds.INSEPARABLE:g}, the effect of a row cannot be told from that of the column.",
+    )
 
 
 def _classes(axes: Axes, values: Array, scale: Scale) -> None:

@@ -13,15 +13,13 @@ from solver import effects
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
-from . import thresholds
-from .outcome import Candidate, ChannelBeats, Isolability, NamedEffect, Outcome
-from .places import entry, label_text, place_text, plain
+from .outcome import Candidate, ChannelBeats, NamedEffect, Outcome
+from .places import entry, place_text, plain
 from .scales import Z
 
 Array = np.ndarray
 
 DASH = "–"
-_NOT_DETECTABLE = "not detectable in its allowed range"
 _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
@@ -250,47 +248,6 @@ def round_rows(outcome: Outcome) -> list[dict[str, str]]:
         added = f"{plain(turn.added.name)} at {places_text(turn.added.where)}" if turn.added else "nothing"
         rows.append({"turn": str(i), "added": added, **_gaps(turn.before, turn.after)})
     return rows
-
-
-def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
-    """The smallest detectable size of every effect and place."""
-    return [
-        {
-            "name": label_text(label),
-            "size": _estimate_text(size, _first_quantity(label))[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
-        }
-        for label, size in outcome.smallest.items()
-    ]
-
-
-def _first_quantity(label: str) -> Quantity | None:
-    """What "nonlinear_elasticity at CA" is counted in."""
-    return next(iter(entry(label.partition(" at ")[0]).terms.values()), None)
-
-
-def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
-    """Every effect with its visibility and its nearest rival."""
-    separation = np.array(isolability.separation, float)
-    np.fill_diagonal(separation, np.inf)
-    rows = []
-    for i, label in enumerate(isolability.labels):
-        alone = separation.shape[0] < 2
-        nearest = int(np.argmin(separation[i])) if not alone else -1
-        rows.append(
-            {
-                "name": label_text(label),
-                "visibility": number(float(isolability.visibility[i])),
-                "rival": DASH if alone else label_text(isolability.labels[nearest]),
-                "separation": DASH if alone else number(float(separation[i, nearest])),
-                "together": not alone and separation[i, nearest] < thresholds.INSEPARABLE,
-            }
-        )
-    return rows
-
-
-def classes_text(isolability: Isolability) -> list[str]:
-    """The groups that cannot be told apart, those of one left out."""
-    return ["; ".join(map(label_text, group)) for group in isolability.classes if len(group) > 1]
 
 
 def beats(outcome: Outcome) -> dict[str, Any]:

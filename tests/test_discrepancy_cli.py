@@ -241,7 +241,7 @@ def plan() -> SensorPlan:
     labels = ("wall_viscosity", "channel_lag", "taper", "side_branch")
     separation = np.array([[0, 2, 50, 1], [2, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
     visibility = np.array([36.4, 20.0, 60.0, 1.0])
-    table = Isolability(labels, separation, visibility, ("side_branch",), (("wall_viscosity", "channel_lag"),))
+    table = Isolability(labels, separation, visibility, ("side_branch",))
     return SensorPlan(("AA.P",), table, (Gain("AA.R", ("side_branch",), 1), Gain("CA.Q", (), 0)))
 
 

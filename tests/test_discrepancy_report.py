@@ -27,6 +27,7 @@ from discrepancy.outcome import (
     Balance,
     Candidate,
     ChannelBeats,
+    Detectable,
     Isolability,
     Located,
     NamedEffect,
@@ -39,7 +40,8 @@ from discrepancy.outcome import (
 from discrepancy.places import marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
-from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number, smallest_rows
+from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number
+from discrepancy.visible import not_judged, rival_rows, smallest_rows
 from fitting.estimate import Estimate
 from solver import Network
 from solver.units import MMHG
@@ -86,7 +88,7 @@ def candidate(effect: NamedEffect, behind: float, in_class: bool) -> Candidate:
 def isolability(n: int) -> Isolability:
     labels = tuple(f"wall_viscosity at S{i}" for i in range(n - 1)) + ("channel_lag at CA.P",)
     separation = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * 4.0
-    return Isolability(labels, separation, np.linspace(1.0, 300.0, n), (labels[0],), (labels[:2],))
+    return Isolability(labels, separation, np.linspace(1.0, 300.0, n), (labels[0],))
 
 
 def synthetic(verdict: str, network: Network) -> Outcome:
@@ -110,8 +112,8 @@ def synthetic(verdict: str, network: Network) -> Outcome:
     own |= {"FA.outlet.R_t": OwnNumber(0.5, Estimate(0.48, "1", (0.45, 0.51)), -0.7, "calibration")}
     walls = Walls("individual", {"E": (0.08, 0.06)}, own) if verdict == "partial" else Walls()
     smallest = {
-        "wall_viscosity at CA": Estimate(2.1e3, "Pa.s", (2.1e3, 2.1e3)),
-        "side_branch at MD": Estimate(2e-12, "m^2/(Pa.s)", (0, 0)),
+        "wall_viscosity at CA": Detectable("CA.phi0", 2.1e3, "Pa.s", either=True),
+        "side_branch at MD": Detectable("MD.leak", 2e-12, "m^2/(Pa.s)"),
     }
     return replace(
         plain,
@@ -203,7 +205,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callabl
 # --- what it says -------------------------------------------------------------------------------------------------
 
 SAID = {
-    "none": ("No effect is missing", "Smallest detectable sizes", "2.1 kPa·s", "Invisible to them"),
+    "none": ("No effect is missing", "Smallest detectable sizes", "±2.1 kPa·s", "Invisible to them"),
     "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3e−12"),
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
     "several": ("Several effects are missing", "Rounds", "terminal reflection, at FA", "0.620"),
@@ -387,17 +389,58 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     assert candidate_row(lost)["held_out"] == "–" and channel_row(channel)["before_held"] == "–"
 
 
-def test_sizes_that_cannot_show(sheep: Network, tmp_path: Path) -> None:
-    """An effect that shows at no size that it may have: said on the page, and null in verdict.json."""
-    outcome = synthetic("none", sheep)
-    nowhere = Estimate(np.nan, "1", (np.nan, np.nan))
-    outcome = replace(outcome, smallest={**outcome.smallest, "junction_loss at all": nowhere})
-    assert smallest_rows(outcome)[-1] == {
-        "name": "junction loss at all places",
-        "size": "not detectable in its allowed range",
+def test_smallest_changes_are_read_in_display_units(sheep: Network) -> None:
+    """By hand: a part of a factor in per cent; 1 ms of φNL/φ0; a shift of one sign; 1 µs² as 1/ω_n² are 159 Hz;
+    one that shows at no size that it may have. verdict.json has the plain numbers, null where there is none."""
+    found = {
+        "wall_stiffness at AA": Detectable("AA.E_scale", 0.0013, "1", relative=True, either=True),
+        "nonlinear_wall_viscosity at all": Detectable("all.phiNL", 1e-3, "s", either=True, ratio="phi0"),
+        "external_pressure at PD": Detectable("PD.P_ext", -2.0 * MMHG, "Pa"),
+        "channel_offset at CA.R": Detectable("CA.R.offset", 2.8e-6, "m", either=True),
+        "catheter_resonance at BT.Q": Detectable("BT.Q.resonance", 1e-6, "s^2"),
+        "junction_loss at all": Detectable("all.k", np.nan, "1"),
     }
-    told = verdict_json(outcome)["smallest_detectable"]["junction_loss at all"]
-    assert told == {"value": None, "unit": "1", "ci95": [None, None]}
+    outcome = replace(synthetic("none", sheep), smallest=found)
+    assert [tuple(row.values()) for row in smallest_rows(outcome)] == [
+        ("wall stiffness at AA", "AA.E_scale", "±0.13 %"),
+        ("nonlinear wall viscosity at all places", "all.phiNL / phi0", "±1 ms"),
+        ("external pressure at PD", "PD.P_ext", "−2 mmHg"),
+        ("channel offset at CA.R", "CA.R.offset", "±0.0028 mm"),
+        ("catheter resonance at BT.Q", "BT.Q.resonance", "f_n = 159 Hz, zeta = 0"),
+        ("junction loss at all places", "all.k", "not detectable in its allowed range"),
+    ]
+    told = verdict_json(outcome)["smallest_detectable"]
+    assert told["junction_loss at all"]["change"] is None
+    assert (told["wall_stiffness at AA"]["change"], told["wall_stiffness at AA"]["relative"]) == (0.0013, True)
+
+
+def test_rivals_are_marked_as_they_are_told() -> None:
+    """a cannot be told from b, b from a can: the row of a alone is marked. d is invisible: no rival, and nobody's."""
+    separation = np.array([[0, 2, 50, 1], [20, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
+    table = Isolability(("a", "b", "c", "d"), separation, np.array([20.0, 30.0, 60.0, 1.0]), ("d",))
+    told = [(row["rival"], row["separation"], row["confused"], row["marked"]) for row in rival_rows(table)]
+    assert told == [
+        ("b", "2", "b", True),
+        ("a", "20", "–", False),
+        ("b", "40", "–", False),
+        ("–", "–", "invisible", True),
+    ]
+
+
+def test_why_effects_were_not_judged(sheep: Network) -> None:
+    """An outlet of another kind; this animal's walls, where each differs; the time limit; a model that breaks down."""
+    outcome = synthetic("partial", sheep)
+    assert outcome.isolability is not None and outcome.walls is not None
+    table = replace(outcome.isolability, not_judged=("wall_viscosity", "terminal_compliance", "stenosis"))
+    animal, outlet, broken = not_judged(replace(outcome, complete=True, isolability=table)).items()
+    assert animal[1] == "wall viscosity" and "it is this animal" in animal[0]
+    assert outlet[1] == "terminal compliance" and "another kind of outlet" in outlet[0]
+    assert broken == ("the model cannot be simulated with it", "stenosis")
+    common = replace(outcome, walls=Walls(), isolability=table)
+    assert not_judged(common)["the model cannot be simulated with it"] == "wall viscosity, stenosis"
+    none = replace(table, labels=(), separation=np.zeros((0, 0)), visibility=np.zeros(0), invisible=())
+    assert not_judged(replace(common, isolability=none))[
+        "the time limit was over before it was simulated"] == "wall viscosity, stenosis"  # fmt: skip
 
 
 def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> None:
@@ -406,7 +449,7 @@ def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> Non
     assert outcome.isolability is not None
     table = replace(outcome.isolability, not_judged=("terminal_compliance",))
     html = page(replace(outcome, isolability=table, p_value=0.0), {})
-    assert "<b>Not judged before data:</b> terminal compliance" in html and "χ² has p &lt; 1e-16" in html
+    assert "<b>Not judged:</b> terminal compliance (another kind of outlet" in html and "χ² has p &lt; 1e-16" in html
     assert "χ² has p = 0.032" in page(replace(outcome, p_value=0.0321), {})
     content = verdict_json(replace(outcome, isolability=table, p_value=0.0321))
     assert (content["not_judged"], content["global_p_value"]) == (["terminal_compliance"], 0.0321)
