@@ -10,7 +10,7 @@ from . import thresholds
 from .outcome import Outcome
 from .places import plain
 from .sensor_plan import Gain, SensorPlan, nearest
-from .tables import effect_row, number, places_text, spread_text
+from .tables import effect_row, gap_unit, number, places_text, spread_text
 from .tables import gap_text as gap_pair
 
 _MOST_GAINS = 3
@@ -34,7 +34,7 @@ def gap_text(outcome: Outcome) -> str:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
     fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones"
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones\n  {gap_unit(outcome)}"
 
 
 def class_text(outcome: Outcome) -> str:

@@ -75,6 +75,7 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
         "effects": [tables.effect_row(effect) for effect in outcome.effects],
         "candidates": [tables.candidate_row(candidate) for candidate in outcome.candidates],
         "channels": [tables.channel_row(channel) for channel in outcome.channels],
+        "gap_unit": tables.gap_unit(outcome),
         "gap": (*tables.gap_text(outcome.gap_before), *tables.gap_text(outcome.gap_after)),
         "z_rows": tables.z_rows(outcome) if outcome.z_map.size else [],
         "absorbed": tables.absorbed_rows(outcome),

@@ -109,6 +109,19 @@ def p_text(value: float) -> str:
     return "p < 1e-16" if value < 1e-16 else f"p = {number(value, 2)}"
 
 
+def gap_unit(outcome: Outcome) -> str:
+    """What a gap is counted in, and why that on the held-out beats is another."""
+    said = "A gap is the RMS of model less mean beat, over channels and harmonics, in units of the noise of that mean."
+    beats = outcome.provenance.get("beats")
+    if not beats:
+        return said
+    fitted, held_out = beats["fitted"], beats["held_out"]
+    return (
+        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted ones: the same misfit is "
+        f"a gap {math.sqrt(fitted / held_out):.2g} times smaller there."
+    )
+
+
 def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
     """Gap on (fitted, held-out) beats."""
     return (DASH, DASH) if pair is None else (_gap(pair[0]), _gap(pair[1]))

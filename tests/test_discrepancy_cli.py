@@ -150,14 +150,16 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
 
 
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Walls, prior, processes and time limit, which has a unit; five minutes and all cores by default."""
+    """Walls, prior, processes and time limit, with a unit or in seconds; five minutes and all cores by default."""
     given: list[dict[str, Any]] = []
     monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
     prior = tmp_path / "prior.json"
     options = ("--walls", "individual", "--prior", prior, "--time-limit", "2 min", "--jobs", 3)
     assert run(*STUDY, *options).exit_code == run(*STUDY).exit_code == 0
+    assert [run(*STUDY, "--time-limit", text).exit_code for text in ("5", "5min")] == [0, 0]
     found = [[each[key] for key in ("walls", "prior", "time_limit", "jobs")] for each in given]
-    assert found == [["individual", prior, 120.0, 3], [None, None, 300.0, cores()]]
+    assert found[:2] == [["individual", prior, 120.0, 3], [None, None, 300.0, cores()]]
+    assert [each[2] for each in found[2:]] == [5.0, 300.0]
 
 
 def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
@@ -165,8 +167,20 @@ def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
     found(outcome(verdict="none", effects=(), members=(), gap_after=None, separating_measurement=None))
     done = run(*STUDY)
     assert done.exit_code == 0
-    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out ones" in done.stdout
+    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out ones\n  A gap is the RMS" in done.stdout
+    found(outcome(provenance={"beats": {"fitted": 18, "held_out": 2}}))
+    assert "The mean of 2 held-out beats is noisier than that of 18 fitted ones" in run(*STUDY).stdout
+    assert "a gap 3 times smaller there" in run(*STUDY).stdout
     assert "effect" not in done.stdout
+
+
+def test_a_search_that_was_cut_short(found: Callable[[Any], None]) -> None:
+    """What the limit was, in seconds as a bare number is read, and the option; not where all was compared."""
+    asked = {"asked": {"time_limit": {"value": 5.0, "unit": "s"}}}
+    found(outcome(complete=False, provenance=asked))
+    assert "with more time (--time-limit, which was 5 s)" in run(*STUDY).stdout
+    found(outcome(provenance=asked))
+    assert "--time-limit" not in run(*STUDY).stdout
 
 
 def test_unusable_is_exit_code_3(found: Callable[[Any], None]) -> None:

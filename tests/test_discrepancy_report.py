@@ -43,6 +43,7 @@ from discrepancy.scales import Z
 from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number
 from discrepancy.visible import not_judged, rival_rows, smallest_rows
 from fitting.estimate import Estimate
+from fitting.pages import page as shared
 from solver import Network
 from solver.units import MMHG
 
@@ -387,6 +388,12 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     assert content["gap"]["after"] == {"fit": 1.0, "held_out": None}
     assert content["gap"]["channels"]["AA.P"] == {"before": None, "after": 1.04}
     assert candidate_row(lost)["held_out"] == "–" and channel_row(channel)["before_held"] == "–"
+
+
+def test_where_it_comes_from_is_read_with_units() -> None:
+    """A number with its unit is one word."""
+    asked = {"walls": "by evidence", "time_limit": {"value": 300.0, "unit": "s"}}
+    assert shared.words(asked) == "walls: by evidence; time limit: 300 s"
 
 
 def test_smallest_changes_are_read_in_display_units(sheep: Network) -> None:
