@@ -117,8 +117,8 @@ def gap_unit(outcome: Outcome) -> str:
         return said
     fitted, held_out = beats["fitted"], beats["held_out"]
     return (
-        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted ones: the same misfit is "
-        f"a gap {math.sqrt(fitted / held_out):.2g} times smaller there."
+        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted ones: the same misfit "
+        f"is a gap {math.sqrt(fitted / held_out):.2g} times smaller there."
     )
 
 
