@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from .records.record import Record
 
 Array = np.ndarray
 
-_AGAIN = "calibrate it again with this version (arterial-fmu calibrate)"
+_AGAIN = "give the .json file that arterial-fmu calibrate --out wrote, as it wrote it"
 _ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off
 
 
@@ -50,6 +51,10 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     Raises ValueError, one sentence, for a file that is no calibration, one without covariance, one of another network,
     and for parameters that the network has not.
     """
+    if not Path(path).is_file():
+        raise ValueError(f"{path}: there is no such file; {_AGAIN}.")
+    if Path(path).suffix.lower() != ".json":  # an .ssv file has values alone
+        raise ValueError(f"{path}: is no .json file, and other files hold no covariance; {_AGAIN}.")
     found = read_set(path)
     origin = found.provenance
     if origin.get("method") != "network calibration":

@@ -217,8 +217,14 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
         ),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--jobs", "0"), "jobs 0: must be a whole number"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"), "must be common or individual"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"), "no.json: neither a file"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"), "a .json or an .ssv file"),
+        (
+            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"),
+            "no.json: there is no such file; give the .json file that",
+        ),
+        (
+            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"),
+            "bench.toml: is no .json file, and other files hold no cov",
+        ),
         (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
         (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),
         (("isolability", "sheep", "--channels", "XX.P"), "channel XX.P"),
