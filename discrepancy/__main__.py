@@ -170,9 +170,10 @@ def _show(outcome: Outcome) -> None:
 
 
 def _show_plan(plan: SensorPlan) -> None:
-    from .command_tables import gain_text, invisible_text, plan_table
+    from .command_tables import confused_text, gain_text, invisible_text, plan_table
 
     show(plan_table(plan))
+    say(confused_text(plan))
     say(invisible_text(plan))
     say(gain_text(plan))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 from commands import refused_in_one_sentence
 from forked import NETWORK
+from rich.console import Console
 from typer.testing import CliRunner
 
 from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
+from discrepancy.command_tables import effects_table, plan_table
 from discrepancy.isolability import isolability
 from discrepancy.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
@@ -135,6 +138,18 @@ def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
     assert run(*STUDY, "--quiet").output == ""
     assert run("discover", *STUDY).stdout == done.stdout
     assert run("--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
+
+
+def test_tables_fit_eighty_columns() -> None:
+    """The longest names: no number is cut or wrapped, and no word of a heading."""
+    found = NamedEffect(
+        "nonlinear_wall_viscosity", ("CA",), {"CA.phiNL": Estimate(-21570, "Pa.s^2", (-22100, -21040))}, 1
+    )
+    lines = io.StringIO()
+    Console(file=lines, width=80).print(effects_table(outcome(effects=(found,))), plan_table(plan()))
+    told = lines.getvalue()
+    assert "CA.phiNL" in told and "−21.57 kPa·s²" in told and "−22.10 … −21.04" in told and "confidence" in told
+    assert "…" not in told.replace(" … ", "") and max(map(len, told.splitlines())) <= 80
 
 
 def test_walls_are_said(found: Callable[[Any], None]) -> None:
@@ -275,6 +290,8 @@ def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert given[0][1:4] == (["AA.P", "CA.P"], 30.0, 12)
     assert "wall viscosity" in done.stdout and "36.4" in done.stdout
     assert "Invisible (d′ below 3): side branch." in done.stdout
+    both = "wall viscosity from channel lag; channel lag from wall viscosity"
+    assert f"Cannot be told apart (separation below 6): {both}." in done.stdout
     assert "Add AA.R (shows side branch; separates 1 more pair)." in done.stdout
     data = json.loads(out.read_text(encoding="utf-8"))
     assert data == plan_json(plan())
