@@ -11,7 +11,6 @@ from functools import cache
 import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, T, clean, record
-
 from rich.console import Console
 
 from fitting.calibrate import Calibration, calibrate
@@ -113,7 +112,7 @@ def test_written_and_shown() -> None:
     assert list(table.columns[0].cells) == ["A", "B", "C"]
     E = found["B"]["E_inc"]
     half = (E.ci95[1] - E.ci95[0]) / 2.0
-    assert list(table.columns[1].cells)[1] == f"{1e-6 * E.value:.4g}\n± {1e-6 * half:.2g}"
+    assert list(table.columns[1].cells)[1] == f"{1e-6 * E.value:.4g}\n±{1e-6 * half:.2g}"
 
 
 def test_refused_in_one_sentence() -> None:

@@ -88,7 +88,7 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
     columns = [right(_HYPHENATED.get(name, name).replace("_", "\n") + (f"\n{unit}" if unit else ""))
                for name, (unit, _) in units.items()]  # fmt: skip
     title = f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)"
-    table = Table("site", *columns, title=title, padding=0)  # seven indices fit 80 columns
+    table = Table("site", *columns, title=title, padding=0)  # eight indices fit 80 columns
     for site, found in sites.items():
         table.add_row(site, *(_plus_minus(found.get(name), factor) for name, (_, factor) in units.items()))
     return table
@@ -129,4 +129,4 @@ def _plus_minus(estimate: Estimate | None, factor: float) -> str:
     if estimate is None:
         return "–"
     low, high = estimate.ci95
-    return f"{factor * estimate.value:.4g}\n± {factor * (high - low) / 2.0:.2g}"
+    return f"{factor * estimate.value:.4g}\n±{factor * (high - low) / 2.0:.2g}"
