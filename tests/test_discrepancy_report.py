@@ -6,6 +6,7 @@ All outcomes here are synthetic: beats and numbers are made up, so that every pa
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import os
 import re
@@ -19,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.figures import NAMES
+from discrepancy.figures import NAMES, figure
 from discrepancy.outcome import (
     ADDED,
     VERDICTS,
@@ -266,6 +267,19 @@ def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
     write_report(replace(full, kind="bench", channels=full.channels[3::2], z_map=full.z_map[:, 3:4]), tmp_path)
     assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network"}
     read(tmp_path / "report.html")
+
+
+@pytest.mark.parametrize(("harmonics", "last"), [(20, 19), (70, 68), (121, 120)])
+def test_numbers_below_the_z_map_do_not_touch(sheep: Network, harmonics: int, last: int) -> None:
+    """Each harmonic, each second, or each fifth has its number."""
+    outcome = synthetic("partial", sheep)
+    picture = figure(replace(outcome, z_map=np.full((harmonics, outcome.z_map.shape[1]), 9.0)), "z_map")
+    picture.canvas.draw()
+    (axes,) = picture.axes
+    labels = axes.get_xticklabels()
+    boxes = [label.get_window_extent() for label in labels]
+    assert [labels[0].get_text(), labels[-1].get_text()] == ["mean", str(last)]
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 def test_many_labels(tmp_path: Path, sheep: Network) -> None:
