@@ -73,7 +73,7 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
     isolability = outcome.isolability
     return {
         "effects": [tables.effect_row(effect) for effect in outcome.effects],
-        "candidates": [tables.candidate_row(candidate) for candidate in outcome.candidates],
+        "candidates": tables.candidate_rows(outcome),
         "channels": [tables.channel_row(channel) for channel in outcome.channels],
         "gap_unit": tables.gap_unit(outcome),
         "gap": (*tables.gap_text(outcome.gap_before), *tables.gap_text(outcome.gap_after)),

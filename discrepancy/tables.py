@@ -163,6 +163,12 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
     }
 
 
+def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """Every hypothesis that was refitted, best first, which is nothing apart from itself."""
+    rows = [candidate_row(candidate) for candidate in outcome.candidates]
+    return [{**row, "separation": DASH} if i == 0 else row for i, row in enumerate(rows)]
+
+
 def candidate_row(candidate: Candidate) -> dict[str, Any]:
     """A hypothesis that was refitted."""
     texts = [(name, *estimate_text(name, p)) for name, p in candidate.parameters.items()]
@@ -225,6 +231,7 @@ def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
             "prior": f"0 ± {number(a.prior_sd)}",
             "unit": "" if a.unit == "1" else a.unit,
             "relative": number(a.x / a.prior_sd, 2) if a.prior_sd else DASH,
+            "factor": f"× {number(math.exp(a.x))}" if a.name.startswith("ln ") else DASH,
             "far": bool(a.prior_sd) and abs(a.x) > _OUTSIDE_PRIOR * a.prior_sd,
         }
         for a in outcome.absorbed

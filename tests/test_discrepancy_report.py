@@ -41,7 +41,15 @@ from discrepancy.outcome import (
 from discrepancy.places import marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
-from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number
+from discrepancy.tables import (
+    absorbed_rows,
+    beats,
+    candidate_row,
+    candidate_rows,
+    channel_row,
+    estimate_text,
+    number,
+)
 from discrepancy.visible import not_judged, rival_rows, smallest_rows
 from fitting.estimate import Estimate
 from fitting.pages import page as shared
@@ -389,6 +397,24 @@ def test_page_without_an_addition_runs_in_a_browser(reports: Callable[[str], Pat
     dom = browse(reports("none"), tmp_path, "--dump-dom").stdout
     assert re.findall('data-curve="([a-z]+)"', dom) == ["measured", "before"]
     assert re.search('<input type="checkbox" id="show-after"[^>]* disabled', dom)
+
+
+def test_the_best_is_nothing_apart_from_itself(sheep: Network) -> None:
+    """Separation: a dash for the best, d' for the others. Where none of them is the verdict, the page says so."""
+    outcome = synthetic("none", sheep)
+    first, *others = candidate_rows(
+        replace(outcome, candidates=[replace(c, separation=1.14) for c in outcome.candidates])
+    )
+    assert (first["separation"], [row["separation"] for row in others]) == ("–", ["1.14", "1.14"])
+    said = "The verdict is none of these"
+    assert said in page(outcome, {}) and said not in page(synthetic("effect", sheep), {})
+
+
+def test_what_all_have_in_common_is_a_factor(sheep: Network) -> None:
+    """ln 1.2 = 0.182 of a scale is a factor of 1.2; a shift is none."""
+    absorbed = (Absorbed("ln all.E", 0.18232, 0.01, 0.2), Absorbed("all.outlet.R_t", 0.1, 0.01, 0.2))
+    rows = absorbed_rows(replace(synthetic("none", sheep), absorbed=absorbed))
+    assert [row["factor"] for row in rows] == ["× 1.2", "–"]
 
 
 def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
