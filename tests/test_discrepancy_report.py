@@ -129,6 +129,7 @@ SAID = {
         "(calibration)",
         "again with more time",
         "individual",
+        "They count as this animal’s, not as effects",
     ),  # fmt: skip
     "unknown": ("catalogue does not have", "What remains", "harmonics 5 to 9", "largest at CA.Q"),
     "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
