@@ -114,7 +114,8 @@ def test_the_same_answer_as_in_one_go(study: Study) -> None:
 def test_stages_are_told(study: Study) -> None:
     """Progress names every stage in order, the last one "done"."""
     assert study.stages[-1] == "done"
-    wanted = ["cutting the beats", "naming", "rebuilding the FMU", "running the extended FMU", "writing the report"]
+    naming = "naming, time limit 300 s"
+    wanted = ["cutting the beats", naming, "rebuilding the FMU", "running the extended FMU", "writing the report"]
     assert [s for s in study.stages if s in wanted] == wanted
 
 
