@@ -66,7 +66,10 @@ def discover_command(
     prior: Annotated[
         Path | None, typer.Option(help="Result of `calibrate`: values, and how uncertain they are.")
     ] = None,
-    time_limit: Annotated[str, typer.Option(help="Of naming; then the best answer so far is given.")] = "5 min",
+    time_limit: Annotated[
+        str,
+        typer.Option(help='Of naming, e.g. "10 min"; a bare number is seconds. Then the best answer so far is given.'),
+    ] = "5 min",
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
@@ -152,8 +155,11 @@ def isolability_command(
 
 def _show(outcome: Outcome) -> None:
     from .command_tables import class_text, effects_table, gap_text, walls_text
+    from .wording import more_time
 
     say(outcome.sentence)
+    if not outcome.complete:
+        say(more_time(outcome))
     if outcome.effects:
         show(effects_table(outcome))
     for text in (gap_text(outcome), class_text(outcome), walls_text(outcome), outcome.separating_measurement):
@@ -164,9 +170,10 @@ def _show(outcome: Outcome) -> None:
 
 
 def _show_plan(plan: SensorPlan) -> None:
-    from .command_tables import gain_text, invisible_text, plan_table
+    from .command_tables import confused_text, gain_text, invisible_text, plan_table
 
     show(plan_table(plan))
+    say(confused_text(plan))
     say(invisible_text(plan))
     say(gain_text(plan))
 

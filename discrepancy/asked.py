@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 from dataclasses import dataclass
@@ -60,6 +61,20 @@ class Asked:
     def chosen(self) -> str | None:
         """The walls that are looked for; a calibration is of arteries that differ."""
         return self.walls if self.prior is None else INDIVIDUAL
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """What was asked, for the provenance of a result; a calibration by its file and that file's hash."""
+        found = {
+            "walls": self.walls or "by evidence",
+            "period": "found" if self.period is None else {"value": self.period, "unit": "s"},
+            "time_limit": {"value": self.time_limit, "unit": "s"},
+        }
+        if self.prior is None:
+            return found
+        file = Path(self.prior)
+        prior = {"file": os.fspath(file), "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
+        return {**found, "walls": INDIVIDUAL, "prior": prior}
 
     @property
     def key(self) -> list[Any]:

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from rich.table import Table
+from collections.abc import Sequence
+
+from rich.table import Column, Table
 
 from solver.console import right
 
 from . import thresholds
 from .outcome import Outcome
 from .places import plain
-from .sensor_plan import Gain, SensorPlan, confused, nearest
-from .tables import effect_row, number, places_text, spread_text
+from .sensor_plan import Gain, SensorPlan, nearest
+from .tables import effect_row, gap_unit, number, places_text, spread_text
 from .tables import gap_text as gap_pair
 
 _MOST_GAINS = 3
+_MOST_NAMED = 3
 
 
 def effects_table(outcome: Outcome) -> Table:
     """The effects that were added, with their parameters in the units that people read."""
     titles = {"ambiguous": "best of the class", "partial": "a part of what was missing"}
     title = titles.get(outcome.verdict, "what was missing")
-    table = Table("effect", "where", "parameter", "value", "95 % interval", "confidence", title=title)
+    numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
+    table = Table("effect", "where", *numbers, title=title, pad_edge=False)  # fits 80 columns
     for row in map(effect_row, outcome.effects):
         for i, p in enumerate(row["parameters"]):
             first = (row["name"], row["where"]) if i == 0 else ("", "")
@@ -34,7 +38,7 @@ def gap_text(outcome: Outcome) -> str:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
     fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones"
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones\n  {gap_unit(outcome)}"
 
 
 def class_text(outcome: Outcome) -> str:
@@ -59,17 +63,29 @@ def walls_text(outcome: Outcome) -> str:
 
 def plan_table(plan: SensorPlan) -> Table:
     """Every effect that the channels see: how well, and what it could be taken for."""
-    columns = ("effect of typical size", right("d′"), "nearest rival", right("separation"), "cannot be told from")
+    columns = ("effect of typical size", right("d′"), "nearest rival", right("separation"))
     table = Table(*columns, title=f"what inlet.Q, {', '.join(plan.channels)} can tell apart")
     for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
         if effect in plan.table.invisible:
             continue
         rival, separation = nearest(plan, effect) or ("–", float("inf"))
-        rivals = confused(plan, effect)
-        others = len(plan.table.labels) - len(plan.table.invisible) - 1
-        together = "all others" if len(rivals) == others > 3 else ", ".join(map(plain, rivals)) or "–"
-        table.add_row(plain(effect), number(float(visibility)), plain(rival), number(separation), together)
+        table.add_row(plain(effect), number(float(visibility)), plain(rival), number(separation))
     return table
+
+
+def confused_text(plan: SensorPlan) -> str:
+    """What could be taken for something else."""
+    visible = [effect for effect in plan.table.labels if effect not in plan.table.invisible]
+    found = {effect: rivals for effect in visible if (rivals := plan.table.confused(effect))}
+    if not found:
+        return "Every visible effect can be told from every other."
+    told = "; ".join(f"{plain(effect)} from {_few(rivals)}" for effect, rivals in found.items())
+    return f"Cannot be told apart (separation below {thresholds.INSEPARABLE:g}): {told}."
+
+
+def _few(effects: Sequence[str]) -> str:
+    """Effects in words; many by their number."""
+    return ", ".join(map(plain, effects)) if len(effects) <= _MOST_NAMED else f"{len(effects)} others"
 
 
 def invisible_text(plan: SensorPlan) -> str:

@@ -21,6 +21,7 @@ from solver.network import Network
 from solver.notebook.network import below, draw
 from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
+from . import thresholds
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
 from .scales import APART, Scale, Z
@@ -31,6 +32,7 @@ Array = np.ndarray
 MEASURED, BEFORE, AFTER = BLACK, VERMILION, BLUE
 NAMES = ("network", "z_map", "waveforms", "loops", "gap", "isolability")
 _MISSING = "#e6e6e6"
+_MOST_TICKS = 36  # numbers below the z map that do not touch
 _MOST_FRAMED = 60  # cells in a row that still have room for a frame
 
 
@@ -135,7 +137,9 @@ def _z_map(outcome: Outcome) -> tuple[Picture, str]:
     axes = figure.add_subplot()
     _classes(axes, z, Z)
     axes.set_yticks(range(len(names)), names)
-    axes.set_xticks(range(shown_harmonics), ["mean", *map(str, range(1, shown_harmonics))])
+    step = next(n for n in (1, 2, 5, 10) if shown_harmonics <= _MOST_TICKS * n or n == 10)
+    numbered = range(step, shown_harmonics, step)
+    axes.set_xticks([0, *numbered], ["mean", *map(str, numbered)])
     axes.tick_params(length=0, labelsize=8)
     axes.set_xlabel("harmonic of the beat")
     for at in outcome.located:
@@ -168,7 +172,11 @@ def _isolability(isolability: Isolability) -> tuple[Picture, str]:
     axes.set_xlabel("if this is refitted instead")
     axes.set_ylabel("true effect, of typical size")
     _scale(figure, APART)
-    return (figure, f"Separation d′ of every pair of {n} effects and places by this set of sensors.")
+    return (
+        figure,
+        f"Separation d′ of every pair of {n} effects by these sensors, each where it shows most. Below "
+        f"{thresholds.INSEPARABLE:g}, the effect of a row cannot be told from that of the column.",
+    )
 
 
 def _classes(axes: Axes, values: Array, scale: Scale) -> None:

@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from fitting.inference.fit import Fit, projected
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, precision
+from solver.coordinate import SCALE
 
 from . import thresholds
-from .outcome import Isolability
+from .outcome import Detectable, Isolability
 
 Array = np.ndarray
 
@@ -43,8 +43,7 @@ def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) 
             if i != j:
                 separation[i, j] = min(_apart(_typical(left[best[a]]), left[t.label]) for t in places[b])
     invisible = tuple(e for e, d in zip(effects, visibility, strict=True) if d < thresholds.INVISIBLE)
-    classes = _classes(effects, separation, invisible)
-    return Isolability(tuple(effects), separation, visibility, invisible, classes, not_judged)
+    return Isolability(tuple(effects), separation, visibility, invisible, not_judged)
 
 
 def smallest(
@@ -70,6 +69,15 @@ def smallest(
     return found
 
 
+def detectable(unknown: Unknown, x: float | None) -> Detectable:
+    """The least x that shows as a change of the number that it moves; of a factor, as a part of it."""
+    relative = unknown.kind == SCALE
+    moved = unknown.size * (np.nan if x is None else x)
+    change, unit = (float(np.expm1(moved)), "1") if relative else (float(moved), unknown.unit)
+    either = x is not None and unknown.low <= -x <= unknown.high
+    return Detectable(unknown.name, change, unit, relative, either, unknown.ratio or "")
+
+
 def _strongest(left: Array) -> int:
     """Which unknown of an effect shows most at its typical size."""
     return int(np.argmax((left**2).sum(axis=0)))
@@ -84,12 +92,3 @@ def _apart(a: Array, b: Array) -> float:
     """What is left of a when any size of the effect with columns b is taken away."""
     fit = np.linalg.lstsq(b, a, rcond=1e-10)[0]
     return float(np.linalg.norm(a - b @ fit))
-
-
-def _classes(effects: Sequence[str], separation: Array, invisible: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Groups of visible effects that cannot be told apart, directly or through one another."""
-    visible = [i for i, e in enumerate(effects) if e not in invisible]
-    near = np.maximum(separation, separation.T)[np.ix_(visible, visible)] < thresholds.INSEPARABLE
-    count, label = connected_components(near, directed=False)
-    groups = [[effects[i] for i, own in zip(visible, label, strict=True) if own == group] for group in range(count)]
-    return tuple(tuple(group) for group in groups if len(group) > 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,16 +148,41 @@ class Isolability:
 
     labels : names of effects, each at the place where it shows most. separation : (n, n) d' of the effect of a row, of
     typical size, after the best refit of that of a column, wherever it comes nearest (0 on the diagonal). visibility :
-    (n,) d' of each after the nuisance refit. invisible : those that do not show. classes : groups that cannot be told
-    apart. not_judged : effects that have no derivative, as another kind of outlet.
+    (n,) d' of each after the nuisance refit. invisible : those that do not show. not_judged : effects without a
+    derivative here, as another kind of outlet, or those that are this animal where walls differ.
     """
 
     labels: tuple[str, ...]
     separation: Array
     visibility: Array
     invisible: tuple[str, ...]
-    classes: tuple[tuple[str, ...], ...]
     not_judged: tuple[str, ...] = ()
+
+    def rivals(self, label: str) -> dict[str, float]:
+        """The separation d' of an effect from every other visible one."""
+        row, others = self.separation[self.labels.index(label)], (label, *self.invisible)
+        return {e: float(d) for e, d in zip(self.labels, row, strict=True) if e not in others}
+
+    def confused(self, label: str) -> tuple[str, ...]:
+        """The visible effects that one of typical size cannot be told from: in their best size, they look like it."""
+        return tuple(e for e, d in self.rivals(label).items() if d < thresholds.INSEPARABLE)
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The least change of a number of an effect, from what the model has, that this record would have shown.
+
+    parameter : the number, as "CA.phi0"; ratio : the other number of its owner that it is counted relative to, as "E",
+    or "". change : in ``unit``; a part of the number if ``relative``; NaN where none that is allowed would show.
+    either : whether the opposite change is allowed, too.
+    """
+
+    parameter: str
+    change: float
+    unit: str
+    relative: bool = False
+    either: bool = False
+    ratio: str = ""
 
 
 @dataclass(frozen=True)
@@ -174,11 +199,11 @@ class Outcome(Shown):
     """Everything that verdict.json and report.html say.
 
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
-    ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable size per "effect
-    at place", with its unit, where the verdict is ``none``; NaN where none in the allowed range would show. sites :
-    whitened RMS of each site, predicted from the others. gap_before, gap_after : whitened RMS by the sensors' noise
-    alone on (fitted, held-out) beats. kind : "bench" or "network". parity : largest difference of the rebuilt FMU from
-    the direct solver, of a channel's pulse: under the record's inflow, or, of a bench, under the network's own.
+    ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
+    "effect at place", where the verdict is ``none``. sites : whitened RMS of each site, predicted from the others.
+    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
+    "network". parity : largest difference of the rebuilt FMU from the direct solver, of a channel's pulse: under the
+    record's inflow, or, of a bench, under the network's own.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
 
@@ -206,7 +231,7 @@ class Outcome(Shown):
     candidates: tuple[Candidate, ...] = ()
     absorbed: tuple[Absorbed, ...] = ()
     isolability: Isolability | None = None
-    smallest: Mapping[str, Estimate] = field(default_factory=dict)
+    smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
     rounds: tuple[Round, ...] = ()
     gap_before: tuple[float, float] | None = None
@@ -300,7 +325,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
         "held_out_sites": dict(outcome.sites),
-        "smallest_detectable": {name: e.plain for name, e in outcome.smallest.items()},
+        "smallest_detectable": {name: asdict(least) for name, least in outcome.smallest.items()},
         "fmu_against_solver": outcome.parity,
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),

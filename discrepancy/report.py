@@ -11,7 +11,7 @@ from fitting.pages.page import environment, words
 from fitting.result_files import make_folder
 from solver.files import write_whole
 
-from . import tables, thresholds
+from . import tables, thresholds, visible
 from .outcome import VERDICTS, Outcome
 from .places import label_text, plain
 from .scales import APART, Z
@@ -63,6 +63,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         closed=tables.percent(outcome.closed[1] if outcome.closed else None),
         confidence=tables.percent(outcome.confidence),
         inseparable=f"{thresholds.INSEPARABLE:g}",
+        invisible=f"{thresholds.INVISIBLE:g}",
         united=any(row["unit"] for row in tables.absorbed_rows(outcome)),
         **_rows(outcome),
     )
@@ -72,17 +73,18 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
     isolability = outcome.isolability
     return {
         "effects": [tables.effect_row(effect) for effect in outcome.effects],
-        "candidates": [tables.candidate_row(candidate) for candidate in outcome.candidates],
+        "candidates": tables.candidate_rows(outcome),
         "channels": [tables.channel_row(channel) for channel in outcome.channels],
+        "gap_unit": tables.gap_unit(outcome),
         "gap": (*tables.gap_text(outcome.gap_before), *tables.gap_text(outcome.gap_after)),
         "z_rows": tables.z_rows(outcome) if outcome.z_map.size else [],
         "absorbed": tables.absorbed_rows(outcome),
         "walls": tables.wall_rows(outcome),
         "spread": tables.spread_text(outcome),
         "rounds": tables.round_rows(outcome),
-        "smallest": tables.smallest_rows(outcome),
-        "rivals": tables.rival_rows(isolability) if isolability else [],
-        "classes": tables.classes_text(isolability) if isolability else [],
+        "smallest": visible.smallest_rows(outcome),
+        "rivals": visible.rival_rows(isolability) if isolability else [],
+        "not_judged": visible.not_judged(outcome),
         "beats": json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
         "provenance": {
             key.replace("_", " "): words(v)

@@ -166,19 +166,7 @@ def _separable(table: Isolability, effects: Sequence[str]) -> int:
 
 def nearest(plan: SensorPlan, effect: str) -> tuple[str, float] | None:
     """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
-    return min(_rivals(plan, effect).items(), key=lambda pair: pair[1], default=None)
-
-
-def confused(plan: SensorPlan, effect: str) -> tuple[str, ...]:
-    """Visible effects that cannot be told from one."""
-    return tuple(e for e, separation in _rivals(plan, effect).items() if separation < thresholds.INSEPARABLE)
-
-
-def _rivals(plan: SensorPlan, effect: str) -> dict[str, float]:
-    """The separation d' of an effect from every other visible one."""
-    row = plan.table.separation[plan.table.labels.index(effect)]
-    others = (effect, *plan.table.invisible)
-    return {e: float(d) for e, d in zip(plan.table.labels, row, strict=True) if e not in others}
+    return min(plan.table.rivals(effect).items(), key=lambda pair: pair[1], default=None)
 
 
 def plan_json(plan: SensorPlan) -> dict[str, Any]:
@@ -189,7 +177,7 @@ def plan_json(plan: SensorPlan) -> dict[str, Any]:
             continue
         rival, separation = nearest(plan, effect) or (None, None)
         effects.append({"name": effect, "visibility": float(visibility), "nearest": rival, "separation": separation,
-                        "cannot_be_told_from": list(confused(plan, effect))})  # fmt: skip
+                        "cannot_be_told_from": list(plan.table.confused(effect))})  # fmt: skip
     gains = [{"channel": g.channel, "shows": list(g.visible), "separates": g.separable} for g in plan.gains]
     return {"channels": list(plan.channels), "effects": effects, "invisible": list(plan.table.invisible),
             "not_judged": list(plan.table.not_judged), "add": gains}  # fmt: skip

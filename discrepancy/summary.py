@@ -21,7 +21,7 @@ from . import thresholds
 from .animal import odd_ones, walls_of
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
-from .isolability import isolability, smallest
+from .isolability import detectable, isolability, smallest
 from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
 from .places import of_sensor, plain
 from .separating import separating_measurement
@@ -98,7 +98,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         candidates=_candidates(study, naming),
         absorbed=_absorbed(final),
         isolability=isolability(naming.base.fit, naming.columns, naming.terms),
-        smallest={t.label: u.estimate(np.nan if x is None else x, 0.0, 1.0) for t, u, x in least.values()},
+        smallest={t.label: detectable(u, x) for t, u, x in least.values()},
         sites=naming.problem.left_out(final),
         rounds=shown.rounds,
         gap_before=before.gap.total,

@@ -13,15 +13,13 @@ from solver import effects
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
-from . import thresholds
-from .outcome import Candidate, ChannelBeats, Isolability, NamedEffect, Outcome
-from .places import entry, label_text, place_text, plain
+from .outcome import Candidate, ChannelBeats, NamedEffect, Outcome
+from .places import entry, place_text, plain
 from .scales import Z
 
 Array = np.ndarray
 
 DASH = "–"
-_NOT_DETECTABLE = "not detectable in its allowed range"
 _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
@@ -111,6 +109,19 @@ def p_text(value: float) -> str:
     return "p < 1e-16" if value < 1e-16 else f"p = {number(value, 2)}"
 
 
+def gap_unit(outcome: Outcome) -> str:
+    """What a gap is counted in, and why that on the held-out beats is another."""
+    said = "A gap is the RMS of model less mean beat, over channels and harmonics, in units of the noise of that mean."
+    beats = outcome.provenance.get("beats")
+    if not beats:
+        return said
+    fitted, held_out = beats["fitted"], beats["held_out"]
+    return (
+        f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted ones: the same misfit "
+        f"is a gap {math.sqrt(fitted / held_out):.2g} times smaller there."
+    )
+
+
 def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
     """Gap on (fitted, held-out) beats."""
     return (DASH, DASH) if pair is None else (_gap(pair[0]), _gap(pair[1]))
@@ -150,6 +161,12 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
             for value, interval in [estimate_text(name, p)]
         ],
     }
+
+
+def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """Every hypothesis that was refitted, best first, which is nothing apart from itself."""
+    rows = [candidate_row(candidate) for candidate in outcome.candidates]
+    return [{**row, "separation": DASH} if i == 0 else row for i, row in enumerate(rows)]
 
 
 def candidate_row(candidate: Candidate) -> dict[str, Any]:
@@ -214,6 +231,7 @@ def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
             "prior": f"0 ± {number(a.prior_sd)}",
             "unit": "" if a.unit == "1" else a.unit,
             "relative": number(a.x / a.prior_sd, 2) if a.prior_sd else DASH,
+            "factor": f"× {number(math.exp(a.x))}" if a.name.startswith("ln ") else DASH,
             "far": bool(a.prior_sd) and abs(a.x) > _OUTSIDE_PRIOR * a.prior_sd,
         }
         for a in outcome.absorbed
@@ -250,47 +268,6 @@ def round_rows(outcome: Outcome) -> list[dict[str, str]]:
         added = f"{plain(turn.added.name)} at {places_text(turn.added.where)}" if turn.added else "nothing"
         rows.append({"turn": str(i), "added": added, **_gaps(turn.before, turn.after)})
     return rows
-
-
-def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
-    """The smallest detectable size of every effect and place."""
-    return [
-        {
-            "name": label_text(label),
-            "size": _estimate_text(size, _first_quantity(label))[0] if math.isfinite(size.value) else _NOT_DETECTABLE,
-        }
-        for label, size in outcome.smallest.items()
-    ]
-
-
-def _first_quantity(label: str) -> Quantity | None:
-    """What "nonlinear_elasticity at CA" is counted in."""
-    return next(iter(entry(label.partition(" at ")[0]).terms.values()), None)
-
-
-def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
-    """Every effect with its visibility and its nearest rival."""
-    separation = np.array(isolability.separation, float)
-    np.fill_diagonal(separation, np.inf)
-    rows = []
-    for i, label in enumerate(isolability.labels):
-        alone = separation.shape[0] < 2
-        nearest = int(np.argmin(separation[i])) if not alone else -1
-        rows.append(
-            {
-                "name": label_text(label),
-                "visibility": number(float(isolability.visibility[i])),
-                "rival": DASH if alone else label_text(isolability.labels[nearest]),
-                "separation": DASH if alone else number(float(separation[i, nearest])),
-                "together": not alone and separation[i, nearest] < thresholds.INSEPARABLE,
-            }
-        )
-    return rows
-
-
-def classes_text(isolability: Isolability) -> list[str]:
-    """The groups that cannot be told apart, those of one left out."""
-    return ["; ".join(map(label_text, group)) for group in isolability.classes if len(group) > 1]
 
 
 def beats(outcome: Outcome) -> dict[str, Any]:

@@ -92,8 +92,15 @@ def next_steps(outcome: Outcome) -> list[str]:
         case "unusable":
             steps.append("Put right what is named above and run the study again; no network or FMU was written.")
     if not outcome.complete:
-        steps.append("Run the study again with more time (--time-limit): not all candidates were compared.")
+        steps.append(more_time(outcome))
     return steps
+
+
+def more_time(outcome: Outcome) -> str:
+    """What to do where the search was cut short."""
+    limit = outcome.provenance.get("asked", {}).get("time_limit")
+    had = "" if limit is None else f", which was {limit['value']:g} {limit['unit']}"
+    return f"Run the study again with more time (--time-limit{had}): not all candidates were compared."
 
 
 def _given(outcome: Outcome) -> str:

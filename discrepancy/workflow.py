@@ -5,6 +5,7 @@ Everything is made in ``<out>/.state`` first; the folder gets its files when all
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import tempfile
@@ -103,7 +104,12 @@ def discover(
         outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
     except Unusable as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
-    outcome = replace(outcome, seconds=time.perf_counter() - started)
+    outcome = replace(
+        outcome,
+        seconds=time.perf_counter() - started,
+        provenance={**outcome.provenance, "asked": asked.plain},
+        warnings=(*(known.doubts(measured) if known and isinstance(measured, Record) else ()), *outcome.warnings),
+    )
     _write(outcome, fmu, folder, progress)
     if journal is not None:
         journal.close()
@@ -198,7 +204,7 @@ class _Work:
     def _name(self) -> Naming:
         problem, limit, begun = self.study.problem, self.asked.time_limit, monotonic()
         last = f"done by {datetime.now() + timedelta(seconds=limit):%H:%M:%S} at the latest"
-        self.progress(0.2, "naming")
+        self.progress(0.2, f"naming, time limit {limit:g} s")
 
         def told(simulations: int) -> None:
             part = max(1.0 - 0.5 ** (simulations / 300.0), min((monotonic() - begun) / limit, 1.0))
@@ -212,7 +218,8 @@ class _Work:
         except OutOfTime:
             raise Unusable(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
-                f'this record, which may be fit for use; allow more time, say --time-limit "5 min".'
+                f"this record, which may be fit for use; allow more time, say --time-limit "
+                f'"{math.ceil(max(TIME_LIMIT, 2.0 * limit) / 60.0)} min".'
             ) from None
 
     def _fmu(self, network: Network, stage: str) -> Path:

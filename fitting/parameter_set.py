@@ -149,7 +149,7 @@ def set_format(path: Path) -> str:
     """ ".json" or ".ssv". Raises ValueError for a file that is neither."""
     suffix = path.suffix.lower()
     if suffix not in (".json", ".ssv"):
-        raise ValueError(f"{path}: a parameter set is a .json or an .ssv file; rename it.")
+        raise ValueError(f"{path}: a parameter set is a .json or an .ssv file; give one whose name ends so.")
     return suffix
 
 

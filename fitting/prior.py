@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,34 @@ from solver.network import Network
 
 from .inference.prior import Calibrated, along
 from .parameter_set import ParameterSet, read_set
+from .records.record import Record
 
 Array = np.ndarray
 
-_AGAIN = "calibrate it again with this version (arterial-fmu calibrate)"
+_AGAIN = "give the .json file that arterial-fmu calibrate --out wrote, as it wrote it"
 _ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off
 
 
 @dataclass(frozen=True)
 class Prior:
-    """The network with the values of a calibration, and unknowns along the directions that it left uncertain."""
+    """The network with the values of a calibration, and unknowns along the directions that it left uncertain.
+
+    source : the file; sha256 : of the record that was calibrated with, "" where the file does not say.
+    """
 
     network: Network
     calibrated: Calibrated
+    source: str = ""
+    sha256: str = ""
+
+    def doubts(self, record: Record) -> tuple[str, ...]:
+        """What to know, in sentences, where a record is compared with this."""
+        if not self.sha256 or self.sha256 != record.sha256:
+            return ()
+        return (
+            f"{self.source}: it was calibrated with {record.path} itself, so that this record counts twice: intervals "
+            f"are too narrow and effects may be taken for walls; calibrate with another record of this animal.",
+        )
 
 
 def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
@@ -35,6 +51,10 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     Raises ValueError, one sentence, for a file that is no calibration, one without covariance, one of another network,
     and for parameters that the network has not.
     """
+    if not Path(path).is_file():
+        raise ValueError(f"{path}: there is no such file; {_AGAIN}.")
+    if Path(path).suffix.lower() != ".json":  # an .ssv file has values alone
+        raise ValueError(f"{path}: is no .json file, and other files hold no covariance; {_AGAIN}.")
     found = read_set(path)
     origin = found.provenance
     if origin.get("method") != "network calibration":
@@ -66,7 +86,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     flat = [v for c in coordinates if c.kind == SCALE for v, _ in c.moves if not values[v] > 0.0]
     if flat:
         raise ValueError(f"{path}: {flat[0]} = {values[flat[0]]:g} has no logarithm to be uncertain by; {_AGAIN}.")
-    return Prior(here, along(coordinates, covariance, here))
+    return Prior(here, along(coordinates, covariance, here), os.fspath(path), str(origin.get("sha256", "")))
 
 
 def _told(found: ParameterSet) -> tuple[list[Coordinate], Array]:

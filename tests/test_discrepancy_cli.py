@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 from commands import refused_in_one_sentence
 from forked import NETWORK
+from rich.console import Console
 from typer.testing import CliRunner
 
 from build_fmu import build
 from discrepancy import workflow
 from discrepancy.__main__ import app
+from discrepancy.command_tables import effects_table, plan_table
 from discrepancy.isolability import isolability
 from discrepancy.outcome import Isolability, NamedEffect, Outcome, OwnNumber, Walls
 from discrepancy.sensor_plan import Gain, SensorPlan, plan_json, plan_sensors
@@ -137,6 +140,18 @@ def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
     assert run("--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
 
 
+def test_tables_fit_eighty_columns() -> None:
+    """The longest names: no number is cut or wrapped, and no word of a heading."""
+    found = NamedEffect(
+        "nonlinear_wall_viscosity", ("CA",), {"CA.phiNL": Estimate(-21570, "Pa.s^2", (-22100, -21040))}, 1
+    )
+    lines = io.StringIO()
+    Console(file=lines, width=80).print(effects_table(outcome(effects=(found,))), plan_table(plan()))
+    told = lines.getvalue()
+    assert "CA.phiNL" in told and "−21.57 kPa·s²" in told and "−22.10 … −21.04" in told and "confidence" in told
+    assert "…" not in told.replace(" … ", "") and max(map(len, told.splitlines())) <= 80
+
+
 def test_walls_are_said(found: Callable[[Any], None]) -> None:
     """Common; individual with the spreads that were found; a partial answer's table, and what is odd as a note."""
     found(outcome(walls=Walls()))
@@ -150,14 +165,16 @@ def test_walls_are_said(found: Callable[[Any], None]) -> None:
 
 
 def test_options_reach_the_workflow(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Walls, prior, processes and time limit, which has a unit; five minutes and all cores by default."""
+    """Walls, prior, processes and time limit, with a unit or in seconds; five minutes and all cores by default."""
     given: list[dict[str, Any]] = []
     monkeypatch.setattr(workflow, "discover", lambda *_, **options: given.append(options) or outcome())
     prior = tmp_path / "prior.json"
     options = ("--walls", "individual", "--prior", prior, "--time-limit", "2 min", "--jobs", 3)
     assert run(*STUDY, *options).exit_code == run(*STUDY).exit_code == 0
+    assert [run(*STUDY, "--time-limit", text).exit_code for text in ("5", "5min")] == [0, 0]
     found = [[each[key] for key in ("walls", "prior", "time_limit", "jobs")] for each in given]
-    assert found == [["individual", prior, 120.0, 3], [None, None, 300.0, cores()]]
+    assert found[:2] == [["individual", prior, 120.0, 3], [None, None, 300.0, cores()]]
+    assert [each[2] for each in found[2:]] == [5.0, 300.0]
 
 
 def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
@@ -165,8 +182,20 @@ def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
     found(outcome(verdict="none", effects=(), members=(), gap_after=None, separating_measurement=None))
     done = run(*STUDY)
     assert done.exit_code == 0
-    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out ones" in done.stdout
+    assert "gap (1 = noise): 9.10 on the fitted beats, 9.30 on the held-out ones\n  A gap is the RMS" in done.stdout
+    found(outcome(provenance={"beats": {"fitted": 18, "held_out": 2}}))
+    assert "The mean of 2 held-out beats is noisier than that of 18 fitted ones" in run(*STUDY).stdout
+    assert "a gap 3 times smaller there" in run(*STUDY).stdout
     assert "effect" not in done.stdout
+
+
+def test_a_search_that_was_cut_short(found: Callable[[Any], None]) -> None:
+    """What the limit was, in seconds as a bare number is read, and the option; not where all was compared."""
+    asked = {"asked": {"time_limit": {"value": 5.0, "unit": "s"}}}
+    found(outcome(complete=False, provenance=asked))
+    assert "with more time (--time-limit, which was 5 s)" in run(*STUDY).stdout
+    found(outcome(provenance=asked))
+    assert "--time-limit" not in run(*STUDY).stdout
 
 
 def test_unusable_is_exit_code_3(found: Callable[[Any], None]) -> None:
@@ -203,8 +232,14 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
         ),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--jobs", "0"), "jobs 0: must be a whole number"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--walls", "thick"), "must be common or individual"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"), "no.json: neither a file"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"), "a .json or an .ssv file"),
+        (
+            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "no.json"),
+            "no.json: there is no such file; give the .json file that",
+        ),
+        (
+            ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"),
+            "bench.toml: is no .json file, and other files hold no cov",
+        ),
         (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
         (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),
         (("isolability", "sheep", "--channels", "XX.P"), "channel XX.P"),
@@ -241,7 +276,7 @@ def plan() -> SensorPlan:
     labels = ("wall_viscosity", "channel_lag", "taper", "side_branch")
     separation = np.array([[0, 2, 50, 1], [2, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
     visibility = np.array([36.4, 20.0, 60.0, 1.0])
-    table = Isolability(labels, separation, visibility, ("side_branch",), (("wall_viscosity", "channel_lag"),))
+    table = Isolability(labels, separation, visibility, ("side_branch",))
     return SensorPlan(("AA.P",), table, (Gain("AA.R", ("side_branch",), 1), Gain("CA.Q", (), 0)))
 
 
@@ -255,6 +290,8 @@ def test_isolability_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert given[0][1:4] == (["AA.P", "CA.P"], 30.0, 12)
     assert "wall viscosity" in done.stdout and "36.4" in done.stdout
     assert "Invisible (d′ below 3): side branch." in done.stdout
+    both = "wall viscosity from channel lag; channel lag from wall viscosity"
+    assert f"Cannot be told apart (separation below 6): {both}." in done.stdout
     assert "Add AA.R (shows side branch; separates 1 more pair)." in done.stdout
     data = json.loads(out.read_text(encoding="utf-8"))
     assert data == plan_json(plan())

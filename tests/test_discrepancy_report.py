@@ -6,6 +6,7 @@ All outcomes here are synthetic: beats and numbers are made up, so that every pa
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import os
 import re
@@ -18,134 +19,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_up import LAG, N, T, isolability, synthetic
 
-from discrepancy.figures import NAMES
+from discrepancy.figures import NAMES, figure
 from discrepancy.outcome import (
-    ADDED,
     VERDICTS,
     Absorbed,
-    Balance,
-    Candidate,
-    ChannelBeats,
+    Detectable,
     Isolability,
-    Located,
     NamedEffect,
     Outcome,
-    OwnNumber,
-    Round,
     Walls,
     verdict_json,
 )
 from discrepancy.places import marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
-from discrepancy.tables import beats, candidate_row, channel_row, estimate_text, number, smallest_rows
+from discrepancy.tables import (
+    absorbed_rows,
+    beats,
+    candidate_row,
+    candidate_rows,
+    channel_row,
+    estimate_text,
+    number,
+)
+from discrepancy.visible import not_judged, rival_rows, smallest_rows
 from fitting.estimate import Estimate
+from fitting.pages import page as shared
 from solver import Network
 from solver.units import MMHG
-
-Array = np.ndarray
-
-T, N = 0.5, 200
-SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
-SIZE = {"P": (13000.0, 3000.0), "Q": (2e-5, 2e-5), "R": (8e-3, 3e-4)}  # mean and amplitude, synthetic
-CA = NamedEffect(
-    "wall_viscosity",
-    ("CA",),
-    {"CA.phi0": Estimate(7.7e4, "Pa.s", (7.1e4, 8.3e4))},
-    0.97,
-    "P = P_ext + elastic(R) + (h/(1-η²)/R) φ_0 ε̇",
-)
-LAG = NamedEffect("channel_lag", ("CA.P",), {"CA.P.lag": Estimate(3.1e-3, "s", (2.6e-3, 3.6e-3))}, 0.55)
-OUTLET = NamedEffect("terminal_reflection", ("FA",), {"FA.outlet.R_t": Estimate(0.62, "1", (0.6, 0.64))}, 0.9)
-
-
-def synthetic_beat(i: int, signal: str, size: float = 1.0) -> Array:
-    """A made-up beat with a steep upstroke, later by site."""
-    mean, amplitude = SIZE[signal]
-    t = np.arange(N) / N - 0.02 * i - (0.01 if signal == "R" else 0.0)
-    wave = sum(np.cos(2 * np.pi * k * t - 0.8 * k) / k**1.5 for k in range(1, 15))
-    return mean + size * amplitude * np.asarray(wave)
-
-
-def synthetic_channel(i: int, name: str, added: bool) -> ChannelBeats:
-    signal = name[-1]
-    measured = synthetic_beat(i, signal)
-    worse = 1.3 if name.startswith("CA") else 1.03
-    before = synthetic_beat(i, signal, worse)
-    band = np.full(N, 0.004 * SIZE[signal][1])
-    gap = (9.0, 9.3) if name.startswith("CA") else (1.2, 1.3)
-    after = synthetic_beat(i, signal, 1.001) if added else None
-    return ChannelBeats(name, measured, band, before, after, gap, (1.01, 1.04) if added else None)
-
-
-def candidate(effect: NamedEffect, behind: float, in_class: bool) -> Candidate:
-    return Candidate(effect.name, effect.where, effect.parameters, behind, 1.0, 1.1, behind / 2, in_class)
-
-
-def isolability(n: int) -> Isolability:
-    labels = tuple(f"wall_viscosity at S{i}" for i in range(n - 1)) + ("channel_lag at CA.P",)
-    separation = np.abs(np.subtract.outer(np.arange(n), np.arange(n))) * 4.0
-    return Isolability(labels, separation, np.linspace(1.0, 300.0, n), (labels[0],), (labels[:2],))
-
-
-def synthetic(verdict: str, network: Network) -> Outcome:
-    """An outcome of that verdict with everything that it can have."""
-    sentence = f"A synthetic outcome of the verdict {verdict}."
-    plain = Outcome(verdict, sentence, "bench/sheep 1.csv", "sheep.toml", "network", seconds=48.2)
-    if verdict == "unusable":
-        return replace(
-            plain, reason="CA.P <dead>: it does not change; check its sensor.", warnings=("Line 7 is empty.",)
-        )
-    added = verdict in ADDED
-    sites = SITES if verdict == "effect" else ("AA", "CA")  # figures of seven sites take a while
-    names = [f"{site}.{signal}" for site in sites for signal in "PQR"]
-    rng = np.random.default_rng(1)
-    z = np.abs(rng.normal(size=(41, len(names))))
-    if verdict != "none":
-        z[:15, [name.startswith("CA") for name in names]] += 60.0 * np.exp(-np.arange(15.0) / 5)[:, None]
-    z[30, 0] = np.nan
-    effects = {"several": (CA, OUTLET)}.get(verdict, (CA,) if added else ())
-    own = {"CA.E": OwnNumber(9e5, Estimate(1.2e6, "Pa", (1.1e6, 1.3e6)), 3.1)}
-    own |= {"FA.outlet.R_t": OwnNumber(0.5, Estimate(0.48, "1", (0.45, 0.51)), -0.7, "calibration")}
-    walls = Walls("individual", {"E": (0.08, 0.06)}, own) if verdict == "partial" else Walls()
-    smallest = {
-        "wall_viscosity at CA": Estimate(2.1e3, "Pa.s", (2.1e3, 2.1e3)),
-        "side_branch at MD": Estimate(2e-12, "m^2/(Pa.s)", (0, 0)),
-    }
-    return replace(
-        plain,
-        effects=effects,
-        members=tuple((e.name, e.where) for e in {"ambiguous": (CA, LAG)}.get(verdict, effects)),
-        reason="A residual at harmonics 5 to 9 of CA that no effect explains." if verdict == "unknown" else None,
-        remains="Whitened RMS 3.1, most in CA.P." if verdict == "partial" else None,
-        confidence=None if verdict == "unknown" else 0.87,
-        complete=verdict != "partial",
-        walls=walls,
-        notes=("CA.E: 33 % above the file's.",) if verdict == "partial" else (),
-        separating_measurement="Measure CA.R: its loop opens only for the wall." if verdict == "ambiguous" else None,
-        located=() if verdict == "none" else (Located("CA", "Q", 7, 41.2, -35.0), Located("CA", "P", 1, 30.0)),
-        balances=(Balance("mass", "MD", 0.8), Balance("wall law", "CA", 12.0)),
-        channels=tuple(synthetic_channel(i // 3, name, added) for i, name in enumerate(names)),
-        time=np.arange(N) * T / N,
-        z_map=z,
-        candidates=(
-            candidate(CA, 0.0, True),
-            candidate(LAG, 1.9, verdict == "ambiguous"),
-            candidate(OUTLET, 210.0, False),
-        ),
-        absorbed=(Absorbed("all.E", 0.31, 0.02, 1.0), Absorbed("all.outlet.R_t", -2.4, 0.1, 1.0)),
-        isolability=isolability(12),
-        smallest=smallest if verdict == "none" else {},
-        rounds=tuple(Round(e, (9.1, 9.3), (1.01, 1.04)) for e in effects),
-        gap_before=(9.1, 9.3),
-        gap_after=(1.01, 1.04) if added else None,
-        parity=3e-12 if added else None,
-        network_before=network,
-        network_after=network if added else None,
-        warnings=("The record has a drift of 0.3 mmHg in an hour & more.",),
-        provenance={"record_sha256": "ab12", "seed": 1, "versions": {"numpy": "2.4"}, "notes": []},
-    )
 
 
 class Tags(HTMLParser):
@@ -203,7 +106,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callabl
 # --- what it says -------------------------------------------------------------------------------------------------
 
 SAID = {
-    "none": ("No effect is missing", "Smallest detectable sizes", "2.1 kPa·s", "Invisible to them"),
+    "none": ("No effect is missing", "Smallest detectable sizes", "±2.1 kPa·s", "Invisible to them"),
     "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3e−12"),
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
     "several": ("Several effects are missing", "Rounds", "terminal reflection, at FA", "0.620"),
@@ -226,6 +129,7 @@ SAID = {
         "(calibration)",
         "again with more time",
         "individual",
+        "They count as this animal’s, not as effects",
     ),  # fmt: skip
     "unknown": ("catalogue does not have", "What remains", "harmonics 5 to 9", "largest at CA.Q"),
     "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
@@ -263,6 +167,19 @@ def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
     write_report(replace(full, kind="bench", channels=full.channels[3::2], z_map=full.z_map[:, 3:4]), tmp_path)
     assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network"}
     read(tmp_path / "report.html")
+
+
+@pytest.mark.parametrize(("harmonics", "last"), [(20, 19), (70, 68), (121, 120)])
+def test_numbers_below_the_z_map_do_not_touch(sheep: Network, harmonics: int, last: int) -> None:
+    """Each harmonic, each second, or each fifth has its number."""
+    outcome = synthetic("partial", sheep)
+    picture = figure(replace(outcome, z_map=np.full((harmonics, outcome.z_map.shape[1]), 9.0)), "z_map")
+    picture.canvas.draw()
+    (axes,) = picture.axes
+    labels = axes.get_xticklabels()
+    boxes = [label.get_window_extent() for label in labels]
+    assert [labels[0].get_text(), labels[-1].get_text()] == ["mean", str(last)]
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 def test_many_labels(tmp_path: Path, sheep: Network) -> None:
@@ -374,6 +291,24 @@ def test_page_without_an_addition_runs_in_a_browser(reports: Callable[[str], Pat
     assert re.search('<input type="checkbox" id="show-after"[^>]* disabled', dom)
 
 
+def test_the_best_is_nothing_apart_from_itself(sheep: Network) -> None:
+    """Separation: a dash for the best, d' for the others. Where none of them is the verdict, the page says so."""
+    outcome = synthetic("none", sheep)
+    first, *others = candidate_rows(
+        replace(outcome, candidates=[replace(c, separation=1.14) for c in outcome.candidates])
+    )
+    assert (first["separation"], [row["separation"] for row in others]) == ("–", ["1.14", "1.14"])
+    said = "The verdict is none of these"
+    assert said in page(outcome, {}) and said not in page(synthetic("effect", sheep), {})
+
+
+def test_what_all_have_in_common_is_a_factor(sheep: Network) -> None:
+    """ln 1.2 = 0.182 of a scale is a factor of 1.2; a shift is none."""
+    absorbed = (Absorbed("ln all.E", 0.18232, 0.01, 0.2), Absorbed("all.outlet.R_t", 0.1, 0.01, 0.2))
+    rows = absorbed_rows(replace(synthetic("none", sheep), absorbed=absorbed))
+    assert [row["factor"] for row in rows] == ["× 1.2", "–"]
+
+
 def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     """A hypothesis that held-out beats cannot be simulated with has no gap there, and a channel may have none: null in
     verdict.json, a dash on the page."""
@@ -387,17 +322,64 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     assert candidate_row(lost)["held_out"] == "–" and channel_row(channel)["before_held"] == "–"
 
 
-def test_sizes_that_cannot_show(sheep: Network, tmp_path: Path) -> None:
-    """An effect that shows at no size that it may have: said on the page, and null in verdict.json."""
-    outcome = synthetic("none", sheep)
-    nowhere = Estimate(np.nan, "1", (np.nan, np.nan))
-    outcome = replace(outcome, smallest={**outcome.smallest, "junction_loss at all": nowhere})
-    assert smallest_rows(outcome)[-1] == {
-        "name": "junction loss at all places",
-        "size": "not detectable in its allowed range",
+def test_where_it_comes_from_is_read_with_units() -> None:
+    """A number with its unit is one word."""
+    asked = {"walls": "by evidence", "time_limit": {"value": 300.0, "unit": "s"}}
+    assert shared.words(asked) == "walls: by evidence; time limit: 300 s"
+
+
+def test_smallest_changes_are_read_in_display_units(sheep: Network) -> None:
+    """By hand: a part of a factor in per cent; 1 ms of φNL/φ0; a shift of one sign; 1 µs² as 1/ω_n² are 159 Hz;
+    one that shows at no size that it may have. verdict.json has the plain numbers, null where there is none."""
+    found = {
+        "wall_stiffness at AA": Detectable("AA.E_scale", 0.0013, "1", relative=True, either=True),
+        "nonlinear_wall_viscosity at all": Detectable("all.phiNL", 1e-3, "s", either=True, ratio="phi0"),
+        "external_pressure at PD": Detectable("PD.P_ext", -2.0 * MMHG, "Pa"),
+        "channel_offset at CA.R": Detectable("CA.R.offset", 2.8e-6, "m", either=True),
+        "catheter_resonance at BT.Q": Detectable("BT.Q.resonance", 1e-6, "s^2"),
+        "junction_loss at all": Detectable("all.k", np.nan, "1"),
     }
-    told = verdict_json(outcome)["smallest_detectable"]["junction_loss at all"]
-    assert told == {"value": None, "unit": "1", "ci95": [None, None]}
+    outcome = replace(synthetic("none", sheep), smallest=found)
+    assert [tuple(row.values()) for row in smallest_rows(outcome)] == [
+        ("wall stiffness at AA", "AA.E_scale", "±0.13 %"),
+        ("nonlinear wall viscosity at all places", "all.phiNL / phi0", "±1 ms"),
+        ("external pressure at PD", "PD.P_ext", "−2 mmHg"),
+        ("channel offset at CA.R", "CA.R.offset", "±0.0028 mm"),
+        ("catheter resonance at BT.Q", "BT.Q.resonance", "f_n = 159 Hz, zeta = 0"),
+        ("junction loss at all places", "all.k", "not detectable in its allowed range"),
+    ]
+    told = verdict_json(outcome)["smallest_detectable"]
+    assert told["junction_loss at all"]["change"] is None
+    assert (told["wall_stiffness at AA"]["change"], told["wall_stiffness at AA"]["relative"]) == (0.0013, True)
+
+
+def test_rivals_are_marked_as_they_are_told() -> None:
+    """a cannot be told from b, b from a can: the row of a alone is marked. d is invisible: no rival, and nobody's."""
+    separation = np.array([[0, 2, 50, 1], [20, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
+    table = Isolability(("a", "b", "c", "d"), separation, np.array([20.0, 30.0, 60.0, 1.0]), ("d",))
+    told = [(row["rival"], row["separation"], row["confused"], row["marked"]) for row in rival_rows(table)]
+    assert told == [
+        ("b", "2", "b", True),
+        ("a", "20", "–", False),
+        ("b", "40", "–", False),
+        ("–", "–", "invisible", True),
+    ]
+
+
+def test_why_effects_were_not_judged(sheep: Network) -> None:
+    """An outlet of another kind; this animal's walls, where each differs; the time limit; a model that breaks down."""
+    outcome = synthetic("partial", sheep)
+    assert outcome.isolability is not None and outcome.walls is not None
+    table = replace(outcome.isolability, not_judged=("wall_viscosity", "terminal_compliance", "stenosis"))
+    animal, outlet, broken = not_judged(replace(outcome, complete=True, isolability=table)).items()
+    assert animal[1] == "wall viscosity" and "it is this animal" in animal[0]
+    assert outlet[1] == "terminal compliance" and "another kind of outlet" in outlet[0]
+    assert broken == ("the model cannot be simulated with it", "stenosis")
+    common = replace(outcome, walls=Walls(), isolability=table)
+    assert not_judged(common)["the model cannot be simulated with it"] == "wall viscosity, stenosis"
+    none = replace(table, labels=(), separation=np.zeros((0, 0)), visibility=np.zeros(0), invisible=())
+    assert not_judged(replace(common, isolability=none))[
+        "the time limit was over before it was simulated"] == "wall viscosity, stenosis"  # fmt: skip
 
 
 def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> None:
@@ -406,7 +388,7 @@ def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> Non
     assert outcome.isolability is not None
     table = replace(outcome.isolability, not_judged=("terminal_compliance",))
     html = page(replace(outcome, isolability=table, p_value=0.0), {})
-    assert "<b>Not judged before data:</b> terminal compliance" in html and "χ² has p &lt; 1e-16" in html
+    assert "<b>Not judged:</b> terminal compliance (another kind of outlet" in html and "χ² has p &lt; 1e-16" in html
     assert "χ² has p = 0.032" in page(replace(outcome, p_value=0.0321), {})
     content = verdict_json(replace(outcome, isolability=table, p_value=0.0321))
     assert (content["not_judged"], content["global_p_value"]) == (["terminal_compliance"], 0.0321)

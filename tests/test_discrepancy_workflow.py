@@ -114,7 +114,8 @@ def test_the_same_answer_as_in_one_go(study: Study) -> None:
 def test_stages_are_told(study: Study) -> None:
     """Progress names every stage in order, the last one "done"."""
     assert study.stages[-1] == "done"
-    wanted = ["cutting the beats", "naming", "rebuilding the FMU", "running the extended FMU", "writing the report"]
+    naming = "naming, time limit 300 s"
+    wanted = ["cutting the beats", naming, "rebuilding the FMU", "running the extended FMU", "writing the report"]
     assert [s for s in study.stages if s in wanted] == wanted
 
 
@@ -227,7 +228,10 @@ def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
 
 
 def test_report_and_figures_are_there(study: Study) -> None:
-    """One page and its figures; no half-written file beside them."""
+    """One page and its figures; no half-written file beside them. Page and verdict.json say what was asked."""
+    asked = {"walls": "by evidence", "period": "found", "time_limit": {"value": 300.0, "unit": "s"}}
+    assert study.verdict["provenance"]["asked"] == asked
+    assert "time limit: 300 s" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
     names = {p.name for p in (study.folder / "out").iterdir()}
     assert names == {"verdict.json", "report.html", "figures", "model.toml", "model.fmu"}
     assert "nonlinear elasticity" in (study.folder / "out" / "report.html").read_text(encoding="utf-8")
@@ -338,6 +342,7 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
     work.progress = lambda fraction, label: told.append((fraction, label))
     work.journal = SimpleNamespace(naming=lambda problem, compute: compute())
     assert work._name() == "named"
+    assert told[0][1] == f"naming, time limit {limit:g} s"
     assert [label for _, label in told[1:]] == [
         f"naming, {n} simulations, done by {last} at the latest" for n in (300, 301, 302)
     ]

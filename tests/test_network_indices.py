@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from forked import CHANNELS, NETWORK, SETTINGS, T, clean, record
+from rich.console import Console
 
 from fitting.calibrate import Calibration, calibrate
 from fitting.estimate import Estimate
@@ -101,11 +104,15 @@ def test_written_and_shown() -> None:
         "ci95": list(found["A"]["E_inc"].ci95),
     }
     table = network_indices_table("fork", found)
+    lines = io.StringIO()
+    Console(file=lines, width=80).print(table)
+    assert not re.search(r"±\s*│", lines.getvalue())  # no number is wrapped
+    assert "velocity" in lines.getvalue() and "relax-" in lines.getvalue()
     assert [list(column.cells)[2] for column in table.columns][-1] == "–"
     assert list(table.columns[0].cells) == ["A", "B", "C"]
     E = found["B"]["E_inc"]
     half = (E.ci95[1] - E.ci95[0]) / 2.0
-    assert list(table.columns[1].cells)[1] == f"{1e-6 * E.value:.4g}\n± {1e-6 * half:.2g}"
+    assert list(table.columns[1].cells)[1] == f"{1e-6 * E.value:.4g}\n±{1e-6 * half:.2g}"
 
 
 def test_refused_in_one_sentence() -> None:

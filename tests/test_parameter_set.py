@@ -312,9 +312,13 @@ def test_refused_files(tmp_path: Path) -> None:
     ):
         read_set("sheep")
     (tmp_path / "set.toml").write_text("")
-    with pytest.raises(ValueError, match=r"set\.toml: a parameter set is a \.json or an \.ssv file; rename it\."):
+    with pytest.raises(
+        ValueError, match=r"set\.toml: a parameter set is a \.json or an \.ssv file; give one whose name ends so\."
+    ):
         read_set(tmp_path / "set.toml")
-    with pytest.raises(ValueError, match=r"set\.txt: a parameter set is a \.json or an \.ssv file; rename it\."):
+    with pytest.raises(
+        ValueError, match=r"set\.txt: a parameter set is a \.json or an \.ssv file; give one whose name ends so\."
+    ):
         write_set(FULL, tmp_path / "set.txt")
     (tmp_path / "folder.json").mkdir()
     with pytest.raises(ValueError, match=r"folder\.json: cannot be read \(Is a directory\); check the path\."):

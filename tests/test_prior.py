@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forked import NETWORK, clean, record
+from forked import NETWORK, N, T, clean, record
 
+from discrepancy import discover
 from discrepancy.asked import Asked
 from fitting.inference.asked import parse_unknowns
 from fitting.inference.evidence import with_widths
@@ -20,7 +21,8 @@ from fitting.inference.terms import candidates, deviations
 from fitting.inference.unknown import values
 from fitting.parameter_set import ParameterSet, Value, unit_of, write_set
 from fitting.prior import read_prior
-from fitting.records.record import Record
+from fitting.records.record import Record, read_record, write_record
+from solver.files import write_network
 
 TEXTS = ("all.E", "B.phi0", "C.phi0", "C.outlet.R_t")
 COVARIANCE = np.array(
@@ -118,6 +120,41 @@ def test_a_file_read_back(tmp_path: Path) -> None:
     assert {name: parameters[name] for name in MOVED} == MOVED
     assert parameters["A.phi0"] == NETWORK.parameters()["A.phi0"]
     assert [u.moves for u in found.calibrated.unknowns] == [u.moves for u in calibrated().unknowns]
+
+
+def test_a_record_that_counts_twice(tmp_path: Path) -> None:
+    """The record that was calibrated with, by its hash, is doubted in one sentence; another, or an unknown one, is not.
+
+    A study says so among its warnings, here one that ends at once, for want of beats.
+    """
+    monday = Record("monday.csv", "ab12", np.zeros(2), {}, {})
+    found = read_prior(written(tmp_path, sha256="ab12"), NETWORK)
+    (doubt,) = found.doubts(monday)
+    assert "calibrated with monday.csv itself" in doubt and doubt.startswith(f"{tmp_path / 'set.json'}: ")
+    assert found.doubts(Record("friday.csv", "cd34", np.zeros(2), {}, {})) == ()
+    assert read_prior(written(tmp_path), NETWORK).doubts(Record("", "", np.zeros(2), {}, {})) == ()
+    made = {name: np.tile(wave, 3) for name, wave in clean().items()}
+    write_record(tmp_path / "r.csv", np.arange(len(made["A.P"])) * T / N, made)
+    write_network(NETWORK, tmp_path / "fork.toml")
+    prior = written(tmp_path, sha256=read_record(tmp_path / "r.csv").sha256)
+    outcome = discover(tmp_path / "r.csv", tmp_path / "fork.toml", tmp_path / "out", prior=prior)
+    assert outcome.verdict == "unusable" and "calibrated with" in outcome.warnings[0]
+    assert outcome.provenance["asked"]["prior"]["file"] == str(prior)
+
+
+def test_what_was_asked_is_plain(tmp_path: Path) -> None:
+    """By default, and with all that may be asked: a calibration has its file's hash, and means individual walls."""
+    default = {"walls": "by evidence", "period": "found", "time_limit": {"value": 300.0, "unit": "s"}}
+    assert Asked().plain == default
+    path = tmp_path / "set.json"
+    path.write_bytes(b"abc")
+    sha256 = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # of "abc", FIPS 180-2
+    assert Asked(0.5, None, path, 5.0).plain == {
+        "walls": "individual",
+        "period": {"value": 0.5, "unit": "s"},
+        "time_limit": {"value": 5.0, "unit": "s"},
+        "prior": {"file": str(path), "sha256": sha256},
+    }
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ DOCUMENTS = {
     "docs/studies.md": (1, 1),
     "docs/fitting.md": (2, 2),
     "docs/lab-files.md": (1, 1),
-    "docs/discrepancy.md": (2, 2),
+    "docs/discrepancy.md": (3, 3),
     "docs/tutorial-fmu.md": (1, 2),
     "docs/tutorial-lab.md": (0, 3),
     "docs/tutorial-effect.md": (2, 1),

@@ -59,7 +59,15 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         ("time [s];AA.P [mmHg]\n0,0;1,5\n", "1 samples are too few"),
         ("time [s]\tAA.P [mmHg]\n0\t1\n", "1 samples are too few"),
         ("0,1\n1,2\n", "line 1: numbers where the columns should be named; put a line above them, such as time [s]"),
-        ("AA.P [mmHg],AA.R [mm]\n0,1\n", 'no column is named time; say which one it is: --map "AA.P [mmHg]=time [s]"'),
+        (
+            "AA.P [mmHg],AA.R [mm]\n0,1\n1,2\n",
+            'no column is a time, and every sample needs one; add a column "time [s]"',
+        ),
+        ("AA.P [mmHg],n,clock [ms]\n0,1,3\n1,1,4\n", 'if it is this one, say so: --map "clock [ms]=time".'),
+        (
+            "AA.P [mmHg],X\n0,1\n1,2\n",
+            "line 1, column 'X': no column is named time; if it is this one, say so: --map \"X=time",
+        ),
         ("time,AA.P [Pa]\n0,1\n", "column 'time': it has no unit; say which: --map \"time=time [s]\", or write it"),
         ("time [s],AA.P\n0,1\n", "column 'AA.P': it has no unit; say which: --map \"AA.P=AA.P [mmHg]\", or write it"),
         ("time [s],inlet.Q []\n0,1\n", 'it has no unit; say which: --map "inlet.Q []=inlet.Q [mL/s]"'),
@@ -99,8 +107,15 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         (lines_with(7, "NaN,85.0,9.1"), "line 7, column 'time [s]': the time is missing or not finite"),
         (lines_with(7, "0.020,85.0,9.1"), "line 7, column 'time [s]': the time does not increase (0.02 to 0.02)"),
         (lines_with(7, "0.026,85.0,9.1"), "line 7, column 'time [s]': the sampling is not uniform: a step of 0.006"),
-        (lines_with(7, "0.025,8500,9.1"), "line 7, column 'AA.P [mmHg]': 1.133e+06 Pa is outside -100000 to 1e+06 Pa"),
-        (lines_with(7, "0.025,85,0.001"), "line 7, column 'AA.R [mm]': 1e-06 m is outside 1e-05 to 0.2 m; the unit"),
+        (
+            lines_with(7, "0.025,8500,9.1"),
+            "column 'AA.P [mmHg]': a pressure of 8500 mmHg is outside -750.1 to 7501 mmHg",
+        ),
+        (
+            lines_with(7, "0.025,85,-9.1"),
+            "a radius of -9.1 mm is outside 0.01 to 200 mm, where those of all arteries lie",
+        ),
+        (lines_with(7, "0.025,85,0.001"), "line 7, column 'AA.R [mm]': a radius of 0.001 mm is outside 0.01 to 200 mm"),
     ],
 )
 def test_bad_files(tmp_path: Path, content: str | bytes, expected: str) -> None:
@@ -132,9 +147,9 @@ def test_a_clock_that_drifts_is_not_uniform(tmp_path: Path) -> None:
         ({"P": np.maximum(P_MMHG, 72.0)}, "column 'AA.P [mmHg]': the channel is clipped: it rests at its lowest valu"),
         (
             {"P": P_MMHG * MMHG},
-            "line 2, column 'AA.P [mmHg]': 1.578e+06 Pa is outside -100000 to 1e+06 Pa; the unit is probably wrong",
+            "line 2, column 'AA.P [mmHg]': a pressure of 1.184e+04 mmHg is outside -750.1 to 7501 mmHg, where",
         ),
-        ({"R": R_MM * 1e-3}, "the unit is probably wrong"),
+        ({"R": R_MM * 1e-3}, "check the unit, or leave the field empty where the sensor failed"),
         ({"P": R_MM, "R": P_MMHG}, "P and R of AA seem swapped"),
         ({"P": R_MM * 1e-3 / MMHG, "R": P_MMHG * MMHG}, "P and R of AA seem swapped"),
     ],

@@ -22,6 +22,8 @@ def environment(folder: Path) -> Environment:
 
 def words(value: Any) -> str:
     """Provenance in words."""
+    if isinstance(value, Mapping) and set(value) == {"value", "unit"}:
+        return f"{words(value['value'])} {value['unit']}"
     if isinstance(value, Mapping):
         return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())
     if isinstance(value, list | tuple):

@@ -80,6 +80,7 @@ def loops(sites: Mapping[str, Sequence[tuple[Array, Array] | None]], curves: Seq
             if pair is not None:
                 panel.plot(*shown("R", pair[1]), *shown("P", pair[0]), color=color, linestyle=style)
         panel.set_title(site, loc="left")
+        panel.locator_params(axis="x", nbins=4)  # radii of many digits do not touch
         panel.set_xlabel(f"radius [{of_signal('R')[0]}]")
         panel.set_ylabel(f"pressure [{of_signal('P')[0]}]")
     legend(figure, *curves)

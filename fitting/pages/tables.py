@@ -26,6 +26,12 @@ def _shown(parameter: str) -> tuple[str, float]:
     return f"{parameter.replace('phi', 'φ')}, {unit}", factor
 
 
+_HYPHENATED = {
+    "distensibility": "disten-\nsibility",
+    "compliance": "compli-\nance",
+    "relaxation_time": "relax-\nation_time",
+}
+
 SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
@@ -79,9 +85,10 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
 def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimate]]) -> Table:
     """The indices of :func:`~fitting.network_indices.network_indices`, a line a site: ± half the 95 % interval."""
     units = {name: read_in(estimate.unit) for found in sites.values() for name, estimate in found.items()}
-    columns = [right(name.replace("_", " ") + (f"\n{unit}" if unit else "")) for name, (unit, _) in units.items()]
+    columns = [right(_HYPHENATED.get(name, name).replace("_", "\n") + (f"\n{unit}" if unit else ""))
+               for name, (unit, _) in units.items()]  # fmt: skip
     title = f"{network} calibrated, at the mean radius of the sites (± half the 95 % interval)"
-    table = Table("site", *columns, title=title)
+    table = Table("site", *columns, title=title, padding=0)  # eight indices fit 80 columns
     for site, found in sites.items():
         table.add_row(site, *(_plus_minus(found.get(name), factor) for name, (_, factor) in units.items()))
     return table
@@ -122,4 +129,4 @@ def _plus_minus(estimate: Estimate | None, factor: float) -> str:
     if estimate is None:
         return "–"
     low, high = estimate.ci95
-    return f"{factor * estimate.value:.4g}\n± {factor * (high - low) / 2.0:.2g}"
+    return f"{factor * estimate.value:.4g}\n±{factor * (high - low) / 2.0:.2g}"

@@ -42,7 +42,8 @@ def align(record: Record, period: float | None = None) -> Beats:
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
     if N < FEWEST:
         raise ValueError(
-            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times or more."
+            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times a beat or "
+            f"more often, or check the unit of its time column."
         )
     if n_beats < 2:
         raise ValueError(

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
+import numpy as np
+
 from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
@@ -75,8 +77,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
     if not times:
-        title = columns[0].title if columns else ""
-        refuse(place, None, title, f'no column is named time; say which one it is: --map "{title}=time [s]"')
+        _ask_time(columns, place)
     if len(times) > 1:
         titles = " and ".join(repr(column.title) for column, _ in times)
         refuse(place, None, times[1][0].title, f'{titles} are both a time; leave one out: --map "{times[1][0].title}="')
@@ -201,6 +202,27 @@ def _ask(kind: Kind, name: str, title: str, place: Place) -> NoReturn:
         title,
         f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file',
     )
+
+
+def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
+    """Which column is the time: one that may be it, or none."""
+    likely = next((column for column in columns if _may_be_time(column)), None)
+    if likely is None:
+        raise ValueError(
+            f'{place}: no column is a time, and every sample needs one; add a column "time [s]", or say which it is: '
+            '--map "TITLE=time [s]".'
+        )
+    title, unit = likely.title, name_and_unit(likely.title)[1] or likely.unit
+    asked = "time" if unit else "time [s]"
+    refuse(place, None, title, f'no column is named time; if it is this one, say so: --map "{title}={asked}"')
+
+
+def _may_be_time(column: Column) -> bool:
+    """Whether a column rises throughout, and neither its name nor its unit is that of something else."""
+    name, unit = name_and_unit(column.title)
+    unit = unit or column.unit
+    other = _kind(name) is not None or (bool(unit) and factor(unit, TIME) is None)
+    return not other and len(column.values) > 1 and bool((np.diff(column.values) > 0.0).all())
 
 
 def _swapped(name: str, titles: Sequence[str], kind: Kind) -> bool:

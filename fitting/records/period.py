@@ -56,13 +56,13 @@ def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
     if correlation < _LEAST:
         raise ValueError(
             f"{source}: no periodicity found between {SHORTEST:g} and {LONGEST:.2g} s in {span:.4g} s of record "
-            f"(best correlation {max(correlation, 0.0):.2f}, in {best}); record at least two whole beats, "
-            "or give the period."
+            f"(best correlation {max(correlation, 0.0):.2f}, in {best}); record at least two whole beats of "
+            f"{FEWEST} samples or more each, or give the period."
         )
     if 2.0 * T > span * 1.02:
         raise ValueError(
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
-            "record at least two whole beats."
+            f"record at least two whole beats of {FEWEST} samples or more each."
         )
     return Found(dt / refine(channels[best], dt / T), best, correlation)
 

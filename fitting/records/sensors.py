@@ -147,13 +147,15 @@ def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place
             refuse(place, None, titles[name], f"P and R of {site} seem swapped; exchange the two names")
         low, high = _extremes(values)
         if low < kind.low or high > kind.high:
-            bad = np.flatnonzero((values < kind.low) | (values > kind.high))
+            bad = int(np.flatnonzero((values < kind.low) | (values > kind.high))[0])
+            factor = display_factor(kind.example)
+            value, lowest, highest = (f"{factor * x:.4g}" for x in (float(values[bad]), kind.low, kind.high))
             refuse(
                 place,
-                int(bad[0]),
+                bad,
                 titles[name],
-                f"{values[bad[0]]:.4g} {kind.unit} is outside {kind.low:g} to {kind.high:g} {kind.unit}; "
-                "the unit is probably wrong",
+                f"a {kind.noun} of {value} {kind.example} is outside {lowest} to {highest} {kind.example}, where those "
+                "of all arteries lie; check the unit, or leave the field empty where the sensor failed",
             )
 
 

@@ -1,0 +1,100 @@
+"""What these sensors see, in words: smallest detectable sizes, what can be told apart, and what could not be judged."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from solver.effect import Effect
+from solver.sensors import Sensor
+from solver.units import readable
+
+from .outcome import Detectable, Isolability, Outcome
+from .places import entry, label_text, plain
+from .tables import DASH, number
+
+_NOT_DETECTABLE = "not detectable in its allowed range"
+_OUTLET = "another kind of outlet, which is refitted only where no other effect explains the record"
+_ANIMAL = "where every artery has walls of its own, it is this animal: see the table of walls"
+_TIME = "the time limit was over before it was simulated"
+_BREAKS = "the model cannot be simulated with it"
+
+
+# --- smallest sizes -----------------------------------------------------------------------------------------------
+
+
+def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
+    """The smallest detectable size of every effect, where it shows most easily."""
+    return [
+        {
+            "name": label_text(label),
+            "parameter": _counted(least),
+            "size": _size(entry(label.partition(" at ")[0]), least),
+        }
+        for label, least in outcome.smallest.items()
+    ]
+
+
+def _counted(least: Detectable) -> str:
+    """The number that changes: "all.phiNL / phi0" where it is counted relative to another."""
+    return f"{least.parameter} / {least.ratio}" if least.ratio else least.parameter
+
+
+def _size(effect: Effect, least: Detectable) -> str:
+    """The change with its sign and unit; the numbers of the catalogue where a search counts by others."""
+    if not math.isfinite(least.change):
+        return _NOT_DETECTABLE
+    place, _, key = least.parameter.rpartition(".")
+    if isinstance(effect, Sensor) and key not in effect.terms:
+        searched = dict.fromkeys(effect.searched(place), 0.0) | {key: least.change}
+        found = effect.as_terms(searched).items()
+        return ", ".join(f"{k} = {number(x)} {effect.terms[k].unit}".removesuffix(" 1") for k, x in found)
+    sign = "±" if least.either else "+" if least.change > 0.0 else "−"
+    if least.relative:
+        return f"{sign}{number(100.0 * abs(least.change))} %"
+    quantity = effect.terms.get(key)
+    unit, factor = readable(least.unit, quantity.display if quantity and quantity.unit == least.unit else None)
+    return f"{sign}{number(factor * abs(least.change))} {unit}".rstrip()
+
+
+# --- what can be told apart ---------------------------------------------------------------------------------------
+
+
+def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
+    """Every effect with its visibility, its nearest rival, and all that it cannot be told from."""
+    return [_rival_row(isolability, label) for label in isolability.labels]
+
+
+def _rival_row(isolability: Isolability, label: str) -> dict[str, Any]:
+    visibility = isolability.visibility[isolability.labels.index(label)]
+    row = {"name": label_text(label), "visibility": number(float(visibility)), "rival": DASH, "separation": DASH}
+    if label in isolability.invisible:
+        return {**row, "confused": "invisible", "marked": True}
+    rivals = isolability.rivals(label)
+    if rivals:
+        nearest = min(rivals, key=rivals.__getitem__)
+        row |= {"rival": label_text(nearest), "separation": number(rivals[nearest])}
+    confused = isolability.confused(label)
+    return {**row, "confused": ", ".join(map(label_text, confused)) or DASH, "marked": bool(confused)}
+
+
+def not_judged(outcome: Outcome) -> dict[str, str]:
+    """Effects that nothing can be said of, in words, by the reason."""
+    reasons: dict[str, list[str]] = {}
+    for name in outcome.isolability.not_judged if outcome.isolability else ():
+        reasons.setdefault(_why(outcome, entry(name)), []).append(plain(name))
+    return {reason: ", ".join(names) for reason, names in reasons.items()}
+
+
+def _why(outcome: Outcome, effect: Effect) -> str:
+    """Why an effect was not judged."""
+    if effect.rewires:
+        return _OUTLET
+    if not outcome.complete and outcome.isolability and not outcome.isolability.labels:
+        return _TIME
+    network, walls = outcome.network_before, outcome.walls
+    if network is not None and walls is not None and walls.kind == "individual":
+        places = effect.where(network)
+        if places and all(effect.of_animal(network, place) for place in places):
+            return _ANIMAL
+    return _BREAKS
