@@ -14,7 +14,7 @@ from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term, terms
 
 from discrepancy import thresholds as at
-from discrepancy.compare import Compared, further, hopeless, more
+from discrepancy.compare import Compared, further, hopeless, with_one_more
 from discrepancy.name import name
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
@@ -134,7 +134,7 @@ def test_a_second_effect_is_refitted_if_its_promise_is_near_the_noise(left: floa
     just, short = term("channel_gain", "A.P"), term("channel_gain", "B.P")
     z = np.full(50, np.sqrt(left))
     problem = Promising({t.label: _leaving(z, 50.0 * enough * x) for t, x in ((just, 0.99), (short, 1.01))})
-    assert more(compared(problem, z, just, short), Runs(), set(), at.BRANCHES) == []
+    assert with_one_more(compared(problem, z, just, short), Runs(), set(), at.BRANCHES) == []
     assert problem.asked == [just.label]
 
 
