@@ -15,7 +15,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, followers, joins
 
 from . import thresholds as at
-from .weigh import Named, ranked, scores, shortlist, weighed
+from .weigh import Named, key_of, ranked, scores, shortlist, weighed
 
 Array = np.ndarray
 
@@ -92,18 +92,13 @@ class Compared:
         (fit,) = self.problem.refine([self.best.fit], runs)
         return self if fit is None else self.joined_by([fit])
 
-    def joined(self, other: Compared) -> Compared:
+    def merged(self, other: Compared) -> Compared:
         """With the hypotheses of another comparison of the same record, under the weights of the better one."""
         better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
         worse = worse.restated(better.problem)
         own, other = (better, worse) if better.none.score <= worse.none.score else (worse, better)
         everything = [*better.fits, *worse.fits]
         return Compared.of(better.problem, everything, own.columns or other.columns, self.terms)
-
-
-def key_of(fit: Fit) -> tuple[tuple[str, ...], bool]:
-    """What tells hypotheses apart: their effects, and whether walls differ."""
-    return tuple(sorted(_labels(fit))), any(u.group for u in fit.unknowns)
 
 
 def _labels(fit: Fit) -> tuple[str, ...]:
@@ -117,11 +112,11 @@ def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterato
     """
     tried: set[tuple[str, ...]] = set()
     if found.best.fit.terms:
-        elsewhere = along(found, runs)
+        elsewhere = moved_along(found, runs)
         if elsewhere:
             yield (found := found.joined_by(elsewhere))
     while found.best.fit.terms and not found.best.explains:
-        fits = more(found, runs, tried, branches)
+        fits = with_one_more(found, runs, tried, branches)
         if not fits:
             return
         known = found.best.score
@@ -155,7 +150,7 @@ def hopeless(found: Compared) -> bool:
     return bool(fit.terms) and fit.chi2 > at.HOPELESS * len(fit.z)
 
 
-def along(found: Compared, runs: Runs) -> list[Fit]:
+def moved_along(found: Compared, runs: Runs) -> list[Fit]:
     """The best effects of a part of a segment, wherever along it they may lie: of the best alone if it explains all."""
     best = found.best.fit
     local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and _within(at.ALONG_COST, n.fit, best)]
@@ -167,7 +162,7 @@ def along(found: Compared, runs: Runs) -> list[Fit]:
     return fits
 
 
-def more(found: Compared, runs: Runs, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
+def with_one_more(found: Compared, runs: Runs, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
     """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
     to one for each; of one combination the better fit. None where what is promised stays far above noise.
 

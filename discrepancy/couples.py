@@ -17,7 +17,7 @@ from fitting.inference.terms import Term, followers, joins
 
 from . import thresholds as at
 from .compare import Compared
-from .weigh import Named
+from .weigh import Named, names_of
 
 
 def coupled(found: Compared, runs: Runs) -> Iterator[Compared]:
@@ -32,14 +32,9 @@ def coupled(found: Compared, runs: Runs) -> Iterator[Compared]:
     near = {n.key for n in found.ranked if n.score < best.score + at.NEAR}
     for term, fit in alone.items():
         shared = term in best.fit.terms
-        mine = [c for c in couples if term in c and (shared or (_label(c), best.individual) in near)]
+        mine = [c for c in couples if term in c and (shared or (names_of(c), best.individual) in near)]
         found = _joined(found, found.problem.refit(mine, fit, runs))
     yield found
-
-
-def _label(couple: tuple[Term, Term]) -> str:
-    """As :attr:`Named.key` has it."""
-    return " + ".join(sorted(term.label for term in couple))
 
 
 def _following(found: Compared, fit: Fit) -> list[tuple[Term, Term]]:

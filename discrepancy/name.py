@@ -21,7 +21,7 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 
 from . import thresholds as at
-from .compare import Compared, along, further, hopeless, rewirings
+from .compare import Compared, further, hopeless, moved_along, rewirings
 from .couples import coupled
 from .intervals import profiled
 from .verdict import Naming, decided
@@ -108,16 +108,16 @@ def _beside(common: Compared, individual: Forward, terms: tuple[Term, ...], runs
         return
     found, own = common, None
     for own in with_own_walls(individual, terms, runs, common):
-        yield (found := common.joined(own))
+        yield (found := common.merged(own))
     if not found.best.fit.terms and found.best.explains:
         return
     if not (common.best.explains or hopeless(common)):
-        for more in further(common, runs, 1 if found.best.explains else at.BRANCHES):
-            yield (found := found.joined(more))
+        for later in further(common, runs, 1 if found.best.explains else at.BRANCHES):
+            yield (found := found.merged(later))
     if own is not None and not found.best.explains:
-        for more in further(own, runs):
-            yield (found := found.joined(more))
-    if found.best.explains and (elsewhere := along(found, runs)):
+        for later in further(own, runs):
+            yield (found := found.merged(later))
+    if found.best.explains and (elsewhere := moved_along(found, runs)):
         yield found.joined_by(elsewhere)
 
 

@@ -20,6 +20,9 @@ LOUDEST = 8  # entries of the z map that the verdict lists
 # names of tuning records; of networks and of partial answers by judgement, for want of records
 RELIABILITY = {"bench": (2.5, 0.23, 0.96), "network": (4.5, 0.0, 1.0), "partial": (3.5, 0.0, 0.2)}
 FAR_OFF = 20.0  # misfit of the model as given from which on nothing depends on its last digits
+# prices are -2 ln of odds beforehand: judgement, not fitted to the tuning records. 6 and 10 are where R. E. Kass and
+# A. E. Raftery (J. Am. Stat. Assoc. 90, 1995, 773) begin strong and very strong evidence: odds of 1 : 20 and 1 : 150.
+# An error of the model with one part costs as much as a second effect: the bank holds as many of either
 FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
 OWN_WALLS = 6.0  # price of walls that differ, in a record that walls with all in common may explain as well

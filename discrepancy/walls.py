@@ -74,16 +74,22 @@ def with_own_walls(
             fits = [f for f in found.problem.refit(again, found.best.fit, runs) if f is not None]
             yield (found := found.joined_by(fits))
     yield (found := found.at_minimum(runs))
+    yield from _begun_again(found, list(chosen)[: at.EACH] if bent else [], runs)
+
+
+def _begun_again(found: Compared, effects: Sequence[Term], runs: Runs) -> Iterator[Compared]:
+    """With outlets of another kind, and where nothing explains the record some effects, from the walls of the file."""
     anew = rewirings(found)
-    if bent and not found.best.explains:
-        anew += [(t,) for t in list(chosen)[: at.EACH]]
-    if anew:
-        yield (found := _from_the_file(found, anew, runs))
-        if others := _instead(found):
-            yield (found := _from_the_file(found, others, runs))
-        if found.best.fit.terms and found.best.explains:  # an animal without effect begins at those walls, too
-            fits = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
-            yield found.joined_by(fits)
+    if not found.best.explains:
+        anew += [(t,) for t in effects]
+    if not anew:
+        return
+    yield (found := _from_the_file(found, anew, runs))
+    if others := _instead(found):
+        yield (found := _from_the_file(found, others, runs))
+    if found.best.fit.terms and found.best.explains:  # an animal without effect begins at those walls, too
+        fits = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
+        yield found.joined_by(fits)
 
 
 def _from_the_file(found: Compared, hypotheses: Sequence[tuple[Term, ...]], runs: Runs) -> Compared:
@@ -92,7 +98,7 @@ def _from_the_file(found: Compared, hypotheses: Sequence[tuple[Term, ...]], runs
     fits = [f for f in afar.refit(hypotheses, runs=runs) if f is not None]
     seen = afar.restated([found.none.fit], found.problem)
     columns = afar.rewhitened(found.columns, found.problem)
-    return found.joined(_exact(found.problem, afar, [*seen, *fits], columns, found.terms, runs))
+    return found.merged(_exact(found.problem, afar, [*seen, *fits], columns, found.terms, runs))
 
 
 def _instead(found: Compared) -> list[tuple[Term, ...]]:

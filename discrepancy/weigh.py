@@ -47,13 +47,12 @@ class Named:
 
     @property
     def key(self) -> tuple[str, bool]:
-        """What tells hypotheses apart: their effects, and whether walls differ."""
-        return " + ".join(sorted(term.label for term in self.fit.terms)), self.individual
+        return key_of(self.fit)
 
     @property
     def individual(self) -> bool:
         """Whether every artery has deviations of its own."""
-        return any(u.group for u in self.fit.unknowns)
+        return self.key[1]
 
     @property
     def explains(self) -> bool:
@@ -75,6 +74,16 @@ class Named:
             change = self.fit.J[:, mine] @ self.fit.x[mine]
             found.append(float(np.linalg.norm(projected(self.fit.J[:, ~mine], prior, change[:, None]))))
         return min(found, default=math.inf)
+
+
+def key_of(fit: Fit) -> tuple[str, bool]:
+    """What tells hypotheses apart: their effects, and whether walls differ."""
+    return names_of(fit.terms), any(u.group for u in fit.unknowns)
+
+
+def names_of(terms: Sequence[Term]) -> str:
+    """The labels of effects, in the order of the alphabet."""
+    return " + ".join(sorted(term.label for term in terms))
 
 
 # --- the score test ---------------------------------------------------------------------------------------------------

@@ -81,9 +81,9 @@ def storable(model: Model) -> int:
 
 def spectrum(model: Model, drive: Drive, T: float, K: int, t: float = 0.0) -> Array:
     """Harmonics (K+1, B or 1, n_inlets) of what drives the inlets from time t [s] on, [m³/s] or [Pa]."""
-    samples = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
-    samples = samples.reshape(_FINE, len(model.network.inlets), -1).swapaxes(1, 2)
-    return np.fft.rfft(samples, axis=0, norm="forward")[: K + 1]
+    values = np.asarray(drive(t + T / _FINE * np.arange(_FINE)), float)
+    values = values.reshape(_FINE, len(model.network.inlets), -1).swapaxes(1, 2)
+    return np.fft.rfft(values, axis=0, norm="forward")[: K + 1]
 
 
 def moments(model: Model, *values: Array) -> Iterator[tuple[Array, ...]]:
@@ -119,12 +119,12 @@ def steady(model: Model, mean: Array) -> State:
     given = model.inlets.gain * mean
     driven = np.abs(model.inlets.flow(given, c.P_0)).sum(axis=1)
     flow = _SETTLED * (driven + np.abs(c.P_0 - c.P_venous).max(axis=1) / model.impedance)
-    small = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
+    settled = flow + model.flow_floor, flow * model.impedance + model.pressure_floor
     try:
         for tau in _LONG:
             stage = Stage.of(model, operators_about(model, tau, y, H), y, given, c.P_venous, 0.0)
             # a guess of the flow that leaves the area as it is: a long step would multiply what does not
-            Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, small)
+            Q, H, A_t = stage.solve(0.0 * Q + Q.mean(axis=-1, keepdims=True), H, settled)
             y = stage.end(Q, A_t)
         check(model, layout.part(y, "A"), A_t, Q, 0.0)
     except (NonPhysicalState, np.linalg.LinAlgError) as error:
@@ -144,12 +144,13 @@ def steady(model: Model, mean: Array) -> State:
 
 
 def balanced(
-    model: Model, rest: State, drive: Array, T: float, small: float, most: int, tell: Callable[[], None] | None = None
-) -> tuple[Waves, Array]:
+    model: Model, rest: State, drive: Array, T: float, tolerance: float, most: int,
+    tell: Callable[[], None] | None = None,
+) -> tuple[Waves, Array]:  # fmt: skip
     """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and how large
     the last correction of each member was : (B,), of the flows that pulsate and relative to them.
 
-    small : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
+    tolerance : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
     them stands, and the size is infinite. tell : called after each.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
@@ -167,7 +168,7 @@ def balanced(
         corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus)
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
-        active = better & (size >= small)
+        active = better & (size >= tolerance)
         if tell:
             tell()
         if not active.any():
@@ -221,20 +222,29 @@ class _Response:
         )
 
     def filled(self, waves: Waves, drive: Array) -> Waves:
-        """The waves with areas that take what flows in and does not leak. A leak grows with the pressure, which the
-        area is not proportional to; elsewhere corrections are exact."""
+        """The waves with areas that take what flows in and does not leak:
+
+            δA = τ s r,    r = -∂Q/∂x - g (P - P_venous) - ∂A/∂t
+
+        with s of :attr:`storage`. A leak g grows with the pressure, which the area is not proportional to; elsewhere
+        corrections are exact."""
         model, left = self.model, list[Array]()
         for stage, y, rate, _ in _stages(model, waves, drive):
             A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
             left.append(stage.start.storage.left_over(stage.start.supply(Q), A, A_t))
-        more = amplitudes(np.concatenate(left), waves.y)
+        r = amplitudes(np.concatenate(left), waves.y)
         y = waves.y.copy()
-        change = self.tau * self.storage * more.reshape(-1, *more.shape[2:])
-        model.layout.part(y, "A")[:] += change.reshape(more.shape)
+        change = self.tau * self.storage * r.reshape(-1, *r.shape[2:])
+        model.layout.part(y, "A")[:] += change.reshape(r.shape)
         return waves._replace(y=y)
 
     def correction(self, R: Array, net: Array) -> tuple[Array, Array]:
-        """Changes of y and H, each (K+1, B, …), that cancel amplitudes of momentum and of ΣQ at the nodes left over."""
+        """Changes of y and H, each (K+1, B, …), that cancel amplitudes R of momentum and of ΣQ at the nodes left over:
+
+            K δQ = -R + (δH at the ends),    ΣδQ = -net at the nodes,    δA = -τ s ∂δQ/∂x
+
+        with the Jacobian K of momentum in every element, and s of :attr:`storage`.
+        """
         model, (n, B) = self.model, R.shape[:2]
         mesh, layout = model.mesh, model.layout
         Q = -np.einsum("beij,bej->bei", self.jacobian.K_inverse, R.reshape(n * B, *R.shape[2:]))

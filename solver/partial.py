@@ -122,13 +122,20 @@ class SideBranch(Partial):
 
 
 class Stenosis(Partial):
+    """Its length is no unknown of a search, as most records do not show it. Sheep, 40 dB, P, Q and R at seven sites:
+    K = 10 over 0.2 L is told from one over 0.05 L at the same place by 0.2 to 4 standard deviations of all data
+    together, K refitted (up to 11 of K = 30). Where a long one ends beyond a site that its middle is not at, a record
+    does: by up to 11 from a tenth of L with place and K refitted (0.2 L about x/L = 0.42; 18 of K = 30). K and place
+    are then right to 8 % and 0.04, but more than noise may remain.
+    """
+
     part, usual = part_keys("K", 0.1)
     name = "stenosis"
     equation = "Δp = K (ρ/2) Q|Q|/A² over a part of the segment, the middle tenth"
     terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **part}
     neutral = {"K": 0.0, **usual}
     along = tuple(part)
-    moves = along[:1]  # a record hardly shows how long it is
+    moves = along[:1]
     starts_along = tuple(((p - 0.5) / _STEP,) for p in _POSITIONS)
     typical = {"K": 10.0}
     cuts = (0.45, 0.55)

@@ -44,7 +44,7 @@ class Quantity:
     def check(self, name: str, value: float) -> None:
         """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""
         if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
-            raise ValueError(f"{name} = {value!r}: must be a number in {self.unit_text}.")
+            raise ValueError(f"{name} = {value!r}: must be a number{self.in_unit}.")
         try:
             value = float(value)
         except OverflowError:  # an integer beyond the largest double
@@ -56,6 +56,11 @@ class Quantity:
                 f"{name} = {value:g} {self.unit_text} is not allowed: {self.description} must lie in "
                 f"{bracket}{self.low:g}, {self.high:g}] {self.unit_text}; check the value and its unit."
             )
+
+    @property
+    def in_unit(self) -> str:
+        """What follows "a number" in a sentence."""
+        return f" in {self.unit}" if self.unit != "1" else ""
 
     @property
     def unit_text(self) -> str:

@@ -102,7 +102,7 @@ def _both(name: str, key: str, value: Any, every: Mapping[str, Quantity], parse:
     may = [*ENDS, *SEGMENT]
     if key not in may:
         raise ValueError(
-            f"{name}.{key} = {value}: must be a number in {every[key].unit_text}; only {', '.join(may)} may be given "
+            f"{name}.{key} = {value}: must be a number{every[key].in_unit}; only {', '.join(may)} may be given "
             "at both ends."
         )
     if len(value) != 2:

@@ -212,7 +212,7 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
             raise ValueError(f"{name}: not a parameter of network {network.name}; {hint}")
         flat = np.asarray(value)
         if flat.dtype.kind not in "fiu":
-            raise ValueError(f"{name} = {value!r}: must be a number in {known[name].unit_text}.")
+            raise ValueError(f"{name} = {value!r}: must be a number{known[name].in_unit}.")
         for single in flat.ravel():
             known[name].check(name, float(single))
     for segment in network.segments:

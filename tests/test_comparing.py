@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from discrepancy import thresholds as at
-from discrepancy.compare import Compared, _firsts, along
+from discrepancy.compare import Compared, _firsts, moved_along
 from discrepancy.outcome import NamedEffect
 from discrepancy.show import Gap
 from discrepancy.summary import sentence
@@ -45,7 +45,7 @@ def test_near_the_best_whatever_the_unit(log_volume: float) -> None:
     found = Compared(problem, (), hypotheses, {}, ())
     assert (at.BRANCH_COST, at.ALONG_COST) == (3.0, 30.0)
     assert [f.terms[0].effect for f in _firsts(found, set(), 6)] == ["a", "b"]
-    assert along(found, Runs()) == [] and placed == ["a", "b", "c"]
+    assert moved_along(found, Runs()) == [] and placed == ["a", "b", "c"]
 
 
 # --- two faults of sensors --------------------------------------------------------------------------------------------

@@ -458,6 +458,14 @@ def test_times_are_met_by_their_shares(seconds: list[float], met: list[str]) -> 
     assert _met(t) == met
 
 
+@pytest.mark.parametrize(("hits", "n", "met"), [(72, 72, "open"), (71, 72, "**no**"), (0, 0, "–")])
+def test_all_is_open_at_best(hits: int, n: int, met: str) -> None:
+    """A single exception misses it, no number of records shows it, and none says nothing."""
+    t = Targets()
+    t.every("named", Share(hits, n))
+    assert _met(t) == [met]
+
+
 @pytest.mark.parametrize("group", ["standard", "outside_walls"])
 @pytest.mark.parametrize("kind", ["bench", "network"])
 def test_outside_the_catalogue_of_all_sizes(group: str, kind: str) -> None:

@@ -65,6 +65,7 @@ BAD_NETWORKS = {
     "negative viscosity": (with_segment(phi0=-1.0), ["AA.phi0 = -1 Pa.s", "wall viscosity phi0", "[0, 1e+08]"]),
     "text as number": (with_segment(E="1 MPa"), ["AA.E = '1 MPa'", "must be a number in Pa"]),
     "bool as number": (with_segment(E=True), ["AA.E = True", "must be a number in Pa"]),
+    "text without unit": ({"eta": "half"}, ["network.eta = 'half': must be a number."]),
     "None as number": (with_segment(E=None), ["AA.E = None", "must be a number in Pa"]),
     "phiNL without phi0": (
         with_segment(phi0=0.0, phiNL=-1.0),

@@ -50,7 +50,7 @@ def _bench(t: Targets, bench: Sequence[Line]) -> None:
         apart = [x for x in seen if w.separation(x) >= SEPARABLE]
         t.at_least(f"bench, d′ ≥ 12, {dB:g} dB: named right", least, share(seen, w.named_right))
         t.at_least("– of these with separation ≥ 6: named right", least, share(apart, w.named_right))
-        t.add("– and as a single name", "all", share(apart, w.single_right))
+        t.every("– and as a single name", share(apart, w.single_right))
 
 
 def _network(t: Targets, net: Sequence[Line], network: Network) -> None:

@@ -17,7 +17,7 @@ Line = dict[str, Any]
 
 NOTE = (
     "Met: yes where the 95 % bound is on the right side of the target, open where only the measured value is. "
-    "That there is none is open at best: no number of records shows it."
+    "That there is none, or that it is all, is open at best: no number of records shows it."
 )
 _SAID = {True: "yes", False: "**no**", None: "–"}
 
@@ -45,6 +45,10 @@ class Targets:
         low, high = s.bounds
         met = _met(least <= s.value <= most, least <= low and high <= most) if s.n else None
         self.add(what, f"{100 * least:g}–{100 * most:g} %", s, met)
+
+    def every(self, what: str, s: Share) -> None:
+        """What is to happen always: no number of records shows that it does."""
+        self.add(what, "all", s, _met(s.hits == s.n, False) if s.n else None)
 
     def none(self, what: str, s: Share) -> None:
         """What is not to happen at all."""

@@ -44,6 +44,12 @@ class Linear:
     """Unknowns p about a point as a linear problem: what widths do to its evidence, in a fraction of a millisecond.
 
     z : (n,) whitened residual at x : (p,). J : (n, p). log_volume : ln det C.
+
+    Of the q unknowns that are not held at an end of their range, and of y = z - J x, the residual at 0:
+    gram : (q, q) JᵀJ. right : (q,) Jᵀy. free : (q,) which are sizes of effects. groups : (q,) names, "" where there is
+    none. signs : (q,) 2 of a size that may be negative, else 1. sd : (q,) of the priors of what has no group.
+    held : -2 ln of the priors of the others, where they are held. rest : what widths do not change, with yᵀy, ln det C
+    and ``held``.
     """
 
     def __init__(self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:

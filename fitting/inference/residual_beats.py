@@ -23,6 +23,7 @@ from ..records.spectral import coefficients, resample
 Array = np.ndarray
 
 _ORDER = 3  # elastic, viscous and what bends them: powers of iω
+_FOLLOWING = "P if it followed R"
 _COHERENT = 0.5  # of the variance of P that follows R at a low harmonic: then the beats differ, not the sensors
 _LOW = 6
 _GAPS = 0.01  # of the samples: single spikes do no harm
@@ -39,7 +40,8 @@ def loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     A = _series(a, beats.T, K)
     seen = felt(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
     moved = seen.change if seen is not None else _moved(beats, R, A)
-    both = replace(beats, values={P: beats.values[P], R: moved[0]}).covariance((P, R))
+    # a name without converter: what rounding leaves in the mean beat is no change from beat to beat
+    both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved[0]}).covariance((P, _FOLLOWING))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
     coherent = followed**2 > _COHERENT * both[:, 0, 0].real * could
     gaps = any(np.isnan(beats.values[name]).mean() > _GAPS for name in names)  # then phases are means of other beats
