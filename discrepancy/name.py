@@ -21,8 +21,10 @@ from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
 
 from . import thresholds as at
-from .compare import Compared, further, hopeless, moved_along, rewirings
+from .along import moved_along
+from .compare import Compared, hopeless, rewirings
 from .couples import coupled
+from .further import further
 from .intervals import profiled
 from .verdict import Naming, decided
 from .walls import with_own_walls

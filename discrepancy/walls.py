@@ -16,8 +16,9 @@ from fitting.inference.evidence import Linear
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
+from fitting.inference.parts import beside_sites
 from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term, beside_sites, of_animal
+from fitting.inference.terms import Term, of_animal
 
 from . import thresholds as at
 from .compare import Compared, rewirings

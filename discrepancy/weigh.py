@@ -20,7 +20,7 @@ from fitting.inference.forward import Forward
 from fitting.inference.misfit import estimated, widened
 from fitting.inference.search import bounded_step
 from fitting.inference.terms import Term
-from fitting.inference.unknown import bounds, penalty, precision, precisions
+from fitting.inference.unknown import bounds, free, penalty, precision, precisions
 
 from . import thresholds as at
 
@@ -105,10 +105,11 @@ def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> li
         if term.label not in columns:
             continue
         J = np.column_stack([base.J, columns[term.label]])
-        low, high = (np.concatenate([a, b]) for a, b in zip(bounds(base.unknowns), bounds(term.unknowns), strict=True))
+        own = [u for u, moves in zip(term.unknowns, free(term.unknowns), strict=True) if moves]
+        low, high = (np.concatenate([a, b]) for a, b in zip(bounds(base.unknowns), bounds(own), strict=True))
         n = len(base.x)
-        x = np.concatenate([base.x, np.zeros(len(term.unknowns))])
-        prior = precisions((*base.unknowns, *term.unknowns))
+        x = np.concatenate([base.x, np.zeros(len(own))])
+        prior = precisions((*base.unknowns, *own))
         step = bounded_step(J, base.z, prior, x, low, high)
         left = base.z + J @ step
         promised = float(left @ left) + penalty(prior[:n], (x + step)[:n])

@@ -7,7 +7,7 @@ of the part, and a force on the flow is integrated over the part whatever elemen
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +38,6 @@ class Partial(Effect):
 
     owner = "segment"
     places = ("segment",)
-    moves: ClassVar[tuple[str, ...]]  # those of ``along`` that a record may determine
 
     def ends(self, values: Values) -> tuple[Array, Array]:
         """x/L where the part begins and ends, inside the segment."""
@@ -58,7 +57,7 @@ class Partial(Effect):
 
     def coordinates_along(self, network: Described, place: str) -> tuple[Coordinate, ...]:
         names = self.variables(network, place)
-        found = [self._coordinate(network, place, key, names[key]) for key in self.moves]
+        found = [self._coordinate(network, place, key, names[key]) for key in self.along]
         position, *rest = (coordinate for coordinate in found if coordinate is not None)
         low, high = ((end - position.nominal) / position.size for end in (_FROM, _TO))
         return (replace(position, low=low, high=high), *rest)
@@ -80,7 +79,7 @@ class WallStiffness(Partial):
     equation = "E becomes s E in one segment or a part of it"
     terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2), **part}
     neutral = {"E_scale": 1.0, **usual}
-    along = moves = tuple(part)
+    along = tuple(part)
     starts_along = _PARTS
     at_rest = True
     local = True
@@ -105,7 +104,7 @@ class SideBranch(Partial):
     equation = "∂A/∂t + ∂Q/∂x = -g (P - P_venous), P_venous of the outlet where the segment ends, else 0"
     terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9), **part}
     neutral = {"leak": 0.0, **usual}
-    along = moves = tuple(part)
+    along = tuple(part)
     starts_along = _PARTS
     typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
     signature = "flow is lost across the segment"
@@ -122,11 +121,11 @@ class SideBranch(Partial):
 
 
 class Stenosis(Partial):
-    """Its length is no unknown of a search, as most records do not show it. Sheep, 40 dB, P, Q and R at seven sites:
-    K = 10 over 0.2 L is told from one over 0.05 L at the same place by 0.2 to 4 standard deviations of all data
-    together, K refitted (up to 11 of K = 30). Where a long one ends beyond a site that its middle is not at, a record
-    does: by up to 11 from a tenth of L with place and K refitted (0.2 L about x/L = 0.42; 18 of K = 30). K and place
-    are then right to 8 % and 0.04, but more than noise may remain.
+    """Its length is searched for where a tenth of the segment leaves more than noise: most records do not show it.
+    Sheep, 40 dB, P, Q and R at seven sites: K = 10 over 0.2 L is told from one over 0.05 L at the same place by 0.2 to
+    4 standard deviations of all data together, K refitted (up to 11 of K = 30). Where a long one ends beyond a site
+    that its middle is not at, it is told from a tenth of L with place and K refitted by up to 11 (0.2 L about
+    x/L = 0.42; 18 of K = 30).
     """
 
     part, usual = part_keys("K", 0.1)
@@ -135,7 +134,6 @@ class Stenosis(Partial):
     terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **part}
     neutral = {"K": 0.0, **usual}
     along = tuple(part)
-    moves = along[:1]
     starts_along = tuple(((p - 0.5) / _STEP,) for p in _POSITIONS)
     typical = {"K": 10.0}
     cuts = (0.45, 0.55)

@@ -116,7 +116,10 @@ def test_one_beat_only(n_beats: float) -> None:
         (-0.5, "period = -0.5 s: must be a positive, finite number."),
         (np.nan, "period = nan s: must be a positive, finite number."),
         (3.0, "period = 3 s: longer than half of the 5 s of record; give a shorter one or record at least two whole"),
-        (0.03, "6 samples in a period of 0.03 s are too few; sample 8 times or more."),
+        (
+            0.03,
+            "6 samples in a period of 0.03 s are too few; sample 8 times a beat or more often, or check the unit of",
+        ),
     ],
 )
 def test_periods_that_cannot_be(period: float, expected: str) -> None:

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from discrepancy import thresholds as at
-from discrepancy.compare import Compared, _firsts, moved_along
+from discrepancy.along import moved_along
+from discrepancy.compare import Compared
+from discrepancy.further import _firsts
 from discrepancy.outcome import NamedEffect
 from discrepancy.show import Gap
 from discrepancy.summary import sentence

@@ -23,8 +23,9 @@ from fitting.inference.added import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
 from fitting.inference.network import NetworkProblem, network_problem
 from fitting.inference.observation import sense
+from fitting.inference.parts import beside_sites
 from fitting.inference.simulator import OutOfTime, Runs, Simulator
-from fitting.inference.terms import Term, beside_sites, candidates, joins, sensor_terms
+from fitting.inference.terms import Term, candidates, joins, sensor_terms
 from fitting.inference.unknown import absent, quantile
 from fitting.records.beats import Beats
 from solver import NonPhysicalState, Settings, catalogue, effects, simulate_periodic

@@ -14,7 +14,8 @@ from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term, terms
 
 from discrepancy import thresholds as at
-from discrepancy.compare import Compared, further, hopeless, with_one_more
+from discrepancy.compare import Compared, hopeless
+from discrepancy.further import further, with_one_more
 from discrepancy.name import name
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named

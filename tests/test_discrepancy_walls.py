@@ -30,9 +30,10 @@ from fitting.inference.added import estimates
 from fitting.inference.asked import parse_unknowns
 from fitting.inference.forward import Forward
 from fitting.inference.network import network_problem
+from fitting.inference.parts import beside_sites
 from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term, beside_sites
+from fitting.inference.terms import Term
 from fitting.inference.unknown import absent, free, quantile
 from fitting.parameter_set import write_set
 from fitting.records.align import align

@@ -39,11 +39,12 @@ from .forward import Drive, Forward
 from .jackknife import Rest
 from .misfit import Block
 from .observation import meter, of_other_beats, sense
+from .parts import placed
 from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out, without_each_site
-from .terms import EVERY, Term, about_common, placed, refined, rewired
+from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
 Array = np.ndarray

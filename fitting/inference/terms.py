@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 from solver import effects
@@ -29,7 +28,6 @@ OWN = "of its own"
 _WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
 _WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
 _SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
-_GROWN = (1.0, 3.0, 10.0)  # typical sizes, from which a search for where along a segment may begin
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
 
@@ -104,11 +102,11 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 
 def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
     """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
-    unknowns = tuple(_searched(effect, c) for c in effect.coordinates(network, place, bench))
+    unknowns = tuple(searched(effect, c) for c in effect.coordinates(network, place, bench))
     return Term(effect.name, place, (place,), unknowns, effect.starts) if unknowns else None
 
 
-def _searched(effect: Effect, coordinate: Coordinate) -> Unknown:
+def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
     """A size, which may be anything; or how and where an effect acts, known beforehand to a few typical steps."""
     key = coordinate.name.rpartition(".")[2]
     if key in effect.along:
@@ -170,36 +168,6 @@ def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | Non
             own.append(replace(each, group=variable.rpartition(".")[2]))
     unknowns = (*term.unknowns, *own)
     return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
-
-
-def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
-    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part.
-
-    None where there is no such thing.
-    """
-    effect = effect_of(term)
-    there = {u.name for u in term.unknowns}
-    along = [_searched(effect, c) for c in effect.coordinates_along(network, term.place) if c.name not in there]
-    starts = tuple((*x, *start) for start in effect.starts_along)
-    return replace(term, unknowns=(*term.unknowns, *along), starts=starts) if along else None
-
-
-def beside_sites(network: Network, term: Term) -> tuple[Term, ...]:
-    """A local effect in the middle of each stretch that sites divide its segment into, from where it may move.
-
-    Of one upstream of a site the site feels all, of one about it a part: linearised, one may look like nothing known
-    where the other does not. Nothing for a segment without site, whose middle is as good as another place.
-    """
-    sites = {site.position for site in network.sites if site.segment == term.place and 0.0 < site.position < 1.0}
-    anywhere = placed(network, term, [0.0] * len(term.unknowns))
-    if anywhere is None or not sites:
-        return ()
-    (position, *_), size = anywhere.unknowns[len(term.unknowns) :], len(term.unknowns)
-    ends = sorted({0.0, *sites, 1.0})
-    middles = [(0.5 * (a + b) - position.nominal) / position.size for a, b in pairwise(ends)]
-    nearest = [min(anywhere.starts, key=lambda start: abs(start[size] - x)) for x in middles]
-    found = [[(grown, *start[1:]) for grown in _GROWN] for start in dict.fromkeys(nearest) if start[size] != 0.0]
-    return tuple(replace(anywhere, starts=tuple(starts)) for starts in found)
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:
