@@ -55,8 +55,8 @@ def test_a_wall_that_is_stiffer_up_to_the_middle() -> None:
 @pytest.mark.slow
 def test_a_part_that_is_stiffer_where_every_artery_may_differ() -> None:
     """E of CA is half as large again between x/L 0.15 and 0.45: the part is named, not an artery that differs. The
-    record tells the compliance that is missing, to 3 % (2.3 % measured), and where, to 0.05 (0.043), not how stiff a part of
-    what length: its intervals say so, and hold the truth."""
+    record tells the compliance that is missing, to 3 % (2.3 % measured), and where, to 0.05 (0.043), not how stiff a
+    part of what length: its intervals say so, and hold the truth."""
     naming, found = named(Effect("wall_stiffness", ("CA",), 0.5, position=0.3, length=0.3), walls=None)
     assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "wall_stiffness at CA", True)
     scale, position, length = (found[f"CA.E_{key}"] for key in ("scale", "position", "length"))
