@@ -7,7 +7,7 @@ from dataclasses import replace
 from fitting.inference.fit import Fit
 from fitting.inference.parts import anywhere, grown
 from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term, of_animal
+from fitting.inference.terms import Term
 
 from . import thresholds as at
 from .compare import Compared, within
@@ -15,8 +15,8 @@ from .weigh import Score, scores, shortlist
 
 
 def moved_along(found: Compared, runs: Runs) -> list[Fit]:
-    """The best effects of a part of a segment, wherever along it they may lie and then however long they may be; of one
-    that explains all, only where it lies."""
+    """Fits of the best single effects of a part of a segment, wherever along it they may lie; of those that were moved
+    before, however long they may be. Of one that explains all, only where it lies."""
     best = found.best.fit
     local = [n.fit for n in found.ranked if len(n.fit.terms) == 1 and within(at.ALONG_COST, n.fit, best)]
     if found.best.explains:
@@ -29,22 +29,29 @@ def moved_along(found: Compared, runs: Runs) -> list[Fit]:
     return fits
 
 
-def with_parts(found: Compared, runs: Runs) -> Compared:
-    """With the parts of segments that promise most, each begun where it does. Those of walls are tried even where
-    every artery differs: it is whole arteries that do."""
+def parts(found: Compared, runs: Runs) -> list[Fit]:
+    """Fits of the parts of segments that promise most at the animal without effect, each begun where it does.
+
+    Those of walls are tried even where every artery differs: it is whole arteries that do.
+    """
     base = found.none.fit
-    known = {t.effect for t in found.terms}
-    network = found.problem.network
-    terms = [t for t in anywhere(network) if t.effect in known or of_animal(network, t)]
-    promised: dict[Term, Score] = {}
-    for i in range(max(len(t.starts) for t in terms)):
-        there = {t.label: replace(t, starts=(t.starts[i],)) for t in terms if i < len(t.starts)}
-        held = [t.held() for t in there.values()]
+    best: dict[str, tuple[Term, Score]] = {}  # of an effect at a place, the part that promises most
+    for some in _begun_at_each(found):
+        held = [t.held() for t in some.values()]
         columns = found.problem.columns(base, held, runs)
-        promised |= {there[s.term.label]: s for s in scores(base, columns, held)}
-    ranked = sorted(promised.items(), key=lambda pair: -pair[1].gain)
-    best = {t.label: (t, s) for t, s in reversed(ranked)}  # of an effect at a place, the part that promises most
-    chosen = shortlist(sorted((s for _, s in best.values()), key=lambda s: -s.gain), at.ALONG)
-    hypotheses = [(grown(best[t.label][0]),) for t in chosen]
-    fits = [f for f in found.problem.refit(hypotheses, base, runs) if f is not None]
-    return found.joined_by(fits)
+        for score in scores(base, columns, held):
+            label = score.term.label
+            if label not in best or score.gain > best[label][1].gain:
+                best[label] = (some[label], score)
+    promising = shortlist(sorted((score for _, score in best.values()), key=lambda s: -s.gain), at.ALONG)
+    hypotheses = [(grown(best[t.label][0]),) for t in promising]
+    return [f for f in found.problem.refit(hypotheses, base, runs) if f is not None] if hypotheses else []
+
+
+def _begun_at_each(found: Compared) -> list[dict[str, Term]]:
+    """By their labels, all effects of a part that are in the catalogue asked, at the first place where a search may
+    begin, at the second, and so on."""
+    asked = {t.effect for t in found.terms}
+    terms = [t for t in anywhere(found.problem.network) if t.effect in asked]
+    most = max((len(t.starts) for t in terms), default=0)
+    return [{t.label: replace(t, starts=(t.starts[i],)) for t in terms if i < len(t.starts)} for i in range(most)]

@@ -11,12 +11,13 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
 from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term
+from fitting.inference.terms import Term, of_animal
 
 from . import thresholds as at
 from .weigh import Named, key_of, ranked, weighed
 
 Array = np.ndarray
+Columns = Mapping[bool, Mapping[str, Array]]
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,13 @@ class Compared:
     """What was compared so far.
 
     problem : as it was weighted at last. nones : without effect, with walls that have all in common or differ.
-    ranked : best first. columns : of every candidate at the best of ``nones``, whitened.
+    ranked : best first. columns : of every candidate at each of ``nones``, whitened, by whether its walls differ.
     """
 
     problem: Forward
     nones: tuple[Named, ...]
     ranked: tuple[Named, ...]
-    columns: Mapping[str, Array]
+    columns: Columns
     terms: tuple[Term, ...]
 
     @property
@@ -43,10 +44,19 @@ class Compared:
         """The best hypothesis, that without effect included."""
         return min((*self.ranked, *self.nones), key=lambda n: n.score)
 
+    @property
+    def sought(self) -> tuple[Term, ...]:
+        """What is looked for: where every artery differs, nothing that is merely the animal's."""
+        if not self.none.individual:
+            return self.terms
+        return tuple(t for t in self.terms if not of_animal(self.problem.network, t))
+
+    def columns_of(self, none: Named) -> Mapping[str, Array]:
+        """The columns at one of ``nones``; empty where the time was over before they were simulated."""
+        return self.columns.get(none.individual, {})
+
     @classmethod
-    def of(
-        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
-    ) -> Compared:
+    def of(cls, problem: Forward, fits: Sequence[Fit], columns: Columns, terms: tuple[Term, ...]) -> Compared:
         """Of fits, weighed; of one hypothesis the more probable fit."""
         known: dict[tuple[str, bool], Named] = {}
         for n in (weighed(problem, f, terms) for f in fits):
@@ -72,7 +82,8 @@ class Compared:
         fits = problem.restated(self.fits, self.problem)
         if problem.site is None:  # where other weights have it
             fits = [settled(f) for f in fits]
-        return Compared.of(problem, fits, problem.rewhitened(self.columns, self.problem), self.terms)
+        columns = {kind: problem.rewhitened(each, self.problem) for kind, each in self.columns.items()}
+        return Compared.of(problem, fits, columns, self.terms)
 
     def polished(self, runs: Runs) -> Compared:
         """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
@@ -95,9 +106,8 @@ class Compared:
         """With the hypotheses of another comparison of the same record, under the weights of the better one."""
         better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
         worse = worse.restated(better.problem)
-        own, other = (better, worse) if better.none.score <= worse.none.score else (worse, better)
-        everything = [*better.fits, *worse.fits]
-        return Compared.of(better.problem, everything, own.columns or other.columns, self.terms)
+        columns = {kind: each for found in (worse, better) for kind, each in found.columns.items() if each}
+        return Compared.of(better.problem, [*better.fits, *worse.fits], columns, self.terms)
 
 
 def rewirings(found: Compared) -> list[tuple[Term, ...]]:

@@ -11,9 +11,9 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import followers, joins
 
 from . import thresholds as at
-from .along import moved_along, with_parts
+from .along import moved_along, parts
 from .compare import Compared, within
-from .weigh import scores, shortlist
+from .weigh import names_of, scores, shortlist
 
 
 def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterator[Compared]:
@@ -21,15 +21,13 @@ def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterato
 
     branches : of how many hypotheses at a time.
     """
-    tried: set[tuple[str, ...]] = set()
-    if found.best.fit.terms:
-        elsewhere = moved_along(found, runs)
-        if elsewhere:
-            yield (found := found.joined_by(elsewhere))
-    if found.best.fit.terms and not found.best.explains:
-        yield (found := with_parts(found, runs))
-    if found.best.fit.terms and not found.best.explains and (longer := moved_along(found, runs)):
-        yield (found := found.joined_by(longer))
+    tried: set[str] = set()
+    if found.best.fit.terms and (fits := moved_along(found, runs)):
+        yield (found := found.joined_by(fits))
+    if not found.best.explains and (fits := parts(found, runs)):
+        yield (found := found.joined_by(fits))
+        if found.best.fit.terms and not found.best.explains and (fits := moved_along(found, runs)):
+            yield (found := found.joined_by(fits))
     while found.best.fit.terms and not found.best.explains:
         fits = with_one_more(found, runs, tried, branches)
         if not fits:
@@ -50,36 +48,36 @@ def _each_alone(found: Compared, runs: Runs) -> list[Fit]:
     return [f for f in fits if f is not None]
 
 
-def with_one_more(found: Compared, runs: Runs, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
+def with_one_more(found: Compared, runs: Runs, tried: set[str], branches: int) -> list[Fit]:
     """One more effect beside each of the best hypotheses, or one of theirs refined from one size for all segments
     to one for each; of one combination the better fit. None where what is promised stays far above noise.
 
-    tried : labels of the hypotheses that were taken up before; grows.
+    tried : names of the hypotheses that were taken up before; grows.
     """
-    fits: dict[frozenset[str], Fit] = {}
+    fits: dict[str, Fit] = {}
     for first in _firsts(found, tried, branches):
-        tried.add(_labels(first))
+        tried.add(names_of(first.terms))
         for fit in (*_seconds(found, first, runs), *_refinements(found.problem, first, runs)):
-            key = frozenset(_labels(fit))
+            key = names_of(fit.terms)
             if key not in fits or fit.cost < fits[key].cost:
                 fits[key] = fit
     return list(fits.values())
 
 
-def _firsts(found: Compared, tried: set[tuple[str, ...]], branches: int) -> list[Fit]:
+def _firsts(found: Compared, tried: set[str], branches: int) -> list[Fit]:
     """The best hypotheses that have room for another effect, one of each effect."""
     chosen: dict[str, Fit] = {}
     for n in found.ranked:
         near, room = within(at.BRANCH_COST, n.fit, found.ranked[0].fit), len(n.fit.terms) < at.MOST_EFFECTS
-        if near and room and _labels(n.fit) not in tried and len(chosen) < branches:
+        if near and room and names_of(n.fit.terms) not in tried and len(chosen) < branches:
             chosen.setdefault(n.fit.terms[-1].effect, n.fit)
     return list(chosen.values())
 
 
 def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:
     """A second effect beside the first, where its linear promise comes near the noise."""
-    problem, there = found.problem, set(_labels(first))
-    others = [t for t in found.terms if t.label not in there and not t.rewires and joins(t, first.terms)]
+    problem, there = found.problem, {t.label for t in first.terms}
+    others = [t for t in found.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
     others += followers(extended(problem.network, first), problem.site, found.terms)
     (anew,) = problem.refine([first], runs)
     base = first if anew is None else anew
@@ -95,7 +93,3 @@ def _refinements(problem: Forward, first: Fit, runs: Runs) -> list[Fit]:
     finer = [problem.refined(first, t) for t in first.terms]
     hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
     return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []
-
-
-def _labels(fit: Fit) -> tuple[str, ...]:
-    return tuple(t.label for t in fit.terms)

@@ -137,7 +137,7 @@ def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) ->
     most = at.SHORTLIST if problem.site is None else len(terms)
     plain = shortlist(scores(base, columns, terms), most)
     fits = [f for f in problem.refit([(t,) for t in plain], base, runs, columns) if f is not None]
-    yield (found := Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms))
+    yield (found := Compared.of(problem, [_lower(problem, base, fits, runs), *fits], {False: columns}, terms))
     yield (found := _polished(found, runs))
     if rewiring := rewirings(found):
         problem, base = found.problem, found.none.fit

@@ -18,7 +18,7 @@ from fitting.inference.unknown import Reach
 from . import thresholds as at
 from .compare import Compared
 from .couples import both_show
-from .weigh import Named, ranked, shares, stated, with_errors
+from .weigh import Named, apart, ranked, shares, stated, with_errors
 
 Array = np.ndarray
 
@@ -67,7 +67,7 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     problem = found.problem
     every = (*found.nones, *found.ranked)
     exact = [n for n in every if n.explains and both_show(found, n)]
-    wider = {n.key: with_errors(problem, n, terms) for n in _held_loosely(found, exact)}
+    wider = {n.key: with_errors(problem, n) for n in _held_loosely(found, exact)}
     loose = {key: n for key, n in wider.items() if n is not None}
     ways = ranked([*exact, *loose.values()])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
@@ -84,9 +84,10 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     if best.parts is None:
         same = tuple(n for n in ways if n.parts is None and n.fit.terms)
         rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
-        members = _class(same)
-        return make(_said(best, members), problem, none, same + rest, members, stated(confidence, problem.kind))
-    return _partial(make, found, none, loose, ways, confidence)
+        order = apart([*same, *rest])
+        members = _class(order[: len(same)])
+        return make(_said(best, members), problem, none, order, members, stated(confidence, problem.kind))
+    return _partial(make, found, none, ways, confidence)
 
 
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
@@ -119,14 +120,7 @@ def _of_one_site(best: Named) -> bool:
     return len(sites) == 2 and sites[0] == sites[1]
 
 
-def _partial(
-    make: _Maker,
-    found: Compared,
-    none: Named,
-    loose: Mapping[tuple[str, bool], Named],
-    ways: Sequence[Named],
-    confidence: float,
-) -> Naming:
+def _partial(make: _Maker, found: Compared, none: Named, ways: Sequence[Named], confidence: float) -> Naming:
     """What explains a part of the gap and not all of it."""
     problem, best = found.problem, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
@@ -138,14 +132,15 @@ def _partial(
     assert best.parts is not None
     wide = problem.widened(best.parts)
     none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
-    order = tuple(sorted(ranked([first, *rest]), key=lambda n: n.key != first.key))
+    order = apart([first, *ranked(rest)])
     chance = {n.key: n.probability for n in ways if n.parts is not None}
     order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
     same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)
     labels = {n.key[0] for n in _class(same)}
     members = tuple({n.key[0]: n for n in reversed(order) if n.key[0] in labels}.values())[::-1]
-    columns = wide.rewhitened(found.columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
-    make = replace(make, found=replace(found, columns=columns))
+    columns = found.columns_of(none)
+    columns = wide.rewhitened(columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
+    make = replace(make, found=replace(found, columns={none.individual: columns}))
     return make("partial", wide, none, order, members, stated(confidence, "partial"), left)
 
 
@@ -179,8 +174,8 @@ class _Maker:
     ) -> Naming:  # fmt: skip
         confidence = confidence if self.complete else min(confidence, at.INCOMPLETE)
         return Naming(
-            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence, reason,
-            self.complete,
+            verdict, problem, base, tuple(order), tuple(members), self.found.columns_of(base), self.terms, confidence,
+            reason, self.complete,
         )  # fmt: skip
 
 

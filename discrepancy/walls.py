@@ -36,7 +36,7 @@ def with_own_walls(
     common : what is known of walls that have all in common. Where it explains the record, and an animal without effect
     whose walls differ is less probable, no effect of walls that differ is looked for.
     """
-    terms = tuple(t for t in terms if not of_animal(problem.network, t))
+    sought = tuple(t for t in terms if not of_animal(problem.network, t))
     rival = common if common is not None and common.best.explains else None
     afar = _seen(problem, at.AFAR)
     base = _from_afar(afar, common, runs)
@@ -50,7 +50,7 @@ def with_own_walls(
         yield found
         if found.none.score > rival.restated(found.problem).best.score:
             return
-    looks = [(terms, afar.columns(base, terms, runs)), *_beside_sites(afar, base, terms, runs)]
+    looks = [(sought, afar.columns(base, sought, runs)), *_beside_sites(afar, base, sought, runs)]
     near, chosen, none, within = afar, dict[Term, None](), 0.0, at.NEAR
     for part in at.CLOSER:
         closer = _seen(problem, part)
@@ -63,8 +63,9 @@ def with_own_walls(
         found = _exact(problem, near, [base], columns, terms, runs)
         yield found
         if found.none.explains:
-            problem, near, base, columns = found.problem, found.problem, found.none.fit, found.columns
-            chosen, within = _left_over(base, columns, terms), at.IN_DOUBT
+            problem, near, base = found.problem, found.problem, found.none.fit
+            columns = found.columns_of(found.none)
+            chosen, within = _left_over(base, columns, sought), at.IN_DOUBT
     if chosen:
         hypotheses = [(t,) for t in chosen]
         fits = [f for f in near.refit(hypotheses, base, runs, columns) if f is not None]
@@ -98,14 +99,14 @@ def _from_the_file(found: Compared, hypotheses: Sequence[tuple[Term, ...]], runs
     afar = _seen(found.problem, at.AFAR)
     fits = [f for f in afar.refit(hypotheses, runs=runs) if f is not None]
     seen = afar.restated([found.none.fit], found.problem)
-    columns = afar.rewhitened(found.columns, found.problem)
+    columns = afar.rewhitened(found.columns_of(found.none), found.problem)
     return found.merged(_exact(found.problem, afar, [*seen, *fits], columns, found.terms, runs))
 
 
 def _instead(found: Compared) -> list[tuple[Term, ...]]:
     """Where an outlet of another kind is best: the other effects at its place, which three numbers can imitate."""
     places = {t.place for t in found.best.fit.terms if t.rewires}
-    return [(t,) for t in found.terms if t.place in places and not t.rewires]
+    return [(t,) for t in found.sought if t.place in places and not t.rewires]
 
 
 def _from_afar(afar: Forward, common: Compared | None, runs: Runs) -> Fit | None:
@@ -129,7 +130,7 @@ def _others_there(found: Compared) -> list[tuple[Term, ...]]:
         return []
     (best,) = found.best.fit.terms
     tried = {n.label for n in found.ranked}
-    return [(t,) for t in found.terms if t.place == best.place and not t.rewires and t.label not in tried]
+    return [(t,) for t in found.sought if t.place == best.place and not t.rewires and t.label not in tried]
 
 
 def _seen(problem: Forward, part: float) -> Forward:
@@ -183,4 +184,4 @@ def _exact(
         score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
         lowest = min((score[i] for i in found if i not in left), default=np.inf)
         again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
-    return Compared.of(sharp, list(found.values()), sharp.rewhitened(columns, near), terms)
+    return Compared.of(sharp, list(found.values()), {True: sharp.rewhitened(columns, near)}, terms)

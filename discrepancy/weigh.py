@@ -47,6 +47,7 @@ class Named:
 
     @property
     def key(self) -> tuple[str, bool]:
+        """What tells it from other hypotheses."""
         return key_of(self.fit)
 
     @property
@@ -66,12 +67,13 @@ class Named:
 
     @property
     def visibility(self) -> float:
-        """d' of the weakest of its effects, beside the others."""
+        """d' of the weakest of its effects, beside the others: what its sizes change, where and how it acts there."""
         found = []
         for term in self.fit.terms:
             mine = np.array([u in term.unknowns for u in self.fit.unknowns], bool)
+            size = mine & np.array([u.of_size or bool(u.group) for u in self.fit.unknowns], bool)
             prior = precision(self.fit.prior, self.fit.x)[~mine]
-            change = self.fit.J[:, mine] @ self.fit.x[mine]
+            change = self.fit.J[:, size] @ self.fit.x[size]
             found.append(float(np.linalg.norm(projected(self.fit.J[:, ~mine], prior, change[:, None]))))
         return min(found, default=math.inf)
 
@@ -163,7 +165,7 @@ def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     return Named(fit, evidence.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
 
 
-def with_errors(problem: Forward, exact: Named, terms: Sequence[Term]) -> Named | None:
+def with_errors(problem: Forward, exact: Named) -> Named | None:
     """The same hypothesis with the errors of the model that make the record most probable; None where there are none.
 
     exact : whitened as ``problem`` is.
@@ -180,13 +182,18 @@ def with_errors(problem: Forward, exact: Named, terms: Sequence[Term]) -> Named 
 
 def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
     """Hypotheses by score, with their distance from the best."""
-    if not found:
-        return ()
-    best = min(n.score for n in found)
-    lowest = min(n.fit.cost for n in found)
+    return apart(sorted(found, key=lambda n: n.score))
+
+
+def apart(found: Sequence[Named]) -> tuple[Named, ...]:
+    """Hypotheses in this order, with their distance from the first."""
     return tuple(
-        replace(n, above_best=n.score - best, separation=math.sqrt(max(n.fit.cost - lowest, 0.0)))
-        for n in sorted(found, key=lambda n: n.score)
+        replace(
+            n,
+            above_best=n.score - found[0].score,
+            separation=math.sqrt(max(n.fit.cost - found[0].fit.cost, 0.0)),
+        )
+        for n in found
     )
 
 

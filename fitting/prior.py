@@ -104,7 +104,7 @@ def _told(found: ParameterSet) -> tuple[list[Coordinate], Array]:
         raise ValueError
     if (
         np.abs(covariance - covariance.T).max() > _ASYMMETRY * largest
-        or np.linalg.eigvalsh(covariance)[0] < -_ASYMMETRY
+        or np.linalg.eigvalsh(covariance)[0] < -_ASYMMETRY * largest
     ):
         raise ValueError
     return coordinates, covariance

@@ -124,8 +124,9 @@ class Effect:
 
     What a search asks: local : the pressure and radius of one wall show it. scales : its numbers are factors. typical :
     sizes of x = 1 by key (default: the nominal value). relative : keys that are counted relative to another key of the
-    owner, with the unit of the ratio. starts : points x from which a search may begin, beside 0; starts_along : those
-    for where along a segment it acts, of the first numbers of :meth:`coordinates_along`; more where those do not do.
+    owner, with the unit of the ratio. starts : points x from which a search may begin, beside 0; starts_along : values
+    of the first of :meth:`coordinates_along`, from which a search for where along a segment it acts may begin; the
+    others are searched for where these do not do.
     """
 
     name: ClassVar[str]

@@ -7,7 +7,7 @@ of the part, and a force on the flow is integrated over the part whatever elemen
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -34,10 +34,14 @@ def part_keys(key: str, length: float) -> tuple[dict[str, Quantity], dict[str, f
 
 
 class Partial(Effect):
-    """An effect of a part of a segment; ``along`` : the keys of its middle and of its length."""
+    """An effect of a part of a segment; ``along`` : the keys of its middle and of its length.
+
+    longest : of L, where its length is searched for.
+    """
 
     owner = "segment"
     places = ("segment",)
+    longest: ClassVar[float] = 1.0
 
     def ends(self, values: Values) -> tuple[Array, Array]:
         """x/L where the part begins and ends, inside the segment."""
@@ -58,9 +62,10 @@ class Partial(Effect):
     def coordinates_along(self, network: Described, place: str) -> tuple[Coordinate, ...]:
         names = self.variables(network, place)
         found = [self._coordinate(network, place, key, names[key]) for key in self.along]
-        position, *rest = (coordinate for coordinate in found if coordinate is not None)
+        position, length = (coordinate for coordinate in found if coordinate is not None)
         low, high = ((end - position.nominal) / position.size for end in (_FROM, _TO))
-        return (replace(position, low=low, high=high), *rest)
+        longest = (self.longest - length.nominal) / length.size
+        return replace(position, low=low, high=high), replace(length, high=min(length.high, longest))
 
 
 def _risen(x: Array, at: Array, width: Array) -> Array:
@@ -70,7 +75,7 @@ def _risen(x: Array, at: Array, width: Array) -> Array:
     return np.where(wide, t * t * (3.0 - 2.0 * t), np.where(x >= at, 1.0, 0.0))
 
 
-_PARTS = tuple(((p - 0.5) / _STEP, -3.5) for p in _POSITIONS)  # three tenths long
+_PARTS = tuple((p, 0.3) for p in _POSITIONS)  # three tenths long
 
 
 class WallStiffness(Partial):
@@ -80,6 +85,7 @@ class WallStiffness(Partial):
     terms = {"E_scale": Quantity("1", "stiffness scale s of the wall, E becomes s E", 1e-2, 1e2), **part}
     neutral = {"E_scale": 1.0, **usual}
     along = tuple(part)
+    longest = 0.8  # what is longer is the artery's own wall
     starts_along = _PARTS
     at_rest = True
     local = True
@@ -134,7 +140,7 @@ class Stenosis(Partial):
     terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **part}
     neutral = {"K": 0.0, **usual}
     along = tuple(part)
-    starts_along = tuple(((p - 0.5) / _STEP,) for p in _POSITIONS)
+    starts_along = tuple((p,) for p in _POSITIONS)
     typical = {"K": 10.0}
     cuts = (0.45, 0.55)
     signature = "systolic quadratic drop, timed reflection"

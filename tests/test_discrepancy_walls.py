@@ -146,7 +146,7 @@ def test_places_beside_a_site() -> None:
     begins; none of what acts everywhere in a segment or at an outlet."""
     for effect, rest in (("stenosis", ()), ("side_branch", (-3.5,))):
         found = beside_sites(NETWORK, term(effect, "A"))
-        assert [t.starts[0][1:] for t in found] == [(pytest.approx(x / 0.15), *rest) for x in (-0.2, 0.2)]
+        assert [t.starts[0][1:] for t in found] == [pytest.approx((x / 0.15, *rest)) for x in (-0.2, 0.2)]
         for t in found:
             assert t.moves_along and list(free(t.held().unknowns)) == [True, *[False] * (1 + len(rest))]
             assert list(absent(t.held().unknowns)) == [0.0, *t.starts[0][1:]]

@@ -8,21 +8,20 @@ import pytest
 from truth.hide import Effect
 from truth.records import Case, make
 
+from discrepancy.intervals import stated
 from discrepancy.name import name
 from discrepancy.study import prepare
 from discrepancy.verdict import Naming
-from fitting.inference.added import Estimate, estimates
-from fitting.inference.unknown import quantile
+from fitting.estimate import Estimate
 from fitting.records.record import Record
 
 
 def named(*effects: Effect, walls: str | None = "common") -> tuple[Naming, dict[str, Estimate]]:
-    """The verdict on a record that hides effects, and the parameters of the best answer's first effect."""
+    """The verdict on a record that hides effects, and what is stated of the best answer's first effect."""
     made = make(Case("network", "all", 40.0, effects), 7)
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
     naming = name(study.problem, study.terms, walls=walls)
-    fit, t = naming.best.fit, quantile(naming.problem.dof_of_noise)
-    return naming, estimates(naming.problem.network, fit, fit.terms[0], t)
+    return naming, stated(study.network, naming, naming.best, naming.best.fit.terms[0])
 
 
 def part(found: dict[str, Estimate], key: str) -> tuple[float, float]:

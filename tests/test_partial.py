@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fitting.inference.parts import placed
+from fitting.inference.terms import term_at
 from solver import Network, Settings, linear, simulate
 from solver.effects import BY_NAME
 from solver.files import dumps, loads
@@ -89,4 +91,22 @@ def test_in_a_search(sheep: Network, effect: Partial) -> None:
     ends = [position.nominal + position.size * x for x in (position.low, position.high)]
     np.testing.assert_allclose([*ends, position.size], [0.02, 0.98, 0.15])
     for start in effect.starts_along:
-        assert all(c.low <= x <= c.high for c, x in zip(along, start, strict=False))
+        for coordinate, value in zip(along, start, strict=False):
+            assert coordinate.low <= (value - coordinate.nominal) / coordinate.size <= coordinate.high
+
+
+@pytest.mark.parametrize("effect", PARTIAL, ids=lambda e: e.name)
+def test_where_a_search_begins_in_a_network_that_has_a_part(sheep: Network, effect: Partial) -> None:
+    """At the same places of the segment, whether its part lies in the middle or at x/L = 0.3 already."""
+    position, length = effect.along
+    there = effect.add(sheep, "MD", dict(effect.neutral) | {position: 0.3, length: 0.25})
+    begun = []
+    for network in (sheep, there):
+        term = term_at(network, effect, "MD")
+        found = None if term is None else placed(network, term, [1.0])
+        assert found is not None
+        own = effect.coordinates_along(network, "MD")
+        begun.append([[c.nominal + c.size * x for c, x in zip(own, s[1:], strict=False)] for s in found.starts])
+        for start in found.starts:
+            assert all(u.low <= x <= u.high for u, x in zip(found.unknowns, start, strict=True))
+    np.testing.assert_allclose(*begun)

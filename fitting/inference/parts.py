@@ -23,10 +23,13 @@ def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     """
     effect = effect_of(term)
     there = {u.name for u in term.unknowns}
-    missing = [searched(effect, c) for c in effect.coordinates_along(network, term.place) if c.name not in there]
-    starts = ((0.0,) * len(missing),) if term.moves_along else effect.starts_along
-    along = missing[: len(starts[0])] if missing else []
-    return replace(term, unknowns=(*term.unknowns, *along), starts=tuple((*x, *s) for s in starts)) if along else None
+    missing = [c for c in effect.coordinates_along(network, term.place) if c.name not in there]
+    if not missing:
+        return None
+    values = (tuple(c.nominal for c in missing),) if term.moves_along else effect.starts_along
+    along = missing[: len(values[0])]
+    starts = [(*x, *((v - c.nominal) / c.size for v, c in zip(each, along, strict=True))) for each in values]
+    return replace(term, unknowns=(*term.unknowns, *(searched(effect, c) for c in along)), starts=tuple(starts))
 
 
 def anywhere(network: Network) -> tuple[Term, ...]:
@@ -59,12 +62,11 @@ def beside_sites(network: Network, term: Term) -> tuple[Term, ...]:
     where the other does not. Nothing for a segment without site, whose middle is as good as another place.
     """
     sites = {site.position for site in network.sites if site.segment == term.place and 0.0 < site.position < 1.0}
-    anywhere = placed(network, term, [0.0] * len(term.unknowns))
-    if anywhere is None or not sites:
+    moved = placed(network, term, [0.0] * len(term.unknowns))
+    if moved is None or not sites:
         return ()
-    (position, *_), size = anywhere.unknowns[len(term.unknowns) :], len(term.unknowns)
+    (position, *_), size = moved.unknowns[len(term.unknowns) :], len(term.unknowns)
     ends = sorted({0.0, *sites, 1.0})
     middles = [(0.5 * (a + b) - position.nominal) / position.size for a, b in pairwise(ends)]
-    nearest = [min(anywhere.starts, key=lambda start: abs(start[size] - x)) for x in middles]
-    found = [[(grown, *start[1:]) for grown in _GROWN] for start in dict.fromkeys(nearest) if start[size] != 0.0]
-    return tuple(replace(anywhere, starts=tuple(starts)) for starts in found)
+    nearest = [min(moved.starts, key=lambda start: abs(start[size] - x)) for x in middles]
+    return tuple(grown(replace(moved, starts=(start,))) for start in dict.fromkeys(nearest) if start[size] != 0.0)
