@@ -45,12 +45,15 @@ class Asked:
                 f"leave out; ask for one of the two."
             )
 
-    def known(self, network: Network, record: Record) -> Prior | None:
-        """What the calibration says of the network; raises ValueError, one sentence, where it is of no use."""
+    def known(self, network: Network, record: Record | None) -> Prior | None:
+        """What the calibration says of the network; raises ValueError, one sentence, where it is of no use.
+
+        record : None where it cannot be used.
+        """
         if self.prior is None:
             return None
         found = read_prior(self.prior, network)
-        if INFLOW not in record.channels:
+        if record is not None and INFLOW not in record.channels:
             raise ValueError(
                 f"{os.fspath(self.prior)}: {record.path} has no {INFLOW} and is compared with one wall alone, whose "
                 f"spread is its own; leave the calibration out."

@@ -12,7 +12,7 @@ from . import thresholds
 from .outcome import Outcome
 from .places import plain
 from .sensor_plan import Gain, SensorPlan, nearest
-from .tables import effect_row, gap_unit, number, places_text, spread_text
+from .tables import class_texts, effect_row, gap_unit, number, spread_text
 from .tables import gap_text as gap_pair
 
 _MOST_GAINS = 3
@@ -23,6 +23,8 @@ def effects_table(outcome: Outcome) -> Table:
     """The effects that were added, with their parameters in the units that people read."""
     titles = {"ambiguous": "best of the class", "partial": "a part of what was missing"}
     title = titles.get(outcome.verdict, "what was missing")
+    if outcome.verdict == "ambiguous" and len(outcome.members) < 2:
+        title = "two faults of sensors"
     numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
     table = Table("effect", "where", *numbers, title=title, pad_edge=False)  # fits 80 columns
     for row in map(effect_row, outcome.effects):
@@ -42,11 +44,9 @@ def gap_text(outcome: Outcome) -> str:
 
 
 def class_text(outcome: Outcome) -> str:
-    """The members of the class, where there are several."""
-    if outcome.verdict not in ("ambiguous", "partial") or len(outcome.members) < 2:
-        return ""
-    members = "; ".join(f"{plain(name)} at {places_text(where)}" for name, where in outcome.members)
-    return f"cannot be told apart: {members}"
+    """The hypotheses of the class, where there are several."""
+    members = "; ".join(class_texts(outcome))
+    return f"cannot be told apart: {members}" if members else ""
 
 
 def walls_text(outcome: Outcome) -> str:

@@ -10,8 +10,7 @@ from solver.notebook.tables import table
 
 from . import figures
 from .outcome import Outcome
-from .places import label_text
-from .tables import effect_row, gap_text, percent, places_text
+from .tables import class_texts, effect_row, gap_text, percent
 
 
 def html(outcome: Outcome) -> str:
@@ -55,8 +54,7 @@ def _said(outcome: Outcome) -> list[str]:
         before, after = (gap_text(pair) for pair in (outcome.gap_before, outcome.gap_after))
         text = f"Gap in units of the noise, fitted and held-out beats: {before[0]} and {before[1]} before"
         said.append(f"{text}, {after[0]} and {after[1]} after." if outcome.gap_after else f"{text}.")
-    others = [f"{label_text(name)} at {places_text(where)}" for name, where in outcome.members]
-    if len(others) > len(outcome.effects):
-        said.append(f"Cannot be told apart: {', '.join(others)}.")
+    if members := class_texts(outcome):
+        said.append(f"Cannot be told apart: {'; '.join(members)}.")
     said += filter(None, (outcome.reason, outcome.separating_measurement))
     return [*said, *outcome.notes, *outcome.warnings]

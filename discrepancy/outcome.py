@@ -23,6 +23,8 @@ Array = np.ndarray
 VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
 ADDED = ("effect", "ambiguous", "several", "partial")  # those that add to the model
 
+Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
+
 
 @dataclass(frozen=True)
 class NamedEffect:
@@ -216,7 +218,7 @@ class Outcome(Shown):
     model: str
     kind: str
     effects: tuple[NamedEffect, ...] = ()
-    members: tuple[tuple[str, tuple[str, ...]], ...] = ()  # the class: name and place
+    members: tuple[Hypothesis, ...] = ()  # the class, best first
     reason: str | None = None
     remains: str | None = None
     confidence: float | None = None
@@ -257,6 +259,12 @@ class Outcome(Shown):
     def invisible(self) -> tuple[str, ...]:
         """Effects that these sensors cannot see."""
         return self.isolability.invisible if self.isolability else ()
+
+    @property
+    def not_judged(self) -> tuple[str, ...]:
+        """Effects that nothing can be said of: those without a derivative here that were not named either."""
+        named = {e.name for e in self.effects} | {name for member in self.members for name, _ in member}
+        return tuple(e for e in self.isolability.not_judged if e not in named) if self.isolability else ()
 
     # --- in a notebook --------------------------------------------------------------------------------------------
 
@@ -305,7 +313,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "confidence": outcome.confidence,
         "complete": outcome.complete,
         "effects": [effect(e) for e in outcome.effects],
-        "class": [{"name": name, "where": list(where)} for name, where in outcome.members],
+        "class": [[{"name": name, "where": list(where)} for name, where in member] for member in outcome.members],
         "located": [
             {"site": at.site, "signal": at.signal, "harmonic": at.harmonic, "z": at.z} for at in outcome.located
         ],
@@ -320,7 +328,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "walls": None if outcome.walls is None else walls(outcome.walls),
         "separating_measurement": outcome.separating_measurement,
         "invisible": list(outcome.invisible),
-        "not_judged": list(outcome.isolability.not_judged) if outcome.isolability else [],
+        "not_judged": list(outcome.not_judged),
         "reason": outcome.reason,
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 from solver import effects
 from solver.effect import Effect
@@ -34,7 +35,7 @@ def marks(outcome: Outcome) -> list[Mark]:
     named = found if outcome.verdict in ("effect", "several", "partial") else []
     return [
         Mark(_kind(name), _site(place), (name, where) in named, f"{plain(name)} at {place_text(place)}")
-        for name, where in dict.fromkeys((*named, *outcome.members, *found))
+        for name, where in dict.fromkeys((*named, *chain.from_iterable(outcome.members), *found))
         for place in where
     ]
 

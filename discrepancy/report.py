@@ -13,7 +13,7 @@ from solver.files import write_whole
 
 from . import tables, thresholds, visible
 from .outcome import VERDICTS, Outcome
-from .places import label_text, plain
+from .places import label_text
 from .scales import APART, Z
 from .wording import heading, meaning, next_steps
 
@@ -47,10 +47,8 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
     """The page with its figures inside."""
     templates = environment(Path(__file__).parent / "templates")
     templates.filters |= {
-        "plain": plain,
         "number": tables.number,
         "p": tables.p_text,
-        "places": tables.places_text,
         "label": label_text,
     }
     return templates.get_template("report.html.j2").render(
@@ -73,6 +71,7 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
     isolability = outcome.isolability
     return {
         "effects": [tables.effect_row(effect) for effect in outcome.effects],
+        "members": tables.class_texts(outcome),
         "candidates": tables.candidate_rows(outcome),
         "channels": [tables.channel_row(channel) for channel in outcome.channels],
         "gap_unit": tables.gap_unit(outcome),

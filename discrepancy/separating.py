@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from .places import entry, of_sensor
-from .study import Study
 from .verdict import Naming
 
 
-def separating_measurement(naming: Naming, study: Study) -> str | None:
+def separating_measurement(naming: Naming) -> str | None:
     """What the catalogue says separates the best of the class from the others; None for a class of one."""
     if len(naming.members) < 2:
         return None

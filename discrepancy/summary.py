@@ -71,7 +71,6 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     effects = tuple(r.added for r in shown.rounds if r.added is not None)
-    members = tuple((t.effect, t.where) for n in naming.members for t in n.fit.terms)
     least = smallest(naming.base.fit, naming.columns, naming.terms) if naming.verdict == "none" else {}
     final = (naming.best if after else naming.base).fit
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
@@ -86,10 +85,10 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         model=os.fspath(model),
         kind=study.problem.kind,
         effects=effects,
-        members=tuple(dict.fromkeys(members)),
+        members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
         reason=None if naming.verdict == "partial" else remarks,
         remains=remarks if naming.verdict == "partial" else None,
-        separating_measurement=separating_measurement(naming, study),
+        separating_measurement=separating_measurement(naming),
         located=located.located,
         balances=balances,
         channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),

@@ -136,6 +136,15 @@ def places_text(where: Iterable[str]) -> str:
     return ", ".join(map(place_text, where)) or DASH
 
 
+def class_texts(outcome: Outcome) -> list[str]:
+    """Every hypothesis of the class in words, its effects together; none where nothing else cannot be ruled out."""
+    if len(outcome.members) < 2:
+        return []
+    return [
+        " with ".join(f"{plain(name)} at {places_text(where)}" for name, where in member) for member in outcome.members
+    ]
+
+
 # --- rows ---------------------------------------------------------------------------------------------------------
 
 

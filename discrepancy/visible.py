@@ -81,7 +81,7 @@ def _rival_row(isolability: Isolability, label: str) -> dict[str, Any]:
 def not_judged(outcome: Outcome) -> dict[str, str]:
     """Effects that nothing can be said of, in words, by the reason."""
     reasons: dict[str, list[str]] = {}
-    for name in outcome.isolability.not_judged if outcome.isolability else ():
+    for name in outcome.not_judged:
         reasons.setdefault(_why(outcome, entry(name)), []).append(plain(name))
     return {reason: ", ".join(names) for reason, names in reasons.items()}
 

@@ -25,9 +25,9 @@ _MEANINGS: Mapping[str, str] = {
     "ambiguous": "The model and the record disagree by more than noise. The candidates of the class below all explain "
     "it; the record does not tell them apart. The first is only the best of them, not a finding.",
     "several": "The model and the record disagree by more than noise, and one effect does not explain it. The effects "
-    "below do so together, strongest first; other pairs that would do as well are in the class.",
+    "below do so together, strongest first.",
     "partial": "The model and the record disagree by more than noise. The effect below explains a significant part of "
-    "it, and no other candidate does so as well; but more than noise remains. What remains counts as a random error of "
+    "it, but more than noise remains. What remains counts as a random error of "
     "the model, which makes the interval wider and the name less certain than one without.",
     "unknown": "The model and the record disagree by more than noise, and no effect of the catalogue explains it. "
     "Nothing was added to the model.",
@@ -35,6 +35,12 @@ _MEANINGS: Mapping[str, str] = {
     "not the physics.",
 }
 
+_TWO_FAULTS = "The sensors of one site seem to have two faults"
+_MEANING_TWO_FAULTS = (
+    "The model and the record disagree by more than noise. Two faults of the sensors of one site explain it together. "
+    "Every other candidate was ruled out, but two such faults can imitate much else: they are no finding."
+)
+_CLASS = "The record does not rule out the other candidates of the class below."
 _SENSOR = (
     "It belongs to the measurement, not to the arteries: the network file describes it as a property of the channel, "
     "and the physics of the FMU is as it was."
@@ -48,13 +54,26 @@ def heading(outcome: Outcome) -> str:
         return "A sensor explains the disagreement"
     if outcome.verdict == "partial" and _of_sensors(outcome):
         return "The measurement is at fault, and that is not all"
+    if outcome.verdict == "ambiguous" and not _open(outcome):
+        return _TWO_FAULTS
     return _HEADINGS[outcome.verdict]
 
 
 def meaning(outcome: Outcome) -> str:
     """What the verdict means, in two or three sentences."""
-    said = _MEANINGS[outcome.verdict]
-    return f"{said} {_SENSOR}" if outcome.verdict in ("effect", "partial") and _of_sensors(outcome) else said
+    if outcome.verdict == "ambiguous":
+        return _MEANINGS["ambiguous"] if _open(outcome) else _MEANING_TWO_FAULTS
+    said = [_MEANINGS[outcome.verdict]]
+    if _open(outcome):
+        said.append(_CLASS)
+    if outcome.verdict in ("effect", "partial") and _of_sensors(outcome):
+        said.append(_SENSOR)
+    return " ".join(said)
+
+
+def _open(outcome: Outcome) -> bool:
+    """Whether the record leaves more than one hypothesis."""
+    return len(outcome.members) > 1
 
 
 def _of_sensors(outcome: Outcome) -> bool:
@@ -84,6 +103,8 @@ def next_steps(outcome: Outcome) -> list[str]:
             steps.append(
                 "Judge the added term by what it leaves: the z map and the gaps of the channels below show where."
             )
+        case "ambiguous" if not _open(outcome):
+            steps.append("Calibrate the sensors of that site, or exchange them, and record again.")
         case "ambiguous":
             if not steps:
                 steps.append(f"The study found no one measurement that separates the class; {_ISOLABILITY}")

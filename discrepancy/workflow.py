@@ -92,7 +92,8 @@ def discover(
     asked.check()
     network = read_model(model)
     measured = _read(record, reading)
-    known = asked.known(network, measured) if isinstance(measured, Record) else None
+    known = asked.known(network, measured if isinstance(measured, Record) else None)
+    told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
     _check_folder(folder)
     journal = None
@@ -107,7 +108,7 @@ def discover(
     outcome = replace(
         outcome,
         seconds=time.perf_counter() - started,
-        provenance={**outcome.provenance, "asked": asked.plain},
+        provenance={**outcome.provenance, "asked": told},
         warnings=(*(known.doubts(measured) if known and isinstance(measured, Record) else ()), *outcome.warnings),
     )
     _write(outcome, fmu, folder, progress)
@@ -238,10 +239,14 @@ class _Work:
     def _free(
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
+        """The free run of a stage, without which there is no study."""
         try:
-            return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study or self.study, fit, wave, starts))
+            return self._kept(fmu, stage, fit, wave, starts, study or self.study)
         except RunFailed as error:
             raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
+
+    def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
+        return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))
 
     def _add(self, study: Study, naming: Naming, wave: Array, shown: Shown) -> Shown:
         """With the extended network, its FMU and its free run."""
@@ -271,7 +276,8 @@ class _Work:
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
 
-        That is refitted in what is left of the time limit, and else not told.
+        That is refitted in what is left of the time limit. Where it is over, or the FMU does not run with the first
+        alone, it is not told.
         """
         best = naming.best
         first, *second = (
@@ -292,7 +298,8 @@ class _Work:
             (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit, runs)
         if alone is not None:
             fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
-            middle = self._free(fmu, "middle", alone, wave, {}, study).gap.total
+            with suppress(RunFailed):
+                middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
         return (
             Round(first, before.gap.total, middle),
             Round(second[0], middle or before.gap.total, after.gap.total),

@@ -86,6 +86,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         z[:15, [name.startswith("CA") for name in names]] += 60.0 * np.exp(-np.arange(15.0) / 5)[:, None]
     z[30, 0] = np.nan
     effects = {"several": (CA, OUTLET)}.get(verdict, (CA,) if added else ())
+    others = {"ambiguous": ((LAG,),), "several": ((LAG, OUTLET), (CA, LAG))}.get(verdict, ())
     own = {"CA.E": OwnNumber(9e5, Estimate(1.2e6, "Pa", (1.1e6, 1.3e6)), 3.1)}
     own |= {"FA.outlet.R_t": OwnNumber(0.5, Estimate(0.48, "1", (0.45, 0.51)), -0.7, "calibration")}
     walls = Walls("individual", {"E": (0.08, 0.06)}, own) if verdict == "partial" else Walls()
@@ -96,7 +97,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
     return replace(
         plain,
         effects=effects,
-        members=tuple((e.name, e.where) for e in {"ambiguous": (CA, LAG)}.get(verdict, effects)),
+        members=tuple(tuple((e.name, e.where) for e in each) for each in ((effects, *others) if added else ())),
         reason="A residual at harmonics 5 to 9 of CA that no effect explains." if verdict == "unknown" else None,
         remains="Whitened RMS 3.1, most in CA.P." if verdict == "partial" else None,
         confidence=None if verdict == "unknown" else 0.87,

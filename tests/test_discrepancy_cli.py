@@ -80,6 +80,9 @@ def test_a_bench_record_end_to_end(folder: Path) -> None:
         assert (folder / "out" / name).stat().st_size > 100
 
 
+VISCOSITY, LAG = ("wall_viscosity", ("CA",)), ("channel_lag", ("CA.P",))
+
+
 def outcome(**changes: Any) -> Outcome:
     """An outcome with numbers that are made up."""
     fields: dict[str, Any] = {
@@ -91,7 +94,7 @@ def outcome(**changes: Any) -> Outcome:
         "effects": (
             NamedEffect("wall_viscosity", ("CA",), {"CA.phi0": Estimate(7.7e4, "Pa.s", (7.1e4, 8.3e4))}, 0.62),
         ),
-        "members": (("wall_viscosity", ("CA",)), ("channel_lag", ("CA.P",))),
+        "members": ((VISCOSITY,), (LAG,)),
         "separating_measurement": "Calibrate CA.P.",
         "gap_before": (9.1, 9.3),
         "gap_after": (1.01, 1.04),
@@ -138,6 +141,19 @@ def test_an_ambiguous_outcome(found: Callable[[Any], None]) -> None:
     assert run(*STUDY, "--quiet").output == ""
     assert run("discover", *STUDY).stdout == done.stdout
     assert run("--model", "sheep", "--out", "o", "r.csv").stdout == done.stdout
+
+
+@pytest.mark.parametrize("verdict", ["ambiguous", "several", "partial"])
+def test_a_class_with_a_pair(found: Callable[[Any], None], verdict: str) -> None:
+    """The effects of one hypothesis stand together, whatever the verdict; a single pair is no class, but two faults."""
+    gain = ("channel_gain", ("FA.P",))
+    found(outcome(verdict=verdict, members=((VISCOSITY, gain), (LAG,))))
+    done = run(*STUDY)
+    assert "cannot be told apart: wall viscosity at CA with channel gain at FA.P; channel lag at CA.P" in done.stdout
+    assert ("best of the class" in done.stdout) == (verdict == "ambiguous")
+    found(outcome(verdict=verdict, members=((VISCOSITY, LAG),)))
+    done = run(*STUDY)
+    assert "told apart" not in done.stdout and "of the class" not in done.stdout
 
 
 def test_tables_fit_eighty_columns() -> None:

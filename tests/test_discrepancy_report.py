@@ -45,6 +45,7 @@ from discrepancy.tables import (
     number,
 )
 from discrepancy.visible import not_judged, rival_rows, smallest_rows
+from discrepancy.wording import meaning
 from fitting.estimate import Estimate
 from fitting.pages import page as shared
 from solver import Network
@@ -109,7 +110,15 @@ SAID = {
     "none": ("No effect is missing", "Smallest detectable sizes", "±2.1 kPa·s", "Invisible to them"),
     "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3e−12"),
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
-    "several": ("Several effects are missing", "Rounds", "terminal reflection, at FA", "0.620"),
+    "several": (
+        "Several effects are missing",
+        "Rounds",
+        "terminal reflection, at FA",
+        "0.620",
+        "does not rule out the other candidates of the class below",
+        "wall viscosity at CA with terminal reflection at FA",
+        "wall viscosity at CA with channel lag at CA.P",
+    ),
     "partial": (
         "and more than that",
         "What remains: Whitened RMS 3.1",
@@ -201,7 +210,7 @@ def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -
 
 def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
     write_report(
-        replace(synthetic("ambiguous", sheep), verdict="effect", effects=(LAG,), members=((LAG.name, LAG.where),)),
+        replace(synthetic("ambiguous", sheep), verdict="effect", effects=(LAG,), members=(((LAG.name, LAG.where),),)),
         tmp_path,
     )
     text = read(tmp_path / "report.html").text
@@ -209,11 +218,50 @@ def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
         assert words in text, words
 
 
+CLASS = "The class: this record does not tell these apart"
+
+
+@pytest.mark.parametrize("verdict", ["ambiguous", "several", "partial"])
+def test_the_class_is_shown_where_it_leaves_a_choice(sheep: Network, verdict: str) -> None:
+    """Each hypothesis is one line with its effects together, in verdict.json one list; alone it is no class."""
+    outcome = synthetic(verdict, sheep)
+    pair = (("stenosis", ("MD",)), ("channel_gain", ("CA.P",)))
+    outcome = replace(outcome, members=((("wall_viscosity", ("CA",)),), pair))
+    html = page(outcome, {})
+    shown = re.search(rf"<h3>{CLASS}</h3>\s*<ul>(.*?)</ul>", html, re.DOTALL)
+    assert shown is not None
+    assert re.findall("<li>(.*?)</li>", shown[1]) == [
+        "wall viscosity at CA",
+        "stenosis at MD with channel gain at CA.P",
+    ]
+    assert "Cannot be told apart: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
+    assert verdict_json(outcome)["class"] == [
+        [{"name": "wall_viscosity", "where": ["CA"]}],
+        [{"name": "stenosis", "where": ["MD"]}, {"name": "channel_gain", "where": ["CA.P"]}],
+    ]
+    alone = replace(outcome, members=(pair,))
+    assert CLASS not in page(alone, {}) and "told apart" not in alone._repr_html_()
+
+
+def test_the_class_is_only_spoken_of_where_it_is(sheep: Network) -> None:
+    """A partial answer alone in its class has no other; two faults of one site's sensors are no class of two."""
+    partial = synthetic("partial", sheep)
+    assert "class" not in meaning(partial) and "as well" not in meaning(partial)
+    several = replace(partial, members=(*partial.members, ((LAG.name, LAG.where),)))
+    assert "does not rule out the other candidates of the class below" in meaning(several)
+    assert "as well" not in meaning(several)
+    faults = ((LAG.name, LAG.where), ("catheter_resonance", ("CA.R",)))
+    html = page(replace(synthetic("ambiguous", sheep), members=(faults,), separating_measurement=None), {})
+    assert "<h1>The sensors of one site seem to have two faults</h1>" in html
+    assert "can imitate much else" in html and "Calibrate the sensors of that site" in html
+    assert "of the class" not in html and CLASS not in html
+
+
 def test_marks_are_where_the_effect_acts(sheep: Network) -> None:
     """A vessel, a junction of the same name, a sensor's site, and everywhere; named ones apart from possible ones."""
 
     def placed(verdict: str, *effects: tuple[str, str]) -> list[tuple[str, str, bool]]:
-        members = tuple((name, (place,)) for name, place in effects)
+        members = tuple(((name, (place,)),) for name, place in effects)
         named = NamedEffect(effects[0][0], (effects[0][1],), {}, 1.0)
         outcome = Outcome(verdict, "", "", "", "network", effects=(named,), members=members)
         return [(mark.kind, mark.place, mark.named) for mark in marks(outcome)]
@@ -225,6 +273,8 @@ def test_marks_are_where_the_effect_acts(sheep: Network) -> None:
     ]
     assert placed("effect", ("terminal_reflection", "all")) == [("outlet", "all", True)]
     assert placed("effect", ("fluid_friction", "all")) == [("segment", "all", True)]
+    texts = [mark.text for mark in marks(synthetic("several", sheep))]
+    assert texts == ["wall viscosity at CA", "terminal reflection at FA", "channel lag at CA.P"]
 
 
 # --- numbers ------------------------------------------------------------------------------------------------------
@@ -368,7 +418,7 @@ def test_rivals_are_marked_as_they_are_told() -> None:
 
 def test_why_effects_were_not_judged(sheep: Network) -> None:
     """An outlet of another kind; this animal's walls, where each differs; the time limit; a model that breaks down."""
-    outcome = synthetic("partial", sheep)
+    outcome = replace(synthetic("partial", sheep), effects=(), members=())
     assert outcome.isolability is not None and outcome.walls is not None
     table = replace(outcome.isolability, not_judged=("wall_viscosity", "terminal_compliance", "stenosis"))
     animal, outlet, broken = not_judged(replace(outcome, complete=True, isolability=table)).items()
@@ -380,6 +430,24 @@ def test_why_effects_were_not_judged(sheep: Network) -> None:
     none = replace(table, labels=(), separation=np.zeros((0, 0)), visibility=np.zeros(0), invisible=())
     assert not_judged(replace(common, isolability=none))[
         "the time limit was over before it was simulated"] == "wall viscosity, stenosis"  # fmt: skip
+
+
+def test_what_was_named_was_judged(sheep: Network) -> None:
+    """A stiff part of a segment is named where every artery differs, or is in the class: page and verdict.json do not
+    say that wall stiffness was not judged. The viscosity of all, which was not named, remains."""
+    outcome = synthetic("partial", sheep)
+    assert outcome.isolability is not None
+    stiff = NamedEffect("wall_stiffness", ("CA",), {}, 0.9)
+    table = replace(outcome.isolability, not_judged=("wall_stiffness", "wall_viscosity"))
+    outcome = replace(outcome, isolability=table, effects=(), members=())
+    label = ("wall_stiffness", ("CA",))
+    assert list(not_judged(replace(outcome, complete=True)).values()) == ["wall stiffness, wall viscosity"]
+    for named in (
+        replace(outcome, effects=(stiff,), members=((label,),)),
+        replace(outcome, members=((("stenosis", ("MD",)),), (("stenosis", ("BT",)), label))),
+    ):
+        assert list(not_judged(replace(named, complete=True)).values()) == ["wall viscosity"]
+        assert verdict_json(named)["not_judged"] == ["wall_viscosity"]
 
 
 def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import pickle
 import shutil
 from dataclasses import dataclass, replace
@@ -25,12 +26,16 @@ from discrepancy.name import name
 from discrepancy.outcome import VERDICTS, Outcome, verdict_json
 from discrepancy.show import Gap, Run, compared, own_parity
 from discrepancy.source import read_model
-from discrepancy.study import judge, prepare
+from discrepancy.study import Study as Prepared
+from discrepancy.study import Unusable, judge, prepare
 from discrepancy.summary import Shown, fmu_warnings, global_p, summary
 from discrepancy.verdict import Naming
+from discrepancy.weigh import Named
 from discrepancy.workflow import discover
 from fitting.bench import on_bench
+from fitting.fmu_run import RunFailed
 from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term
 from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
@@ -134,7 +139,7 @@ def test_verdict_json(study: Study) -> None:
     assert {name: told["unit"]} == {f"{SITE}.ENL": "Pa"} and set(truth) == {name}
     assert told["ci95"][0] <= truth[name] <= told["ci95"][1]
     assert abs(told["value"] / truth[name] - 1.0) < 0.15
-    assert v["class"] == [{"name": HIDDEN.name, "where": [SITE]}]
+    assert v["class"] == [[{"name": HIDDEN.name, "where": [SITE]}]]
     assert {"site", "signal", "harmonic", "z"} <= set(v["located"][0]) and v["located"][0]["site"] == SITE
     zs = [at["z"] for at in v["located"]]
     assert zs == sorted(zs, reverse=True) and zs[0] > 4.0
@@ -293,11 +298,17 @@ def test_bench_of_a_site() -> None:
 # --- the time limit --------------------------------------------------------------------------------------------------
 
 
-def test_an_incomplete_search_is_said(tmp_path: Path) -> None:
-    """A healthy bench whose search was cut short: summary, page and verdict.json say so; of a whole one none does."""
+@pytest.fixture(scope="module")
+def healthy() -> tuple[Record, Prepared, Naming]:
+    """A bench record that nothing is missing in."""
     made = make(Case("bench", SITE, 40.0), 3)
     record = Record("made", "", made.time, made.channels, {})
-    study, naming = judge(record, made.base)
+    return record, *judge(record, made.base)
+
+
+def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming], tmp_path: Path) -> None:
+    """A healthy bench whose search was cut short: summary, page and verdict.json say so; of a whole one none does."""
+    record, study, naming = healthy
     assert (naming.verdict, naming.complete) == ("none", True)
     X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
     run = compared(study, naming.base.fit, X)
@@ -347,6 +358,58 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
         f"naming, {n} simulations, done by {last} at the latest" for n in (300, 301, 302)
     ]
     assert [fraction for fraction, _ in told] == pytest.approx([0.2, 0.45, 0.575, 0.7])
+
+
+# --- two effects ------------------------------------------------------------------------------------------------------
+
+
+def two(naming: Naming) -> Named:
+    """A hypothesis of two effects, with numbers that are made up."""
+    terms = tuple(Term(e, place, (place,), ()) for e, place in (("stenosis", "MD"), ("channel_gain", "CA.P")))
+    return replace(naming.base, fit=replace(naming.base.fit, terms=terms))
+
+
+def test_a_class_holds_hypotheses(healthy: tuple[Record, Prepared, Naming]) -> None:
+    """Of two pairs that share an effect: which belong together is kept."""
+    record, study, naming = healthy
+    one = two(naming)
+    other = replace(one, fit=replace(one.fit, terms=(Term("taper", "PD", ("PD",), ()), one.fit.terms[1])))
+    X = np.stack([np.fft.rfft(study.fitted.mean(n), norm="forward") for n in study.problem.signals], axis=1)
+    run = compared(study, naming.base.fit, X)
+    outcome = summary(record, "base.toml", study, replace(naming, members=(one, other)), Shown(run, run))
+    gain = ("channel_gain", ("CA.P",))
+    assert outcome.members == ((("stenosis", ("MD",)), gain), (("taper", ("PD",)), gain))
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_a_side_run_that_fails(
+    healthy: tuple[Record, Prepared, Naming], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fails: bool
+) -> None:
+    """The FMU does not run with the first of two effects alone: what that does is not told, and both are found. A run
+    that the study needs makes the record unusable."""
+    record, study, naming = healthy
+    best, middle = two(naming), Run(np.zeros((1, 1)), {}, Gap((5.0, 6.0), {}))
+
+    def free_run(*_: Any) -> Run:
+        if fails:
+            raise RunFailed("CA: Q is not finite.")
+        return middle
+
+    monkeypatch.setattr(workflow, "free_run", free_run)
+    monkeypatch.setattr(workflow, "stated", lambda *_: {})
+    monkeypatch.setattr(workflow, "extended", lambda network, _: network)
+    work: Any = object.__new__(workflow._Work)
+    work.record, work.network, work.journal = record, study.network, Journal(tmp_path, [])
+    work.deadline, work._fmu = math.inf, lambda network, stage: tmp_path / f"{stage}.fmu"
+    alone: Any = SimpleNamespace(refit=lambda *_: [best.fit])
+    before, after = (Run(np.zeros((1, 1)), {}, Gap((gap, gap), {})) for gap in (9.0, 1.0))
+    first, second = work._rounds(study, replace(naming, ranked=(best,), problem=alone), before, after)
+    assert (first.added.name, second.added.name) == ("stenosis", "channel_gain")
+    assert (first.before, first.after) == ((9.0, 9.0), None if fails else (5.0, 6.0))
+    assert (second.before, second.after) == ((9.0, 9.0) if fails else (5.0, 6.0), (1.0, 1.0))
+    if fails:
+        with pytest.raises(Unusable, match="the model does not run with this record: CA: Q is not finite"):
+            work._free(tmp_path / "after.fmu", "after", best.fit, np.zeros(1), {}, study)
 
 
 # --- the journal -----------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 from forked import NETWORK, N, T, clean, record
 
-from discrepancy import discover
+from discrepancy import discover, workflow
 from discrepancy.asked import Asked
+from discrepancy.outcome import Outcome
+from discrepancy.study import Unusable
 from fitting.inference.asked import parse_unknowns
 from fitting.inference.evidence import with_widths
 from fitting.inference.fit import Member
@@ -140,6 +143,38 @@ def test_a_record_that_counts_twice(tmp_path: Path) -> None:
     outcome = discover(tmp_path / "r.csv", tmp_path / "fork.toml", tmp_path / "out", prior=prior)
     assert outcome.verdict == "unusable" and "calibrated with" in outcome.warnings[0]
     assert outcome.provenance["asked"]["prior"]["file"] == str(prior)
+
+
+@pytest.mark.parametrize("removed", [True, False])
+def test_a_file_that_is_gone_in_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, removed: bool) -> None:
+    """Removed or written anew while the study is under way: it ends, and states the hash of what it began with."""
+    write_record(tmp_path / "r.csv", np.arange(N) * T / N, clean())
+    write_network(NETWORK, tmp_path / "fork.toml")
+    prior = written(tmp_path)
+    sha256 = hashlib.sha256(prior.read_bytes()).hexdigest()
+
+    class Work:
+        def __init__(self, *_: Any) -> None:
+            pass
+
+        def run(self) -> tuple[Outcome, None]:
+            prior.unlink() if removed else prior.write_bytes(b"abc")
+            return Outcome("none", "", "r.csv", "fork.toml", "network"), None
+
+    monkeypatch.setattr(workflow, "check_record", lambda _: None)
+    monkeypatch.setattr(workflow, "_Work", Work)
+    outcome = discover(tmp_path / "r.csv", tmp_path / "fork.toml", tmp_path / "out", prior=prior)
+    assert outcome.verdict == "none" and outcome.provenance["asked"]["prior"]["sha256"] == sha256
+    told = json.loads((tmp_path / "out" / "verdict.json").read_text(encoding="utf-8"))
+    assert told["provenance"]["asked"]["prior"] == {"file": str(prior), "sha256": sha256}
+
+
+def test_no_file_for_a_record_of_no_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The calibration is read before the record is judged: a sentence, where the study ended in a traceback."""
+    monkeypatch.setattr(workflow, "_read", lambda *_: Unusable("r.csv: it is too short."))
+    write_network(NETWORK, tmp_path / "fork.toml")
+    with pytest.raises(ValueError, match=r"no\.json: there is no such file"):
+        discover("r.csv", tmp_path / "fork.toml", tmp_path / "out", prior=tmp_path / "no.json")
 
 
 def test_what_was_asked_is_plain(tmp_path: Path) -> None:
