@@ -22,7 +22,7 @@ from .animal import odd_ones, walls_of
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
-from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round
+from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
@@ -31,6 +31,10 @@ from .verdict import Naming
 
 _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
+_BENT = (
+    "The walls are as far as the search came, and some may be bent for want of what is missing: do not take them for "
+    "the animal's."
+)
 _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
 
 
@@ -74,6 +78,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     least = smallest(naming.base.fit, naming.columns, naming.terms) if naming.verdict == "none" else {}
     final = (naming.best if after else naming.base).fit
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
+    bent = _bent(walls, naming)
     remarks = plain(naming.reason) if naming.reason else None
     return Outcome(
         verdict=naming.verdict,
@@ -106,10 +111,16 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         network_before=study.network,
         network_after=shown.network,
         p_value=global_p(study, naming, located.p_value),
-        warnings=(*study.warnings, *fmu_warnings(shown)),
-        notes=tuple(odd_ones(walls, study.network)),
+        warnings=(*study.warnings, *fmu_warnings(shown), *([_BENT] if bent else [])),
+        notes=() if bent else tuple(odd_ones(walls, study.network)),
         provenance=_provenance(record, model, study, shown.given),
     )
+
+
+def _bent(walls: Walls, naming: Naming) -> bool:
+    """Whether walls beyond their spreads may be so for want of what is missing, and not in the animal."""
+    ended = naming.complete and naming.verdict != "unknown"
+    return not ended and any(own.beyond for own in walls.arteries.values())
 
 
 def global_p(study: Study, naming: Naming, of_map: float) -> float:

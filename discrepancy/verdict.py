@@ -74,7 +74,7 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
     # several that look alike share what they have between them: together they may be likelier than none
     best = next((n for n in ways if n.fit.terms), ways[0]) if _named(ways) > 0.5 else ways[0]
-    none = next((n for n in found.nones if n.individual == best.individual), found.none)
+    none = _without(found, best)
     make = _Maker(found, tuple(terms), complete)
     if not best.fit.terms:
         if best.parts is None or none.explains:
@@ -88,6 +88,15 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
         members = _class(order[: len(same)])
         return make(_said(best, members), problem, none, order, members, stated(confidence, problem.kind))
     return _partial(make, found, none, ways, confidence)
+
+
+def _without(found: Compared, best: Named) -> Named:
+    """The animal without effect: with walls as the best hypothesis has them, or nearer to the record where the search
+    for walls that differ ended farther from it than what all arteries have in common."""
+    own = next((n for n in found.nones if n.individual == best.individual), found.none)
+    if own.explains or not (best.fit.terms and best.individual):
+        return own
+    return min(found.nones, key=lambda n: n.fit.chi2)
 
 
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:

@@ -13,14 +13,17 @@ from discrepancy import thresholds as at
 from discrepancy.along import moved_along
 from discrepancy.compare import Compared
 from discrepancy.further import _firsts
-from discrepancy.outcome import NamedEffect
+from discrepancy.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.show import Gap
-from discrepancy.summary import sentence
-from discrepancy.verdict import Naming, _said
+from discrepancy.summary import _bent, sentence
+from discrepancy.verdict import Naming, _said, _without
 from discrepancy.weigh import Named, ranked
+from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term
+from fitting.inference.unknown import Unknown
+from solver.coordinate import SHIFT
 
 
 def named(effect: str, cost: float, log_volume: float) -> Named:
@@ -96,3 +99,44 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
     assert ("but more than noise remains: RMS 3" in one) == (verdict == "partial")
     assert ("1 other candidate cannot be ruled out" in one) == (others == 1)
     assert "imitate" not in said(LAG, GAIN)
+
+
+# --- beside what is found ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("own_chi2", "individual", "expected"),
+    [(100.0, True, False), (30.0, True, True), (100.0, False, False)],
+    ids=["walls that differ were not found", "walls that differ", "walls with all in common"],
+)
+def test_without_effect_is_no_farther_off_than_need_be(own_chi2: float, individual: bool, expected: bool) -> None:
+    """χ² of 40 with walls in common: what a name gains is counted from there where the search for walls that differ
+    ended at 100, and from these at 30."""
+    own = Unknown("A.E of its own", SHIFT, (("A.E", 1.0),), -1.0, 1.0, group="E")
+
+    def walls(hypothesis: Named, differ: bool) -> Named:
+        return replace(hypothesis, fit=replace(hypothesis.fit, unknowns=(own,) if differ else ()))
+
+    nones = [walls(replace(pair(), fit=replace(named("", chi2, 0.0).fit, terms=())), differ)
+             for chi2, differ in ((40.0, False), (own_chi2, True))]  # fmt: skip
+    best = walls(named("stenosis", 1.0, 0.0), individual)
+    problem: Any = None
+    assert _without(Compared(problem, tuple(nones), (best,), {}, ()), best).individual is expected
+
+
+@pytest.mark.parametrize(
+    ("verdict", "complete", "deviation", "expected"),
+    [
+        ("unknown", True, 9.0, True),
+        ("effect", False, 9.0, True),
+        ("effect", True, 9.0, False),
+        ("unknown", True, 1.0, False),
+    ],
+)
+def test_walls_that_may_be_bent(verdict: str, complete: bool, deviation: float, expected: bool) -> None:
+    """Nine spreads off is this animal's where the record is explained; it may make up for what is missing where it is
+    not, or where the search did not end. An ordinary wall is nothing to warn of."""
+    problem: Any = None
+    naming = Naming(verdict, problem, pair(), (), (), {}, (), 0.9, complete=complete)
+    walls = Walls("individual", {}, {"A.E": OwnNumber(1.0, Estimate(1.1, "Pa", (1.0, 1.2)), deviation)})
+    assert _bent(walls, naming) is expected
