@@ -24,9 +24,9 @@ def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterato
     tried: set[str] = set()
     if found.best.fit.terms and (fits := moved_along(found, runs)):
         yield (found := found.joined_by(fits))
-    if not found.best.explains and (fits := parts(found, runs)):
+    if found.best.fit.terms and not found.best.explains and (fits := parts(found, runs)):
         yield (found := found.joined_by(fits))
-        if found.best.fit.terms and not found.best.explains and (fits := moved_along(found, runs)):
+        if not found.best.explains and (fits := moved_along(found, runs)):
             yield (found := found.joined_by(fits))
     while found.best.fit.terms and not found.best.explains:
         fits = with_one_more(found, runs, tried, branches)

@@ -84,11 +84,10 @@ def _begun_again(found: Compared, effects: Sequence[Term], runs: Runs) -> Iterat
     anew = rewirings(found)
     if not found.best.explains:
         anew += [(t,) for t in effects]
-    if not anew:
-        return
-    yield (found := _from_the_file(found, anew, runs))
-    if others := _instead(found):
-        yield (found := _from_the_file(found, others, runs))
+    if anew:
+        yield (found := _from_the_file(found, anew, runs))
+        if others := _instead(found):
+            yield (found := _from_the_file(found, others, runs))
     if found.best.fit.terms and found.best.explains:  # an animal without effect begins at those walls, too
         fits = [f for f in found.problem.refit([()], found.best.fit, runs) if f is not None]
         yield found.joined_by(fits)
