@@ -120,9 +120,10 @@ def rewirings(found: Compared) -> list[tuple[Term, ...]]:
 
 
 def hopeless(found: Compared) -> bool:
-    """Whether the best effect leaves so much that nothing more beside it would explain the record."""
+    """Whether the best effect leaves so much that nothing more beside it would explain the record; or, where none was
+    tried, the animal without effect so much that its walls are to blame, too."""
     fit = found.best.fit
-    return bool(fit.terms) and fit.chi2 > at.HOPELESS * len(fit.z)
+    return fit.chi2 > (at.HOPELESS if fit.terms else at.ANOTHER_ANIMAL) * len(fit.z)
 
 
 def within(factor: float, fit: Fit, best: Fit) -> bool:
