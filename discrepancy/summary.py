@@ -54,12 +54,14 @@ def unusable(
     reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
 ) -> Outcome:
     """The outcome for a record that cannot be used."""
+    channels = measured.channels if isinstance(measured, Record) else ()
+    of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
         verdict="unusable",
         sentence="This record cannot be used with this model.",
         record=os.fspath(record),
         model=os.fspath(model),
-        kind="bench" if isinstance(measured, Record) and INFLOW not in measured.channels else "network",
+        kind="bench" if of_one_site else "network",
         reason=reason,
         provenance={"software": software()},
     )

@@ -239,7 +239,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
     [
         (("virtual_AA.csv", "--model", "nosuch", "--out", "o"), "nosuch"),
         (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv: not a network file but a rec"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "cannot be made"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "virtual_AA.csv: is a file, not a folder"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "5 kg"), "--time-limit"),
         (
