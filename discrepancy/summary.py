@@ -214,9 +214,10 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
         case "partial":
             lacks = "The measurement is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
             lacks = _ONE_SITE if naming.of_one_site else lacks
-            them, remains = "both" if len(effects) > 1 else "it", plain(naming.reason or "")
-            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains: {remains}{more}."
-    return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
+            them = "both" if len(effects) > 1 else "it"
+            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains{more}."
+    missing = "that the catalogue does not explain" if naming.complete else "that nothing explains which was tried"
+    return f"Something is missing {missing}: the gap to held-out beats is {before.total[1]:.3g} times the noise."
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:

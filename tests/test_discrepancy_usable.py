@@ -199,7 +199,10 @@ def test_what_a_bench_is() -> None:
     x = np.zeros(8)
     assert bench_site(as_record({"CA.P": x, "CA.R": x}), sheep) == "CA"
     for names, said in (
-        (("CA.P", "CA.Q"), "it has CA.P, CA.Q, but no inlet.Q; add inlet.Q to compare it with the network, or add CA.R to compare"),
+        (
+            ("CA.P", "CA.Q"),
+            "it has CA.P, CA.Q, but no inlet.Q; add inlet.Q to compare it with the network, or add CA.R to compare",
+        ),
         (("CA.P", "CA.R", "FA.P"), "or give P and R of one site alone to compare one artery with its wall"),
         (("ZZ.P", "ZZ.R"), "has no segment ZZ"),
     ):
