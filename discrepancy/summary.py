@@ -216,8 +216,8 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
             lacks = _ONE_SITE if naming.of_one_site else lacks
             them = "both" if len(effects) > 1 else "it"
             return f"{lacks} {labels}: with {them} {gap}, but more than noise remains{more}."
-    missing = "that the catalogue does not explain" if naming.complete else "that nothing explains which was tried"
-    return f"Something is missing {missing}: the gap to held-out beats is {before.total[1]:.3g} times the noise."
+    missing = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
+    return f"Something is missing{missing}: the gap to held-out beats is {before.total[1]:.3g} times the noise."
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:

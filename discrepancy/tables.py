@@ -287,9 +287,9 @@ def _absolute(outcome: Outcome, name: str) -> bool:
 
 def spread_text(outcome: Outcome) -> str:
     """How much the arteries of this animal differ, by quantity, beside what was stated, in a sentence."""
-    spread = outcome.walls.spread if outcome.walls else {}
-    if not spread:
+    if outcome.walls is None or not outcome.walls.spread:
         return ""
+    spread = outcome.walls.spread
     if not any(found for _, found in spread.values()):
         return "No differences between arteries were found beyond what all have in common."
     shifted = {name.rpartition(".")[2] for name in outcome.walls.arteries if _absolute(outcome, name)}

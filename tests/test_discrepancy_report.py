@@ -54,7 +54,6 @@ from fitting.pages import page as shared
 from solver import Network
 from solver.units import MMHG
 
-
 LIMIT = {"value": 5.0, "unit": "s"}
 
 
@@ -345,6 +344,27 @@ def test_page_without_an_addition_runs_in_a_browser(reports: Callable[[str], Pat
     dom = browse(reports("none"), tmp_path, "--dump-dom").stdout
     assert re.findall('data-curve="([a-z]+)"', dom) == ["measured", "before"]
     assert re.search('<input type="checkbox" id="show-after"[^>]* disabled', dom)
+
+
+@needs_chromium
+def test_nothing_is_cut_at_1100_pixels(sheep: Network, tmp_path: Path) -> None:
+    """Two effects with five numbers, 40 harmonics and every wall of the sheep: no part of the page needs scrolling."""
+    outcome, numbers = synthetic("ambiguous", sheep), sheep.parameters()
+    known = {name: q for name, q in sheep.parameter_quantities().items() if q.individual}
+    own = {name: OwnNumber(x, Estimate(x, q.unit, (0.9 * x, 1.1 * x)), 0.4)
+           for name, q in known.items() for x in [numbers[name]]}  # fmt: skip
+    five = {f"PD.{key}": Estimate(0.235, "1", (0.21, 0.26)) for key in ("K", "K_position", "K_length", "E", "taper_h")}
+    pair = replace(outcome.candidates[0], name="nonlinear_wall_viscosity + catheter_resonance", parameters=five)
+    z = np.full((41, outcome.z_map.shape[1]), 90.0)
+    walls = Walls("individual", {"E": (0.08, 0.06)}, own)
+    write_report(replace(outcome, candidates=(pair, *outcome.candidates), z_map=z, walls=walls), tmp_path)
+    cut = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1 || "
+    cut += "e.scrollHeight > e.clientHeight + 1).map(e => e.innerText.slice(0, 40))"
+    script = f"<script>document.body.dataset.cut = {cut}.join('|') || 'nothing'</script></body>"
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (tmp_path / "report.html").write_text(html.replace("</body>", script), encoding="utf-8")
+    dom = browse(tmp_path, tmp_path / "profile", "--window-size=1100,900", "--dump-dom").stdout
+    assert re.findall('data-cut="(.*?)"', dom, re.DOTALL) == ["nothing"]
 
 
 def test_the_best_is_nothing_apart_from_itself(sheep: Network) -> None:
