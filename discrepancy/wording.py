@@ -156,6 +156,8 @@ def why_walls(outcome: Outcome) -> str:
     walls = outcome.walls.kind if outcome.walls else "common"
     if asked.get("walls") == walls:
         return f"asked for by --walls {walls}"
+    if not outcome.complete:
+        return "as far as the search came"
     if walls == "individual":
         return "the record is more probable so"
     return "the record gives no reason for more"

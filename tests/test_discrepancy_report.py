@@ -477,9 +477,11 @@ def test_walls_are_told_to_what_they_are_known_to(sheep: Network) -> None:
 
 def test_why_walls_are_as_they_are(sheep: Network) -> None:
     """What was asked for is told apart from what the record says."""
-    individual, common = synthetic("partial", sheep), synthetic("none", sheep)
+    cut, common = synthetic("partial", sheep), synthetic("none", sheep)
+    individual = replace(cut, complete=True)
     for outcome, asked, said in (
         (individual, {"walls": "by evidence"}, "the record is more probable so"),
+        (cut, {"walls": "by evidence"}, "as far as the search came"),
         (individual, {"walls": "individual"}, "asked for by --walls individual"),
         (individual, {"walls": "individual", "prior": {"file": "monday.json"}}, "as calibrated in monday.json"),
         (common, {"walls": "by evidence"}, "the record gives no reason for more"),
