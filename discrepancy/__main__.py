@@ -68,7 +68,10 @@ def discover_command(
     ] = None,
     time_limit: Annotated[
         str,
-        typer.Option(help='Of naming, e.g. "10 min"; a bare number is seconds. Then the best answer so far is given.'),
+        typer.Option(
+            help='Of naming, e.g. "10 min"; a bare number is seconds. Then the best answer so far is given; '
+            "the runs of the FMUs after it come on top."
+        ),
     ] = "5 min",
     mapped: Mapped = None,
     decimal: Decimal = None,
@@ -154,7 +157,7 @@ def isolability_command(
 
 
 def _show(outcome: Outcome) -> None:
-    from .command_tables import class_text, effects_table, gap_text, walls_text
+    from .command_tables import class_text, effects_table, gap_text, remains_text, sure_text, walls_text
     from .wording import more_time
 
     say(outcome.sentence)
@@ -162,7 +165,8 @@ def _show(outcome: Outcome) -> None:
         say(more_time(outcome))
     if outcome.effects:
         show(effects_table(outcome))
-    for text in (gap_text(outcome), class_text(outcome), walls_text(outcome), outcome.separating_measurement):
+    texts = (sure_text, gap_text, remains_text, class_text, walls_text)
+    for text in (*(each(outcome) for each in texts), outcome.separating_measurement):
         if text:
             say(text)
     if outcome.verdict == "unusable":

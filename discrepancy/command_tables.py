@@ -12,8 +12,9 @@ from . import thresholds
 from .outcome import Outcome
 from .places import plain
 from .sensor_plan import Gain, SensorPlan, nearest
-from .tables import class_texts, effect_row, gap_unit, number, spread_text
+from .tables import class_texts, effect_row, gap_unit, number, percent, spread_text
 from .tables import gap_text as gap_pair
+from .wording import of_fit, why_walls
 
 _MOST_GAINS = 3
 _MOST_NAMED = 3
@@ -54,8 +55,21 @@ def walls_text(outcome: Outcome) -> str:
     if outcome.walls is None or outcome.kind != "network":
         return ""
     if not outcome.walls.arteries:
-        return "walls: common, all arteries differ from the file together"
-    return f"walls: individual, every artery by itself; between arteries {spread_text(outcome)}"
+        return f"walls: common, all arteries differ from the file together ({why_walls(outcome)})"
+    return f"walls: individual, every artery by itself ({why_walls(outcome)}). {spread_text(outcome)}".rstrip()
+
+
+def sure_text(outcome: Outcome) -> str:
+    """How sure it is that nothing is missing; of a name, the table of effects says it."""
+    if outcome.verdict != "none" or outcome.confidence is None:
+        return ""
+    return f"probability that nothing is missing: {percent(outcome.confidence)}"
+
+
+def remains_text(outcome: Outcome) -> str:
+    """What remains of the gap, and where."""
+    remains = outcome.remains or (outcome.reason if outcome.verdict == "unknown" else None)
+    return f"what remains: {remains}{of_fit(outcome)}" if remains else ""
 
 
 # --- the sensor plan ----------------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ def plotted(outcome: Outcome, name: str | None = None) -> Picture:
 def _said(outcome: Outcome) -> list[str]:
     """What stands below the table, as far as it is known."""
     said = []
-    if outcome.confidence is not None:
+    if outcome.confidence is not None and outcome.verdict != "unknown":  # which has no name
         said.append(f"Confidence: {percent(outcome.confidence)}.")
     if outcome.gap_before is not None:
         before, after = (gap_text(pair) for pair in (outcome.gap_before, outcome.gap_after))

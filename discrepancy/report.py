@@ -15,10 +15,12 @@ from . import tables, thresholds, visible
 from .outcome import VERDICTS, Outcome
 from .places import label_text
 from .scales import APART, Z
-from .wording import heading, meaning, next_steps
+from .wording import candidates_heading, heading, meaning, next_steps, of_fit, why_walls
 
 if TYPE_CHECKING:
     from fitting.pages.panels import Drawing
+
+_AS_READ = {"gap_as_given": "gap of the file as it is"}
 
 
 def write_report(outcome: Outcome, folder: Path) -> None:
@@ -56,6 +58,9 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         heading=heading(outcome),
         meaning=meaning(outcome),
         next_steps=next_steps(outcome),
+        of_fit=of_fit(outcome),
+        candidates_heading=candidates_heading(outcome),
+        why_walls=why_walls(outcome),
         drawings=drawings,
         scales={"z": Z, "apart": APART},
         closed=tables.percent(outcome.closed[1] if outcome.closed else None),
@@ -86,7 +91,7 @@ def _rows(outcome: Outcome) -> dict[str, Any]:
         "not_judged": visible.not_judged(outcome),
         "beats": json.dumps(tables.beats(outcome), separators=(",", ":")).replace("<", "\\u003c"),
         "provenance": {
-            key.replace("_", " "): words(v)
+            _AS_READ.get(key, key.replace("_", " ")): words(v)
             for key, v in outcome.provenance.items()
             if v not in ([], {}) and v not in (outcome.record, outcome.model)
         },

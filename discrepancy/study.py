@@ -163,11 +163,11 @@ def channels(record: Record, network: Network) -> tuple[str, ...]:
     return names
 
 
-def _missing(sites: Sequence[str], record: Record) -> str:
-    """What a bench record lacks, by name where it is of one site."""
+def _instead(sites: Sequence[str], record: Record) -> str:
+    """What makes a bench record of it, by name where it is of one site."""
     if len(sites) != 1:
-        return "P and R of one site alone"
-    return " and ".join(n for n in (f"{sites[0]}.P", f"{sites[0]}.R") if n not in record.channels)
+        return "give P and R of one site alone"
+    return f"add {' and '.join(n for n in (f'{sites[0]}.P', f'{sites[0]}.R') if n not in record.channels)}"
 
 
 def bench_site(record: Record, network: Network) -> str:
@@ -176,8 +176,8 @@ def bench_site(record: Record, network: Network) -> str:
     both = [s for s in sites if {f"{s}.P", f"{s}.R"} <= set(record.channels)]
     if len(sites) != 1 or not both:
         raise Unusable(
-            f"{record.path}: it has no {INFLOW}, and not P and R of one site alone, but {', '.join(record.channels)}; "
-            f"record {_missing(sites, record)} for one with its wall, or the inflow for a comparison with a network."
+            f"{record.path}: it has {', '.join(record.channels)}, but no {INFLOW}; add {INFLOW} to compare it with the "
+            f"network, or {_instead(sites, record)} to compare one artery with its wall."
         )
     segments = {site.name: site.segment for site in network.sites}
     segment = segments.get(sites[0], sites[0])

@@ -58,12 +58,14 @@ def unusable(
     reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
 ) -> Outcome:
     """The outcome for a record that cannot be used."""
+    channels = measured.channels if isinstance(measured, Record) else ()
+    of_one_site = bool(channels) and INFLOW not in channels and len({n.rpartition(".")[0] for n in channels}) == 1
     return Outcome(
         verdict="unusable",
         sentence="This record cannot be used with this model.",
         record=os.fspath(record),
         model=os.fspath(model),
-        kind="bench" if isinstance(measured, Record) and INFLOW not in measured.channels else "network",
+        kind="bench" if of_one_site else "network",
         reason=reason,
         provenance={"software": software()},
     )
@@ -223,9 +225,10 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
         case "partial":
             lacks = "The measurement is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
             lacks = _ONE_SITE if naming.of_one_site else lacks
-            them, remains = "both" if len(effects) > 1 else "it", plain(naming.reason or "")
-            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains: {remains}{more}."
-    return f"Something is missing that the catalogue does not explain: {plain(naming.reason or '')}."
+            them = "both" if len(effects) > 1 else "it"
+            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains{more}."
+    missing = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
+    return f"Something is missing{missing}: the gap to held-out beats is {before.total[1]:.3g} times the noise."
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:

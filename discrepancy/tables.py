@@ -13,7 +13,7 @@ from solver import effects
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
-from .outcome import Candidate, ChannelBeats, NamedEffect, Outcome
+from .outcome import Candidate, ChannelBeats, NamedEffect, Outcome, OwnNumber
 from .places import entry, place_text, plain
 from .scales import Z
 
@@ -23,6 +23,8 @@ DASH = "–"
 _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
+_LONG_ODDS = 1000.0  # -2 ln: what is beyond is as good as ruled out
+_OF_A_SPREAD = 0.1  # the finest that a deviation is told to
 _OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
 
 
@@ -71,17 +73,24 @@ def number(value: float, digits: int = 3) -> str:
 
 def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
     """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
+    return _estimate_text(estimate, _quantity(name))
+
+
+def _quantity(name: str) -> Quantity | None:
+    """What the catalogue says of a parameter of an effect."""
     key = name.rpartition(".")[2]
-    return _estimate_text(estimate, next((e.terms[key] for e in effects.ALL if key in e.terms), None))
+    return next((e.terms[key] for e in effects.ALL if key in e.terms), None)
 
 
-def _estimate_text(estimate: Estimate, quantity: Quantity | None) -> tuple[str, str]:
-    """The same of a quantity; a ratio to another, with a unit of its own, is none."""
+def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float = 0.0) -> tuple[str, str]:
+    """The same of a quantity; a ratio to another, with a unit of its own, is none. least : width [SI] that it has."""
     display = quantity.display if quantity and quantity.unit == estimate.unit else None
     unit, factor = readable(estimate.unit, display)
     value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
-    value_text, low_text, high_text = (_to_digits(x, high - low) for x in (value, low, high))
-    interval = f"{low_text} … {high_text}" if math.isfinite(low) and math.isfinite(high) else DASH
+    width = max(high - low, factor * least)
+    value_text, low_text, high_text = (_to_digits(x, width) for x in (value, low, high))
+    told = math.isfinite(low) and math.isfinite(high) and (low_text != high_text or not least)
+    interval = f"{low_text} … {high_text}" if told else DASH
     return f"{value_text} {unit}".strip(), interval
 
 
@@ -162,12 +171,13 @@ def effect_row(effect: NamedEffect) -> dict[str, Any]:
         "parameters": [
             {
                 "name": name,
+                "what": quantity.description if quantity else "",
                 "value": value,
                 "interval": interval,
                 "si": f"{number(p.value, 5)} {printed(p.unit)}".strip(),
             }
             for name, p in effect.parameters.items()
-            for value, interval in [estimate_text(name, p)]
+            for quantity, (value, interval) in [(_quantity(name), estimate_text(name, p))]
         ],
     }
 
@@ -185,7 +195,7 @@ def candidate_row(candidate: Candidate) -> dict[str, Any]:
         "name": plain(candidate.name),
         "where": places_text(candidate.where),
         "parameters": [f"{name} = {value} ({interval})" for name, value, interval in texts],
-        "behind": number(candidate.behind),
+        "behind": f"> {_LONG_ODDS:g}" if candidate.behind > _LONG_ODDS else number(candidate.behind),
         "walls": candidate.walls,
         "chi2": _gap(candidate.chi2_per_dof),
         "held_out": _gap(candidate.held_out),
@@ -253,7 +263,7 @@ def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
     known = outcome.network_before.parameter_quantities() if outcome.network_before else {}
     rows = []
     for name, own in arteries.items():
-        value, interval = _estimate_text(own.now, known.get(name))
+        value, interval = _estimate_text(own.now, known.get(name), _finest(outcome, name, own))
         file = _estimate_text(Estimate(own.file, own.now.unit, (own.file, own.file)), known.get(name))[0]
         file += " (calibration)" if own.source == "calibration" else ""
         deviation = f"{own.deviation:+.1f}".replace("-", "−")
@@ -262,12 +272,33 @@ def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
     return rows
 
 
+def _finest(outcome: Outcome, name: str, own: OwnNumber) -> float:
+    """The least width [SI] that a number of a wall is told to where no differences between arteries were found: its
+    interval is then that of no deviation."""
+    stated, found = (outcome.walls.spread if outcome.walls else {}).get(name.rpartition(".")[2], (0.0, 1.0))
+    return 0.0 if found else 2.0 * _OF_A_SPREAD * stated * (1.0 if _absolute(outcome, name) else abs(own.file))
+
+
+def _absolute(outcome: Outcome, name: str) -> bool:
+    """Whether a number deviates by a shift, not by a factor: it may be negative."""
+    known = outcome.network_before.parameter_quantities() if outcome.network_before else {}
+    return name in known and known[name].low < 0.0
+
+
 def spread_text(outcome: Outcome) -> str:
-    """How much the arteries of this animal differ, by quantity, beside what was stated."""
-    spread = outcome.walls.spread if outcome.walls else {}
-    return "; ".join(
+    """How much the arteries of this animal differ, by quantity, beside what was stated, in a sentence."""
+    if outcome.walls is None or not outcome.walls.spread:
+        return ""
+    spread = outcome.walls.spread
+    if not any(found for _, found in spread.values()):
+        return "No differences between arteries were found beyond what all have in common."
+    shifted = {name.rpartition(".")[2] for name in outcome.walls.arteries if _absolute(outcome, name)}
+    each = "; ".join(
         f"{key} {number(found, 2)} (stated {number(stated, 2)})" for key, (stated, found) in spread.items()
     )
+    absolute = ", ".join(key for key in spread if key in shifted)
+    parts = "as parts of the number" + (f", of {absolute} absolute" if absolute else "")
+    return f"Standard deviations between arteries, {parts}: {each}."
 
 
 def round_rows(outcome: Outcome) -> list[dict[str, str]]:

@@ -86,6 +86,20 @@ def not_judged(outcome: Outcome) -> dict[str, str]:
     return {reason: ", ".join(names) for reason, names in reasons.items()}
 
 
+def not_compared(outcome: Outcome) -> str:
+    """What a search that was cut short left out, in words: how much of the catalogue, where that is known."""
+    table = outcome.isolability
+    tried = {name for candidate in outcome.candidates for name in candidate.name.split(" + ")}
+    seen = table is not None and table.labels  # then only another kind of outlet waits for its turn
+    left = [name for name in outcome.not_judged if name not in tried and (not seen or entry(name).rewires)]
+    if table is None or not left or (tried and not seen):  # how much a first test saw is not known
+        return "not all candidates were compared"
+    number = len(table.labels) + len(table.not_judged)
+    if len(left) == number:
+        return f"none of the {number} effects of the catalogue was compared"
+    return f"{len(left)} of the {number} effects of the catalogue {'was' if len(left) == 1 else 'were'} not compared"
+
+
 def _why(outcome: Outcome, effect: Effect) -> str:
     """Why an effect was not judged."""
     if effect.rewires:

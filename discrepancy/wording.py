@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from .outcome import Outcome
 from .places import of_sensor, plain
+from .visible import not_compared
 
 _HEADINGS: Mapping[str, str] = {
     "none": "No effect is missing",
@@ -21,7 +22,7 @@ _MEANINGS: Mapping[str, str] = {
     "none": "The model meets the record to its noise. An effect may still be there, but smaller than the size given "
     "below, or one that these sensors cannot see.",
     "effect": "The model and the record disagree by more than noise. One effect of the catalogue at one place explains "
-    "it. Every other candidate was ruled out: refitted in full, or by a first test that promised too little.",
+    "it.",
     "ambiguous": "The model and the record disagree by more than noise. The candidates of the class below all explain "
     "it; the record does not tell them apart. The first is only the best of them, not a finding.",
     "several": "The model and the record disagree by more than noise, and one effect does not explain it. The effects "
@@ -29,16 +30,26 @@ _MEANINGS: Mapping[str, str] = {
     "partial": "The model and the record disagree by more than noise. The effect below explains a significant part of "
     "it, but more than noise remains. What remains counts as a random error of "
     "the model, which makes the interval wider and the name less certain than one without.",
-    "unknown": "The model and the record disagree by more than noise, and no effect of the catalogue explains it. "
-    "Nothing was added to the model.",
+    "unknown": "The model and the record disagree by more than noise. Nothing was added to the model.",
     "unusable": "Nothing was compared and nothing was added to the model, because the record or its use is at fault, "
     "not the physics.",
 }
 
+# of a search that came to its end, and of one that did not
+_WHOLE: Mapping[str, str] = {
+    "effect": "Every other candidate was ruled out: refitted in full, or by a first test that promised too little.",
+    "unknown": "No effect of the catalogue explains it.",
+}
+_CUT_SHORT: Mapping[str, str] = {
+    "effect": "Another effect may explain it as well.",
+    "unknown": "The catalogue may have what is missing.",
+}
+
+_NOT_FOUND = "Something is missing, and the search for it did not end"
 _TWO_FAULTS = "The sensors of one site seem to have two faults"
 _MEANING_TWO_FAULTS = (
-    "The model and the record disagree by more than noise. Two faults of the sensors of one site explain it together. "
-    "Every other candidate was ruled out, but two such faults can imitate much else: they are no finding."
+    "The model and the record disagree by more than noise. Two faults of the sensors of one site explain it together, "
+    "but two such faults can imitate much else: they are no finding."
 )
 _CLASS = "The record does not rule out the other candidates of the class below."
 _SENSOR = (
@@ -56,19 +67,23 @@ def heading(outcome: Outcome) -> str:
         return "The measurement is at fault, and that is not all"
     if outcome.verdict == "ambiguous" and not _open(outcome):
         return _TWO_FAULTS
+    if outcome.verdict == "unknown" and not outcome.complete:
+        return _NOT_FOUND
     return _HEADINGS[outcome.verdict]
 
 
 def meaning(outcome: Outcome) -> str:
     """What the verdict means, in two or three sentences."""
-    if outcome.verdict == "ambiguous":
-        return _MEANINGS["ambiguous"] if _open(outcome) else _MEANING_TWO_FAULTS
-    said = [_MEANINGS[outcome.verdict]]
-    if _open(outcome):
+    two_faults = outcome.verdict == "ambiguous" and not _open(outcome)
+    said = [_MEANING_TWO_FAULTS if two_faults else _MEANINGS[outcome.verdict]]
+    if not outcome.complete:
+        said.append(f"The search ended at its time limit: {not_compared(outcome)}.")
+    said.append((_WHOLE if outcome.complete else _CUT_SHORT).get(outcome.verdict, ""))
+    if _open(outcome) and outcome.verdict != "ambiguous":
         said.append(_CLASS)
     if outcome.verdict in ("effect", "partial") and _of_sensors(outcome):
         said.append(_SENSOR)
-    return " ".join(said)
+    return " ".join(filter(None, said))
 
 
 def _open(outcome: Outcome) -> bool:
@@ -82,7 +97,8 @@ def _of_sensors(outcome: Outcome) -> bool:
 
 def next_steps(outcome: Outcome) -> list[str]:
     """What to measure or to do next, one sentence each."""
-    steps = [outcome.separating_measurement] if outcome.separating_measurement else []
+    steps = [] if outcome.complete else [more_time(outcome)]
+    steps += [outcome.separating_measurement] if outcome.separating_measurement else []
     match outcome.verdict:
         case "none":
             if outcome.invisible:
@@ -106,22 +122,45 @@ def next_steps(outcome: Outcome) -> list[str]:
         case "ambiguous" if not _open(outcome):
             steps.append("Calibrate the sensors of that site, or exchange them, and record again.")
         case "ambiguous":
-            if not steps:
+            if not outcome.separating_measurement:
                 steps.append(f"The study found no one measurement that separates the class; {_ISOLABILITY}")
         case "unknown":
             steps += [*_independent(outcome), _given(outcome)]
         case "unusable":
             steps.append("Put right what is named above and run the study again; no network or FMU was written.")
-    if not outcome.complete:
-        steps.append(more_time(outcome))
     return steps
 
 
 def more_time(outcome: Outcome) -> str:
     """What to do where the search was cut short."""
     limit = outcome.provenance.get("asked", {}).get("time_limit")
-    had = "" if limit is None else f", which was {limit['value']:g} {limit['unit']}"
-    return f"Run the study again with more time (--time-limit{had}): not all candidates were compared."
+    had = "" if limit is None else f" (it was {limit['value']:g} {limit['unit']})"
+    return f"Run the study again with a longer --time-limit{had}: {not_compared(outcome)}."
+
+
+def of_fit(outcome: Outcome) -> str:
+    """What the RMS of what remains is counted over, which a gap is not."""
+    return " (of all data that were fitted; 1 is noise)" if "RMS" in (outcome.remains or outcome.reason or "") else ""
+
+
+def candidates_heading(outcome: Outcome) -> str:
+    """What the hypotheses that were refitted are to the verdict."""
+    return "Effects that were tried and are not needed" if outcome.verdict == "none" else "Candidates"
+
+
+def why_walls(outcome: Outcome) -> str:
+    """Why the walls are common or individual: what was asked for, or what the record says."""
+    asked = outcome.provenance.get("asked", {})
+    if "prior" in asked:
+        return f"as calibrated in {asked['prior']['file']}"
+    walls = outcome.walls.kind if outcome.walls else "common"
+    if asked.get("walls") == walls:
+        return f"asked for by --walls {walls}"
+    if not outcome.complete:
+        return "as far as the search came"
+    if walls == "individual":
+        return "the record is more probable so"
+    return "the record gives no reason for more"
 
 
 def _given(outcome: Outcome) -> str:

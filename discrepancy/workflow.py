@@ -181,7 +181,7 @@ class _Work:
         study = self.study
         fmu = self._fmu(self.network, "given")
         # a record may be of another network, or its channels of two clocks: seen before the long search
-        self.progress(0.1, "running the model as given")
+        self.progress(0.1, "running the file as it is")
         wave = study.problem.measured_wave(study.fitted)
         given = self._free(fmu, "given", _nothing(), wave, {})
         check_waves(study, given.beats)
@@ -198,6 +198,7 @@ class _Work:
         shown = Shown(given, before)
         if added:
             shown = self._add(study, naming, wave, shown)
+        self.progress(0.92, "comparing the candidates with the held-out beats")
         return summary(self.record, self.model, self.study, naming, shown), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
@@ -256,6 +257,7 @@ class _Work:
         fmu = self._fmu(network, "extended")
         self.progress(0.88, "running the extended FMU")
         after = self._free(fmu, "after", best, wave, {}, study)
+        self.progress(0.9, "comparing the extended FMU with the solver")
         difference = failure = None
         if study.problem.part(network) is network:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 import typer
 
-from solver.console import put, sentences, show
+from solver.console import put, say, sentences, show
 
 from .cohort.file import read_cohort
 from .records.columns import Reading
-from .records.preview import preview, preview_table
+from .records.preview import preview, preview_questions, preview_table
 
 
 def _look(ctx: typer.Context, wanted: bool) -> None:
@@ -25,6 +25,8 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
         put(found)
     else:
         show(preview_table(found))
+        for question in preview_questions(found):
+            say(question)
     raise typer.Exit
 
 

@@ -16,8 +16,16 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
+        file = next((each for each in (folder, *folder.parents) if each.is_file()), None)
+        if file is not None:
+            raise ValueError(f"{folder}: {_what(file, folder)}; give another folder.") from None
         raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
     return folder
+
+
+def _what(file: Path, folder: Path) -> str:
+    """Why a file is in the way of a folder."""
+    return "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"
 
 
 def json_text(content: Mapping[str, Any], indent: int = 2) -> str:

@@ -21,14 +21,16 @@ _GRID = tuple(round(0.05 + 0.1 * i, 2) for i in range(10))  # element ends where
 _FROM, _TO = 0.02, 0.98  # where a search may place the middle
 _POSITIONS = (0.15, 0.3, 0.5, 0.7, 0.85)  # where it begins
 _STEP = 0.15  # of a position in a search, for x = 1
+_MIDDLE = "middle of the part as a fraction of the segment from its upstream end"
+_EXTENT = "length of the part as a fraction of that of the segment"
 
 
 def part_keys(key: str, length: float) -> tuple[dict[str, Quantity], dict[str, float]]:
     """Quantities and usual values of position and length of the part that the effect with this key acts on."""
     position, extent = f"{key}_position", f"{key}_length"
     quantities = {
-        position: Quantity("1", "middle x/L of the part of the segment", 0.0, 1.0, nominal=_STEP, tunable=False),
-        extent: Quantity("1", "length of the part over that of the segment", 0.01, 1.0, nominal=0.2, tunable=False),
+        position: Quantity("1", _MIDDLE, 0.0, 1.0, nominal=_STEP, tunable=False),
+        extent: Quantity("1", _EXTENT, 0.01, 1.0, nominal=0.2, tunable=False),
     }
     return quantities, {position: 0.5, extent: length}
 
@@ -136,8 +138,8 @@ class Stenosis(Partial):
 
     part, usual = part_keys("K", 0.1)
     name = "stenosis"
-    equation = "Δp = K (ρ/2) Q|Q|/A² over a part of the segment, the middle tenth"
-    terms = {"K": Quantity("1", "loss coefficient K of a stenosis", 0.0, 1e5, tunable=False), **part}
+    equation = "Δp = K (ρ/2) Q|Q|/A² over a part of the segment"
+    terms = {"K": Quantity("1", "loss coefficient K", 0.0, 1e5, tunable=False), **part}
     neutral = {"K": 0.0, **usual}
     along = tuple(part)
     starts_along = tuple((p,) for p in _POSITIONS)

@@ -210,7 +210,7 @@ def test_page_escapes(report: CheckReport) -> None:
 def test_report_is_not_written(tmp_path: Path, report: CheckReport) -> None:
     """A file where the directory should be: one sentence with its path and what to do."""
     (tmp_path / "taken").write_text("")
-    with pytest.raises(ValueError, match=r"taken: cannot be made \(File exists\); give another folder\."):
+    with pytest.raises(ValueError, match=r"taken: is a file, not a folder; give another folder\."):
         write_check(report, tmp_path / "taken")
 
 

@@ -171,12 +171,18 @@ def test_tables_fit_eighty_columns() -> None:
 def test_walls_are_said(found: Callable[[Any], None]) -> None:
     """Common; individual with the spreads that were found; a partial answer's table, and what is odd as a note."""
     found(outcome(walls=Walls()))
-    assert "walls: common, all arteries differ from the file together" in run(*STUDY).stdout
+    assert (
+        "walls: common, all arteries differ from the file together (the record gives no reason for more)"
+        in run(*STUDY).stdout
+    )
     own = {"CA.E": OwnNumber(4e6, Estimate(5e6, "Pa", (4.5e6, 5.5e6)), 2.5)}
     walls = Walls("individual", {"E": (0.08, 0.11)}, own)
     found(outcome(verdict="partial", walls=walls, notes=("CA.E: 25 % above the file's.",)))
     said = run(*STUDY).stdout
-    assert "walls: individual, every artery by itself; between arteries E 0.11 (stated 0.08)" in said
+    assert (
+        "walls: individual, every artery by itself (the record is more probable so). Standard deviations between "
+        "arteries, as parts of the number: E 0.11 (stated 0.08)."
+    ) in said
     assert "a part of what was missing" in said and "Note: CA.E: 25 % above the file's." in said
 
 
@@ -205,11 +211,21 @@ def test_none_adds_nothing(found: Callable[[Any], None]) -> None:
     assert "effect" not in done.stdout
 
 
+def test_how_sure_and_what_remains(found: Callable[[Any], None]) -> None:
+    """That nothing is missing, as the page says it; of unknown and partial what remains."""
+    changes = {"effects": (), "members": (), "gap_after": None, "confidence": 0.998}
+    found(outcome(verdict="none", **changes))
+    assert "probability that nothing is missing: > 99 %" in run(*STUDY).stdout
+    found(outcome(verdict="unknown", reason="whitened RMS 1.3", **changes))
+    said = run(*STUDY).stdout
+    assert "what remains: whitened RMS 1.3 (of all data that were fitted; 1 is noise)" in said and "99 %" not in said
+
+
 def test_a_search_that_was_cut_short(found: Callable[[Any], None]) -> None:
     """What the limit was, in seconds as a bare number is read, and the option; not where all was compared."""
     asked = {"asked": {"time_limit": {"value": 5.0, "unit": "s"}}}
     found(outcome(complete=False, provenance=asked))
-    assert "with more time (--time-limit, which was 5 s)" in run(*STUDY).stdout
+    assert "again with a longer --time-limit (it was 5 s): not all candidates were compared." in run(*STUDY).stdout
     found(outcome(provenance=asked))
     assert "--time-limit" not in run(*STUDY).stdout
 
@@ -239,7 +255,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
     [
         (("virtual_AA.csv", "--model", "nosuch", "--out", "o"), "nosuch"),
         (("virtual_AA.csv", "--model", "virtual_AA.csv", "--out", "o"), "virtual_AA.csv: not a network file but a rec"),
-        (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "cannot be made"),
+        (("virtual_AA.csv", "--model", "sheep", "--out", "virtual_AA.csv"), "virtual_AA.csv: is a file, not a folder"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--period", "5 kg"), "--period"),
         (("virtual_AA.csv", "--model", "sheep", "--out", "o", "--time-limit", "5 kg"), "--time-limit"),
         (

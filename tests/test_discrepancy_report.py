@@ -29,10 +29,11 @@ from discrepancy.outcome import (
     Isolability,
     NamedEffect,
     Outcome,
+    OwnNumber,
     Walls,
     verdict_json,
 )
-from discrepancy.places import marks
+from discrepancy.places import entry, marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
 from discrepancy.tables import (
@@ -43,13 +44,17 @@ from discrepancy.tables import (
     channel_row,
     estimate_text,
     number,
+    spread_text,
+    wall_rows,
 )
 from discrepancy.visible import not_judged, rival_rows, smallest_rows
-from discrepancy.wording import meaning
+from discrepancy.wording import heading, meaning, next_steps
 from fitting.estimate import Estimate
 from fitting.pages import page as shared
 from solver import Network
 from solver.units import MMHG
+
+LIMIT = {"value": 5.0, "unit": "s"}
 
 
 class Tags(HTMLParser):
@@ -136,7 +141,7 @@ SAID = {
         "E 0.06 (stated 0.08)",
         "33 % above the file's",
         "(calibration)",
-        "again with more time",
+        "again with a longer --time-limit",
         "individual",
         "They count as this animal’s, not as effects",
     ),  # fmt: skip
@@ -204,7 +209,7 @@ def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -
         write_report(replace(synthetic("none", sheep), verdict="maybe"), tmp_path)
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
-    with pytest.raises(ValueError, match="cannot be made .*; give another folder"):
+    with pytest.raises(ValueError, match="is a file; give another folder"):
         write_report(synthetic("unusable", sheep), tmp_path / "file")
 
 
@@ -341,6 +346,27 @@ def test_page_without_an_addition_runs_in_a_browser(reports: Callable[[str], Pat
     assert re.search('<input type="checkbox" id="show-after"[^>]* disabled', dom)
 
 
+@needs_chromium
+def test_nothing_is_cut_at_1100_pixels(sheep: Network, tmp_path: Path) -> None:
+    """Two effects with five numbers, 40 harmonics and every wall of the sheep: no part of the page needs scrolling."""
+    outcome, numbers = synthetic("ambiguous", sheep), sheep.parameters()
+    known = {name: q for name, q in sheep.parameter_quantities().items() if q.individual}
+    own = {name: OwnNumber(x, Estimate(x, q.unit, (0.9 * x, 1.1 * x)), 0.4)
+           for name, q in known.items() for x in [numbers[name]]}  # fmt: skip
+    five = {f"PD.{key}": Estimate(0.235, "1", (0.21, 0.26)) for key in ("K", "K_position", "K_length", "E", "taper_h")}
+    pair = replace(outcome.candidates[0], name="nonlinear_wall_viscosity + catheter_resonance", parameters=five)
+    z = np.full((41, outcome.z_map.shape[1]), 90.0)
+    walls = Walls("individual", {"E": (0.08, 0.06)}, own)
+    write_report(replace(outcome, candidates=(pair, *outcome.candidates), z_map=z, walls=walls), tmp_path)
+    cut = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1 || "
+    cut += "e.scrollHeight > e.clientHeight + 1).map(e => e.innerText.slice(0, 40))"
+    script = f"<script>document.body.dataset.cut = {cut}.join('|') || 'nothing'</script></body>"
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (tmp_path / "report.html").write_text(html.replace("</body>", script), encoding="utf-8")
+    dom = browse(tmp_path, tmp_path / "profile", "--window-size=1100,900", "--dump-dom").stdout
+    assert re.findall('data-cut="(.*?)"', dom, re.DOTALL) == ["nothing"]
+
+
 def test_the_best_is_nothing_apart_from_itself(sheep: Network) -> None:
     """Separation: a dash for the best, d' for the others. Where none of them is the verdict, the page says so."""
     outcome = synthetic("none", sheep)
@@ -348,8 +374,127 @@ def test_the_best_is_nothing_apart_from_itself(sheep: Network) -> None:
         replace(outcome, candidates=[replace(c, separation=1.14) for c in outcome.candidates])
     )
     assert (first["separation"], [row["separation"] for row in others]) == ("–", ["1.14", "1.14"])
-    said = "The verdict is none of these"
-    assert said in page(outcome, {}) and said not in page(synthetic("effect", sheep), {})
+
+
+def test_candidates_are_named_for_what_they_are(sheep: Network) -> None:
+    """Of none they are folded away as not needed, of unknown they explain nothing; neither has a class."""
+    none, unknown, effect = (page(synthetic(verdict, sheep), {}) for verdict in ("none", "unknown", "effect"))
+    assert "<h2>Effects that were tried and are not needed</h2>\n<details>" in none and "<h2>Candidates" not in none
+    assert "These do not explain the record." in unknown and "These do not" not in none + effect
+    assert ["in the<br>class" in html for html in (none, unknown, effect)] == [False, False, True]
+    assert none.count("<details>") == none.count("</details>") and "<details>\n<summary>3 that" not in unknown + effect
+
+
+def test_a_search_that_did_not_end_says_nothing_of_the_catalogue(sheep: Network) -> None:
+    """Unknown at the time limit: how much of the catalogue was not compared, and more time before any sensor."""
+    outcome = replace(synthetic("unknown", sheep), complete=False, provenance={"asked": {"time_limit": LIMIT}})
+    assert outcome.isolability is not None
+    whole = page(replace(outcome, complete=True), {})
+    for false in ("Something is missing that the catalogue does not have", "No effect of the catalogue explains it"):
+        assert false in whole and false not in page(outcome, {})
+    table = replace(outcome.isolability, labels=(), separation=np.zeros((0, 0)), visibility=np.zeros(0), invisible=())
+    nothing = replace(outcome, candidates=(), isolability=replace(table, not_judged=("taper", "stenosis")))
+    outlets = replace(outcome, isolability=replace(outcome.isolability, not_judged=("terminal_compliance", "taper")))
+    for each, left in (
+        (nothing, "none of the 2 effects of the catalogue was compared"),
+        (outlets, "1 of the 14 effects of the catalogue was not compared"),  # a taper breaks the model
+        (replace(nothing, candidates=outcome.candidates), "not all candidates were compared"),
+    ):
+        assert heading(each) == "Something is missing, and the search for it did not end"
+        assert f"The search ended at its time limit: {left}." in meaning(each)
+        first, second, *_ = next_steps(each)
+        assert first == f"Run the study again with a longer --time-limit (it was 5 s): {left}."
+        assert "second, independent sensor" in second
+
+
+def test_only_a_whole_search_rules_out(sheep: Network) -> None:
+    """One effect at the time limit: the others were not all refitted."""
+    outcome = synthetic("effect", sheep)
+    assert "Every other candidate was ruled out" in meaning(outcome)
+    cut = meaning(replace(outcome, complete=False))
+    assert "ruled out" not in cut and "Another effect may explain it as well." in cut
+
+
+def test_unknown_has_no_name_to_be_sure_of(sheep: Network) -> None:
+    """Its confidence, which is of what comes nearest, is in verdict.json alone."""
+    outcome = replace(synthetic("unknown", sheep), confidence=0.83)
+    html = page(outcome, {})
+    assert "confidence in the name" not in html and "83 %" not in html and "83 %" not in outcome._repr_html_()
+    assert verdict_json(outcome)["confidence"] == 0.83
+    assert "confidence in the name" in page(synthetic("effect", sheep), {})
+
+
+def test_what_remains_says_what_it_is_counted_over(sheep: Network) -> None:
+    """An RMS of the fit is no gap; a reason without one says nothing of it."""
+    outcome = synthetic("unknown", sheep)
+    rms = replace(outcome, reason="whitened RMS 1.3 (1.8 up to the third harmonic)")
+    said = "whitened RMS 1.3 (1.8 up to the third harmonic) (of all data that were fitted; 1 is noise)</p>"
+    assert said in page(rms, {}) and "all data that were fitted" not in page(outcome, {})
+
+
+def test_the_file_and_this_animal_have_gaps_of_two_names(sheep: Network) -> None:
+    """The gap of the file as it is, in the provenance; the one before has this animal's walls."""
+    outcome = replace(synthetic("effect", sheep), provenance={"gap_as_given": {"fit": 9.9, "held_out": 8.8}})
+    html = page(outcome, {})
+    assert "<dt>gap of the file as it is</dt>" in html and "gap before: with this animal’s walls, nothing" in html
+    assert "model as given" not in html
+
+
+def test_parameters_are_described(sheep: Network) -> None:
+    """By the catalogue, with nothing as the unit of a number without one; the equation names no place of its own."""
+    numbers = {"PD.K": Estimate(9.9, "1", (9.5, 10.3)), "PD.K_position": Estimate(0.235, "1", (0.21, 0.26))}
+    stenosis = NamedEffect("stenosis", ("PD",), numbers, 0.9, entry("stenosis").equation)
+    html = page(replace(synthetic("effect", sheep), effects=(stenosis,)), {})
+    for cell in ("loss coefficient K", "middle of the part as a fraction of the segment from its upstream end"):
+        assert f'<td class="text">{cell}</td>' in html
+    assert "<td>0.235</td>" in html and "over a part of the segment</p>" in html and "middle tenth" not in html
+
+
+def test_walls_without_differences(sheep: Network) -> None:
+    """All spreads 0: in words. Else of which number the spread is a part, and of which it is absolute."""
+    outcome = synthetic("partial", sheep)
+    assert outcome.walls is not None
+    both = replace(outcome, walls=replace(outcome.walls, spread={"E": (0.08, 0.06), "R_t": (0.03, 0.01)}))
+    assert spread_text(both) == (
+        "Standard deviations between arteries, as parts of the number, of R_t absolute: E 0.06 (stated 0.08); R_t 0.01 "
+        "(stated 0.03)."
+    )
+    same = replace(outcome, walls=replace(outcome.walls, spread={"E": (0.08, 0.0)}))
+    assert spread_text(same) == "No differences between arteries were found beyond what all have in common."
+
+
+def test_walls_are_told_to_what_they_are_known_to(sheep: Network) -> None:
+    """By hand, R0 of 9.48 mm: where no differences were found, to a tenth of the stated spread of 0.02, 0.019 mm;
+    else to two digits of half the interval."""
+    own = {"AA.R0": OwnNumber(9.48e-3, Estimate(9.479992e-3, "m", (9.47997e-3, 9.48001e-3)), 0.0)}
+    told = []
+    for found in (0.0, 0.01):
+        outcome = replace(synthetic("none", sheep), walls=Walls("individual", {"R0": (0.02, found)}, own))
+        (row,) = wall_rows(outcome)
+        told.append((row["file"], row["value"], row["interval"]))
+    assert told == [("9.48 mm", "9.480 mm", "–"), ("9.48 mm", "9.479992 mm", "9.479970 … 9.480010")]
+
+
+def test_why_walls_are_as_they_are(sheep: Network) -> None:
+    """What was asked for is told apart from what the record says."""
+    cut, common = synthetic("partial", sheep), synthetic("none", sheep)
+    individual = replace(cut, complete=True)
+    for outcome, asked, said in (
+        (individual, {"walls": "by evidence"}, "the record is more probable so"),
+        (cut, {"walls": "by evidence"}, "as far as the search came"),
+        (individual, {"walls": "individual"}, "asked for by --walls individual"),
+        (individual, {"walls": "individual", "prior": {"file": "monday.json"}}, "as calibrated in monday.json"),
+        (common, {"walls": "by evidence"}, "the record gives no reason for more"),
+        (common, {"walls": "common"}, "asked for by --walls common"),
+    ):
+        assert f": {said}." in page(replace(outcome, provenance={"asked": asked}), {})
+
+
+def test_long_odds_are_not_counted(sheep: Network) -> None:
+    """-2 ln odds of 7e7 are as good as 1001."""
+    first = synthetic("effect", sheep).candidates[0]
+    told = [candidate_row(replace(first, behind=behind))["behind"] for behind in (210.0, 1000.0, 7.11e7)]
+    assert told == ["210", "1000", "> 1000"]
 
 
 def test_what_all_have_in_common_is_a_factor(sheep: Network) -> None:

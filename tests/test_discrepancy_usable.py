@@ -199,8 +199,11 @@ def test_what_a_bench_is() -> None:
     x = np.zeros(8)
     assert bench_site(as_record({"CA.P": x, "CA.R": x}), sheep) == "CA"
     for names, said in (
-        (("CA.P", "CA.Q"), "not P and R of one site alone, but CA.P, CA.Q; record CA.R for one with its wall"),
-        (("CA.P", "CA.R", "FA.P"), "not P and R of one site alone"),
+        (
+            ("CA.P", "CA.Q"),
+            "it has CA.P, CA.Q, but no inlet.Q; add inlet.Q to compare it with the network, or add CA.R to compare",
+        ),
+        (("CA.P", "CA.R", "FA.P"), "or give P and R of one site alone to compare one artery with its wall"),
         (("ZZ.P", "ZZ.R"), "has no segment ZZ"),
     ):
         with pytest.raises(Unusable, match=said):

@@ -28,7 +28,7 @@ from discrepancy.show import Gap, Run, compared, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import Study as Prepared
 from discrepancy.study import Unusable, judge, prepare
-from discrepancy.summary import Shown, fmu_warnings, global_p, summary
+from discrepancy.summary import Shown, fmu_warnings, global_p, sentence, summary, unusable
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from discrepancy.workflow import discover
@@ -120,7 +120,9 @@ def test_stages_are_told(study: Study) -> None:
     """Progress names every stage in order, the last one "done"."""
     assert study.stages[-1] == "done"
     naming = "naming, time limit 300 s"
-    wanted = ["cutting the beats", naming, "rebuilding the FMU", "running the extended FMU", "writing the report"]
+    wanted = ["cutting the beats", naming, "rebuilding the FMU", "running the extended FMU",
+              "comparing the extended FMU with the solver", "comparing the candidates with the held-out beats",
+              "writing the report"]  # fmt: skip
     assert [s for s in study.stages if s in wanted] == wanted
 
 
@@ -320,6 +322,25 @@ def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming], 
         for text in (outcome.sentence, said["sentence"], (tmp_path / "report.html").read_text(encoding="utf-8")):
             assert (incomplete in text) != complete
         assert outcome.complete == said["complete"] == complete
+
+
+def test_unknown_is_said_as_far_as_the_search_went(healthy: tuple[Record, Prepared, Naming]) -> None:
+    """The gap alone; only a whole search says what the catalogue has not."""
+    gap = Gap((3.0, 1.89), {})
+    whole, cut = (
+        sentence(replace(healthy[2], verdict="unknown", reason="whitened RMS 1.3", complete=c), (), gap, None)
+        for c in (True, False)
+    )
+    said = "the gap to held-out beats is 1.89 times the noise."
+    assert whole == f"Something is missing that the catalogue does not explain: {said}"
+    assert cut.startswith(f"Something is missing, and nothing that was tried explains it: {said} Search incomplete")
+
+
+def test_a_bench_is_of_one_site() -> None:
+    """What cannot be used and has no inflow is no bench for that."""
+    for names, kind in ((("CA.P", "CA.R"), "bench"), (("CA.P", "FA.P"), "network"), (("inlet.Q", "CA.P"), "network")):
+        record = Record("made", "", np.zeros(8), dict.fromkeys(names, np.zeros(8)), {})
+        assert unusable("why", "r.csv", "m.toml", record).kind == kind
 
 
 @pytest.mark.parametrize(("limit", "last"), [(300.0, "00:03:30"), (45.0, "23:59:15"), (3600.0, "00:58:30")])

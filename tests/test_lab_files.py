@@ -338,6 +338,16 @@ def test_columns(tmp_path: Path) -> None:
     assert "no such channel" in pressure["read_as"]
 
 
+def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
+    """At 80 columns, too, the option to copy stands in one line, for it is below the table."""
+    (tmp_path / "lab.csv").write_text(text({"time [s]": TIME, "Carotid artery catheter": P_MMHG, "AA.P": P_MMHG}))
+    runner = CliRunner(env={"COLUMNS": "80"})
+    said = runner.invoke(discrepancy.__main__.app, [str(tmp_path / "lab.csv"), "--columns"]).stdout.splitlines()
+    for option in ('--map "Carotid artery catheter=AA.P [mmHg]"', '--map "AA.P=AA.P [mmHg]"'):
+        assert sum(option in line for line in said) == 1
+    assert sum("see below" in line for line in said) == 2 and "…" not in "".join(said)
+
+
 def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -> None:
     """Text in place of numbers, or a column without unit: exit code 2, one sentence, no folder."""
     out = tmp_path / "out"

@@ -10,11 +10,12 @@ from rich.table import Table
 from solver.console import right
 from solver.network import Segment
 from solver.quantity import quantities
-from solver.units import readable
+from solver.units import printed, readable
 
 from ..calibrate import Calibration
 from ..estimate import Estimate, decimals
 from ..indices import read_in
+from ..parameter_set import unit_of
 from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS
 
@@ -95,11 +96,11 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
 
 
 def calibration_table(result: Calibration) -> Table:
-    """Every value that moved, with its interval, in SI."""
+    """Every value that moved, with its interval and unit, in SI."""
     title = f"{result.network} calibrated: χ²/dof {result.chi2 / result.dof:.3g}"
-    table = Table("parameter", right("value (SI)"), right("95 % interval"), title=title)
+    table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():
-        table.add_row(name, f"{value:.5g}", interval(result.ci95[name], 1.0))
+        table.add_row(name, f"{value:.5g}", interval(result.ci95[name], 1.0), printed(unit_of(name)))
     return table
 
 

@@ -101,19 +101,20 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     return _chosen(*times[0], titles_, place), found
 
 
-def explained(table: Table, reading: Reading) -> list[str]:
-    """Of each column what it is read as, or what is to be said before it can be; for people."""
+def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
+    """Of each column whether it is understood, and what it is read as, or what is to be said before it can be; for
+    people."""
     found = []
     titles = [column.title for column in table.columns]
     for column, target in zip(table.columns, _targets(table.columns, reading, table.place, False), strict=True):
         try:
             if target is None:
-                found.append("left out")
+                found.append((True, "left out"))
             else:
                 each = _chosen(column, target, titles, table.place)
-                found.append("time" if each.name == "time" else f"{each.name}, a {each.kind.noun}")
+                found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
         except ValueError as error:
-            found.append(str(error).rpartition(f"{column.title!r}: ")[2])
+            found.append((False, str(error).rpartition(f"{column.title!r}: ")[2]))
     return found
 
 

@@ -24,7 +24,7 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
     """
     table = read_table(path, reading.decimal)
     columns = []
-    for column, meaning in zip(table.columns, explained(table, reading), strict=True):
+    for column, (understood, meaning) in zip(table.columns, explained(table, reading), strict=True):
         values = column.values[np.isfinite(column.values)]
         columns.append(
             {
@@ -34,6 +34,7 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
                 "min": float(values.min()) if len(values) else None,
                 "max": float(values.max()) if len(values) else None,
                 "gaps": len(column.values) - len(values),
+                "understood": understood,
                 "read_as": meaning,
             }
         )
@@ -42,7 +43,7 @@ def preview(path: str | os.PathLike[str], reading: Reading) -> dict[str, Any]:
 
 
 def preview_table(found: dict[str, Any]) -> Printed:
-    """The same for people."""
+    """The same for people; what is asked for stands below it: :func:`preview_questions`."""
     table = Printed(
         "Column", "Unit", right("First values"), right("Min"), right("Max"), right("Gaps"), "Read as",
         title=f"{found['file']}: {found['samples']} samples; {found['format']}",
@@ -50,8 +51,17 @@ def preview_table(found: dict[str, Any]) -> Printed:
     for each in found["columns"]:
         first = " ".join(_number(value) for value in each["first"])
         numbers = (first, _number(each["min"]), _number(each["max"]), str(each["gaps"]))
-        table.add_row(*(_plain(text) for text in (each["title"], each["unit"], *numbers, each["read_as"])))
+        table.add_row(*(_plain(text) for text in (each["title"], each["unit"], *numbers, _told(each))))
     return table
+
+
+def preview_questions(found: dict[str, Any]) -> list[str]:
+    """What is to be said of a column before it can be read, a line each: options to copy, which no table cuts."""
+    return [f"{each['title']!r}: {each['read_as']}" for each in found["columns"] if not each["understood"]]
+
+
+def _told(column: dict[str, Any]) -> str:
+    return column["read_as"] if column["understood"] else "?, see below"
 
 
 def _number(value: float | None) -> str:
