@@ -89,7 +89,9 @@ def _with_either(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Itera
     common, late = None, None
     try:
         # an animal farther off is left to walls that differ, which have the whole range
-        for common in _with_common_walls(problem.within(at.FARTHEST), terms, runs.part(at.IN_COMMON)):
+        for common in _with_common_walls(
+            problem.within(at.FARTHEST), terms, runs.part(at.IN_COMMON), runs.part(at.BEGUN)
+        ):
             yield common
             if hopeless(common):
                 break
@@ -123,8 +125,11 @@ def _beside(common: Compared, individual: Forward, terms: tuple[Term, ...], runs
         yield found.joined_by(elsewhere)
 
 
-def _with_common_walls(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
-    (base,) = problem.refit([()], runs=runs)
+def _with_common_walls(
+    problem: Forward, terms: tuple[Term, ...], runs: Runs, begun: Runs | None = None
+) -> Iterator[Compared]:
+    """What is known after every stage. begun : of the first one, without effect; by default ``runs``."""
+    (base,) = problem.refit([()], runs=begun or runs)
     if base is None:
         raise ArithmeticError("the model as given cannot be simulated with this record")
     found = Compared.of(problem, [base], {}, terms)

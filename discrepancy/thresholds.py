@@ -52,6 +52,7 @@ EACH = 6  # effects of each look that are refitted
 WORTH = 4.0  # of evidence that an effect must promise to be refitted where none explains the record
 IN_DOUBT = 6.0  # of a score above the best: effects that are searched on where none explains the record
 IN_COMMON = 0.3  # of the time limit, which walls with all in common may take where walls may differ
+BEGUN = 0.05  # of the time limit, which these may take without effect: others take a tenth of that
 FARTHEST = 3.0  # stated spreads that what all arteries have in common may be off, where walls may differ instead
 ANOTHER_ANIMAL = 1e5  # chi2 per datum without effect, from which walls with all in common are left to those that differ
 HOPELESS = 300.0  # chi2 per datum of the best effect with walls in common, from which no more is tried with them
