@@ -159,17 +159,39 @@ def test_the_slope_of_a_drift_is_not_in_the_mean_beat() -> None:
     np.testing.assert_allclose(drifting - drifting.mean(), steady - steady.mean(), atol=1e-9 * np.ptp(P))
 
 
-def test_an_unsteady_rate_is_said_or_refused() -> None:
-    """20 beats that shorten evenly: by 12 % in all a warning (6 % from the mean), by 30 % a refusal."""
+def slowing(change: float) -> Record:
+    """10 s of beats that shorten evenly from 0.5 s, their rate by ``change`` higher at the end."""
     time = np.arange(2000) * DT
+    return record(time, P=pressure(time / 0.5 * (1.0 + change * time / time[-1] / 2.0)))
 
-    def slowing(change: float) -> Record:
-        return record(time, P=pressure(time / 0.5 * (1.0 + change * time / time[-1] / 2.0)))
 
+def test_an_unsteady_rate_is_said() -> None:
+    """20 beats that shorten evenly, by 12 % in all: a warning, 6 % from the mean."""
     assert any("heart rate was not steady" in text for text in align(slowing(0.13)).warnings)
     assert align(slowing(0.0)).warnings == ()
-    with pytest.raises(ValueError, match=r"heart rate is not steady: a beat lasts up to \d+%.* steady rate\."):
+
+
+@pytest.mark.parametrize(("change", "longest", "T"), [(0.2, 0.495, 0.455), (0.25, 0.495, 0.445), (0.3, 0.48, 0.43)])
+def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest: float, T: float) -> None:
+    """Refinement ends up to 10 % from the usual beat, at 0.476 s for 0.3; cut singly, T is the mean of what is used, to
+    a sample, and the longest beat that is named the first one used, of 0.5/(1 + change t/10 s) s."""
+    beats = align(slowing(change))
+    assert beats.whole is not None
+    assert pytest.approx(T, abs=DT) == beats.T
+    first = beats.whole.cut.starts[0] * DT
+    assert longest == pytest.approx(0.5 / (1.0 + change * (first + 0.25) / 10.0), abs=DT)
+    assert f"to {longest:.3g} s; each was cut" in beats.warnings[0]
+
+
+def test_an_unsteady_rate_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beats of 0.5 to 0.385 s whose upstrokes cannot be told: no period fits; nor does one that is given."""
+    monkeypatch.setattr("fitting.records.align.unequal", lambda *_: None)
+    with pytest.raises(
+        ValueError, match=r"not steady: beats come every 0\.43\d* s or so, but no period fits .* rate\.$"
+    ):
         align(slowing(0.3))
+    with pytest.raises(ValueError, match=r"not steady: if cut every 0\.45 s, a beat is shifted .* steady rate\.$"):
+        align(slowing(0.3), 0.45)
 
 
 def test_noise_must_not_cost_the_last_beat() -> None:

@@ -102,6 +102,52 @@ def test_a_stretch_with_a_steady_rate_is_chosen() -> None:
     assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
 
 
+def settling(until: float, seed: int = 0) -> tuple[Record, np.ndarray]:
+    """30 s of pressure whose beats shorten from 0.84 to 0.69 s about a time [s], in some 4 s; and when they begin."""
+    begin = [-6.0 * 0.84]
+    while begin[-1] < 31.0:
+        begin.append(begin[-1] + 0.69 + 0.15 / (1.0 + np.exp(begin[-1] - until)))
+    time, rng = np.arange(0.0, 30.0, DT), np.random.default_rng(seed)
+    P = arterial(np.array(begin), np.ones(len(begin)), time) + 0.3 * MMHG * rng.standard_normal(len(time))
+    return record(time, P=P), np.array([t for t in begin if 0.0 <= t < 30.0])
+
+
+@pytest.mark.parametrize("until", [4.0, 6.0, 8.0, 10.0, 12.0])
+def test_a_rate_that_settles(until: float) -> None:
+    """No strict period, of 0.79 to 0.83 s, is made of beats of 0.84 and then 0.69 s: those of 0.69 s are cut singly, to
+    a sample, all after the change; that is said, and their length is taken if it is given."""
+    made, begin = settling(until)
+    beats = align(made)
+    assert beats.whole is not None
+    assert beats.T == pytest.approx(0.69, abs=DT)
+    assert beats.n_beats >= np.count_nonzero(begin > until + 2.0) - 2
+    assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
+    for period in (0.69, 0.7):
+        assert same(align(made, period), beats)
+
+
+def test_two_rates_with_a_common_period_are_single_beats() -> None:
+    """5 beats of 0.545 s last as long as 4 of 0.68 s, 2.72 s: cut singly, at one of the two (1 %), and that is said."""
+    begin = np.concatenate([0.68 * np.arange(-6, 23), 15.64 + 0.545 * np.arange(0, 30)])
+    time, rng = np.arange(0.0, 30.0, DT), np.random.default_rng(0)
+    P = arterial(begin, np.ones(len(begin)), time) + 0.1 * MMHG * rng.standard_normal(len(time))
+    beats = align(record(time, P=P))
+    assert min(abs(beats.T - 0.68) / 0.68, abs(beats.T - 0.545) / 0.545) < 0.01
+    assert any("the longest stretch with a steady heart rate" in text for text in beats.warnings)
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_beat_of_two_upstrokes_is_one_beat(seed: int) -> None:
+    """A reflection of 80 % comes 0.23 s after each upstroke of beats of 0.5 s and 2 %: the mean interval (0.5 %), not
+    the 0.24 s between upstrokes."""
+    rng = np.random.default_rng(seed)
+    begin, time = starts(rng, 0.5, 0.02, 30.0), np.arange(0.0, 30.0, DT)
+    direct, late = (arterial(begin + shift, np.ones(len(begin)), time) for shift in (0.0, 0.23))
+    P = direct + 0.8 * (late - 60.0 * MMHG) + 0.5 * MMHG * rng.standard_normal(len(time))
+    mean = np.diff(begin[(begin >= 0.0) & (begin < 30.0)]).mean()
+    assert align(record(time, P=P)).T == pytest.approx(mean, rel=5e-3)
+
+
 def test_a_seam_beyond_the_noise_is_said() -> None:
     """A seam of 2 % of the pulse, known to 30 %, beside a noise of the mean beat of 0.1 % of it: 6 times; of 0.2 %: no
     sentence."""

@@ -61,8 +61,8 @@ def align(record: Record, period: float | None = None) -> Beats:
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, told=record.told)
     if beats.unsteadiness > _UNSTEADY:
         raise ValueError(
-            f"{record.path}: the heart rate is not steady: a beat lasts up to {beats.unsteadiness:.0%} of the period "
-            f"of {T:.4g} s more or less than the others, and more than {_UNSTEADY:.0%} cannot be aligned; "
+            f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "
+            f"before by up to {beats.unsteadiness:.0%} of that, and more than {_UNSTEADY:.0%} cannot be aligned; "
             "use a stretch of the record with a steady rate."
         )
     return beats
@@ -97,9 +97,16 @@ def _cut(record: Record, whole: Whole) -> Beats:
 
 
 def _found(record: Record) -> tuple[float, Whole | None]:
-    """The period that is found [s], and the beats if they vary."""
-    T = find_period(record.channels, record.dt, record.path).T
-    return T, unequal(record.channels, record.dt, T)
+    """The period that is found [s], and the beats if they vary. Raises ValueError if they do and cannot be told."""
+    found = find_period(record.channels, record.dt, record.path)
+    whole = unequal(record.channels, record.dt, found.T)
+    if whole is None and not found.steady:
+        raise ValueError(
+            f"{record.path}: the heart rate is not steady: beats come every {found.T:.3g} s or so, but no period fits "
+            "the whole record, and their upstrokes are too unlike or too irregular to cut each by itself; "
+            "use a stretch of the record with a steady rate."
+        )
+    return found.T, whole
 
 
 def _given(period: float, record: Record) -> tuple[float, Whole | None]:

@@ -25,6 +25,7 @@ _WANDER = 0.25  # [Hz]; slower than any heart
 _LEAST = 0.6  # correlation from beat to beat; with less there is no beat
 _SLACK = 0.04  # by which the correlation one beat on may stay behind the one several beats on
 _ORDINARY = (0.02, 0.98)  # quantiles: what lies beyond them by the distance between them is a spike
+_STRAYED = 0.05  # of the period, by which refinement may move it: by more only where beats come at no steady rate
 _ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends the search
 _MANY = 200.0  # beats
 MOST = 128  # harmonics of a model; what lies above is left to the residual
@@ -32,15 +33,22 @@ MOST = 128  # harmonics of a model; what lies above is left to the residual
 
 @dataclass(frozen=True)
 class Found:
-    """A period [s], the channel it was found in, and the correlation from beat to beat there."""
+    """A period [s], the channel it was found in, and the correlation from beat to beat there.
+
+    steady : refined to a strict period of the whole record; else no such period is near, and T is a usual distance of
+    beats.
+    """
 
     T: float
     channel: str
     correlation: float
+    steady: bool
 
 
 def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
-    """The period of the channel that repeats best, to a few thousandths, then refined on that channel.
+    """The period of the channel that repeats best, to a few thousandths, then refined on that channel if it is strict.
+
+    Where the rate drifts, the refinement counts the beats of one stretch in another, and ends far from all of them.
 
     Raises ValueError if nothing repeats, or not twice.
     """
@@ -64,7 +72,9 @@ def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
             f"record at least two whole beats of {FEWEST} samples or more each."
         )
-    return Found(dt / refine(channels[best], dt / T), best, correlation)
+    refined = dt / refine(channels[best], dt / T)
+    steady = abs(refined / T - 1.0) <= _STRAYED
+    return Found(refined if steady else T, best, correlation, steady)
 
 
 def _excerpt(values: Array, dt: float) -> Array:
