@@ -1,5 +1,5 @@
 """Effects of a part of a segment, and one that no catalogue has beside one that it has: whole records of the
-independent generator, P, Q and R at seven sites, 40 dB."""
+independent generator, P, Q and R at seven sites, 40 dB, walls with all in common."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from fitting.estimate import Estimate
 from fitting.records.record import Record
 
 
-def named(*effects: Effect, walls: str | None = "common") -> tuple[Naming, dict[str, Estimate]]:
+def named(*effects: Effect) -> tuple[Naming, dict[str, Estimate]]:
     """The verdict on a record that hides effects, and what is stated of the best answer's first effect."""
     made = make(Case("network", "all", 40.0, effects), 7)
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
-    naming = name(study.problem, study.terms, walls=walls)
+    naming = name(study.problem, study.terms, walls="common")
     return naming, stated(study.network, naming, naming.best, naming.best.fit.terms[0])
 
 
@@ -44,19 +44,19 @@ def test_a_branch_before_the_site() -> None:
 
 @pytest.mark.slow
 def test_a_wall_that_is_stiffer_up_to_the_middle() -> None:
-    """E of DD is half as large again as far as x/L = 0.6: the end of the part to 0.02 (0.604 measured), E to 1 %."""
+    """E of DD is half as large again as far as x/L = 0.6: the end of the part to 0.01 (0.604 measured), E to 1 %."""
     naming, found = named(Effect("wall_stiffness", ("DD",), 0.5, position=0.3, length=0.6))
     assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "wall_stiffness at DD", True)
-    assert part(found, "DD.E") == pytest.approx((0.0, 0.6), abs=0.02)
+    assert part(found, "DD.E") == pytest.approx((0.0, 0.6), abs=0.01)
     assert found["DD.E_scale"].value == pytest.approx(1.5, rel=0.01)
 
 
 @pytest.mark.slow
-def test_a_part_that_is_stiffer_where_every_artery_may_differ() -> None:
-    """E of CA is half as large again between x/L 0.15 and 0.45: the part is named, not an artery that differs. The
-    record tells the compliance that is missing, to 3 % (2.3 % measured), and where, to 0.05 (0.043), not how stiff a
-    part of what length: its intervals say so, and hold the truth."""
-    naming, found = named(Effect("wall_stiffness", ("CA",), 0.5, position=0.3, length=0.3), walls=None)
+def test_a_part_that_is_stiffer_before_the_site() -> None:
+    """E of CA is half as large again between x/L 0.15 and 0.45: the part is named. The record tells the
+    compliance that is missing, to 3 % (2.3 % measured), and where, to 0.05 (0.043), not how stiff a part of what
+    length: its intervals say so, and hold the truth."""
+    naming, found = named(Effect("wall_stiffness", ("CA",), 0.5, position=0.3, length=0.3))
     assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "wall_stiffness at CA", True)
     scale, position, length = (found[f"CA.E_{key}"] for key in ("scale", "position", "length"))
     assert (1.0 - 1.0 / scale.value) * length.value == pytest.approx(0.1, rel=0.03)
@@ -68,11 +68,11 @@ def test_a_part_that_is_stiffer_where_every_artery_may_differ() -> None:
 
 @pytest.mark.slow
 def test_a_long_stenosis() -> None:
-    """K = 10 over x/L 0.32 to 0.52 of PD, across its site: K to 1 % (0.1 measured), its ends to 0.02 (0.003)."""
+    """K = 10 over x/L 0.32 to 0.52 of PD, across its site: K to 0.3 % (0.1 measured), its ends to 0.01 (0.003)."""
     naming, found = named(Effect("stenosis", ("PD",), 10.0, position=0.42, length=0.2))
     assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "stenosis at PD", True)
-    assert part(found, "PD.K") == pytest.approx((0.32, 0.52), abs=0.02)
-    assert found["PD.K"].value == pytest.approx(10.0, rel=0.01)
+    assert part(found, "PD.K") == pytest.approx((0.32, 0.52), abs=0.01)
+    assert found["PD.K"].value == pytest.approx(10.0, rel=0.003)
 
 
 @pytest.mark.slow
