@@ -29,7 +29,7 @@ def moved_along(found: Compared, runs: Runs) -> list[Fit]:
     return fits
 
 
-def parts(found: Compared, runs: Runs) -> list[Fit]:
+def promising(found: Compared, runs: Runs) -> list[Fit]:
     """Fits of the parts of segments that promise most at the animal without effect, each begun where it does.
 
     Those of walls are tried even where every artery differs: it is whole arteries that do.
@@ -43,8 +43,8 @@ def parts(found: Compared, runs: Runs) -> list[Fit]:
             label = score.term.label
             if label not in best or score.gain > best[label][1].gain:
                 best[label] = (some[label], score)
-    promising = shortlist(sorted((score for _, score in best.values()), key=lambda s: -s.gain), at.ALONG)
-    hypotheses = [(grown(best[t.label][0]),) for t in promising]
+    chosen = shortlist(sorted((score for _, score in best.values()), key=lambda s: -s.gain), at.ALONG)
+    hypotheses = [(grown(best[t.label][0]),) for t in chosen]
     return [f for f in found.problem.refit(hypotheses, base, runs) if f is not None] if hypotheses else []
 
 

@@ -11,7 +11,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import followers, joins
 
 from . import thresholds as at
-from .along import moved_along, parts
+from .along import moved_along, promising
 from .compare import Compared, within
 from .weigh import names_of, scores, shortlist
 
@@ -24,7 +24,7 @@ def further(found: Compared, runs: Runs, branches: int = at.BRANCHES) -> Iterato
     tried: set[str] = set()
     if found.best.fit.terms and (fits := moved_along(found, runs)):
         yield (found := found.joined_by(fits))
-    if found.best.fit.terms and not found.best.explains and (fits := parts(found, runs)):
+    if found.best.fit.terms and not found.best.explains and (fits := promising(found, runs)):
         yield (found := found.joined_by(fits))
         if not found.best.explains and (fits := moved_along(found, runs)):
             yield (found := found.joined_by(fits))
@@ -83,8 +83,8 @@ def _seconds(found: Compared, first: Fit, runs: Runs) -> list[Fit]:
     base = first if anew is None else anew
     columns = problem.columns(base, others, runs)
     enough = max(at.FAR_LEFT * len(base.z), at.PART_LEFT * base.chi2)
-    promising = shortlist([s for s in scores(base, columns, others) if s.left < enough], at.SHORTLIST)
-    fits = problem.refit([(*first.terms, t) for t in promising], base, runs, columns) if promising else []
+    chosen = shortlist([s for s in scores(base, columns, others) if s.left < enough], at.SHORTLIST)
+    fits = problem.refit([(*first.terms, t) for t in chosen], base, runs, columns) if chosen else []
     return [f for f in fits if f is not None]
 
 

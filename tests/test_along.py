@@ -12,7 +12,7 @@ import pytest
 from small_network import NETWORK, term, terms
 
 from discrepancy import thresholds as at
-from discrepancy.along import moved_along, parts
+from discrepancy.along import moved_along, promising
 from discrepancy.compare import Compared
 from discrepancy.weigh import Named, apart
 from fitting.inference.fit import Fit
@@ -82,7 +82,7 @@ def test_parts_are_begun_where_they_promise_most(best: float, own: bool) -> None
     """The best place of every effect of a part, then the best of all: four, each begun at x/L where its column takes
     most and nowhere else, with growing sizes; a stiff part even where every artery differs."""
     problem = Begun(best, np.ones(SITES))
-    assert len(parts(compared(problem, own=own, asked=ASKED), Runs())) == at.ALONG == 4
+    assert len(promising(compared(problem, own=own, asked=ASKED), Runs())) == at.ALONG == 4
     assert {t.label for t in problem.asked} == {
         *("side_branch at A", "stenosis at A", "wall_stiffness at A", "side_branch at B"),
     }
@@ -95,9 +95,9 @@ def test_parts_are_begun_where_they_promise_most(best: float, own: bool) -> None
 def test_only_parts_of_effects_that_are_asked() -> None:
     """Of a catalogue without stenosis none is tried, of one without effects of a part nothing."""
     problem = Begun(0.5, np.ones(SITES))
-    parts(compared(problem, asked=terms("side_branch", "wall_stiffness")), Runs())
+    promising(compared(problem, asked=terms("side_branch", "wall_stiffness")), Runs())
     assert {t.effect for t in problem.asked} == {"side_branch", "wall_stiffness"}
-    assert parts(compared(Begun(0.5, np.ones(SITES)), asked=terms("terminal_reflection")), Runs()) == []
+    assert promising(compared(Begun(0.5, np.ones(SITES)), asked=terms("terminal_reflection")), Runs()) == []
 
 
 def test_along_the_segment_and_then_how_long() -> None:

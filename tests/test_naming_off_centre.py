@@ -16,6 +16,13 @@ from fitting.estimate import Estimate
 from fitting.records.record import Record
 
 
+def alone(effect: Effect, label: str) -> dict[str, Estimate]:
+    """What is stated of an effect that is the whole answer, at the end of its search."""
+    naming, found = named(effect)
+    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", label, True)
+    return found
+
+
 def named(*effects: Effect) -> tuple[Naming, dict[str, Estimate]]:
     """The verdict on a record that hides effects, and what is stated of the best answer's first effect."""
     made = make(Case("network", "all", 40.0, effects), 7)
@@ -34,8 +41,7 @@ def part(found: dict[str, Estimate], key: str) -> tuple[float, float]:
 def test_a_branch_before_the_site() -> None:
     """A tenth of the mean flow leaves CA between x/L 0.15 and 0.45: its middle to 0.03, 0.008 off measured; its whole
     conductance to 1 %, 0.4 % measured, and not its length, which the record does not tell."""
-    naming, found = named(Effect("side_branch", ("CA",), 0.1, position=0.3, length=0.3))
-    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "side_branch at CA", True)
+    found = alone(Effect("side_branch", ("CA",), 0.1, position=0.3, length=0.3), "side_branch at CA")
     position, length = found["CA.leak_position"], found["CA.leak_length"]
     assert position.value == pytest.approx(0.3, abs=0.03) and position.ci95[0] < 0.3 < position.ci95[1]
     assert found["CA.leak"].value * length.value == pytest.approx(0.1 * 15e-6 / 10e3 / 0.15, rel=0.01)
@@ -45,8 +51,7 @@ def test_a_branch_before_the_site() -> None:
 @pytest.mark.slow
 def test_a_wall_that_is_stiffer_up_to_the_middle() -> None:
     """E of DD is half as large again as far as x/L = 0.6: the end of the part to 0.01 (0.604 measured), E to 1 %."""
-    naming, found = named(Effect("wall_stiffness", ("DD",), 0.5, position=0.3, length=0.6))
-    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "wall_stiffness at DD", True)
+    found = alone(Effect("wall_stiffness", ("DD",), 0.5, position=0.3, length=0.6), "wall_stiffness at DD")
     assert part(found, "DD.E") == pytest.approx((0.0, 0.6), abs=0.01)
     assert found["DD.E_scale"].value == pytest.approx(1.5, rel=0.01)
 
@@ -56,8 +61,7 @@ def test_a_part_that_is_stiffer_before_the_site() -> None:
     """E of CA is half as large again between x/L 0.15 and 0.45: the part is named. The record tells the
     compliance that is missing, to 3 % (2.3 % measured), and where, to 0.05 (0.043), not how stiff a part of what
     length: its intervals say so, and hold the truth."""
-    naming, found = named(Effect("wall_stiffness", ("CA",), 0.5, position=0.3, length=0.3))
-    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "wall_stiffness at CA", True)
+    found = alone(Effect("wall_stiffness", ("CA",), 0.5, position=0.3, length=0.3), "wall_stiffness at CA")
     scale, position, length = (found[f"CA.E_{key}"] for key in ("scale", "position", "length"))
     assert (1.0 - 1.0 / scale.value) * length.value == pytest.approx(0.1, rel=0.03)
     assert position.value == pytest.approx(0.3, abs=0.05)
@@ -69,8 +73,7 @@ def test_a_part_that_is_stiffer_before_the_site() -> None:
 @pytest.mark.slow
 def test_a_long_stenosis() -> None:
     """K = 10 over x/L 0.32 to 0.52 of PD, across its site: K to 0.3 % (0.1 measured), its ends to 0.01 (0.003)."""
-    naming, found = named(Effect("stenosis", ("PD",), 10.0, position=0.42, length=0.2))
-    assert (naming.verdict, naming.best.label, naming.complete) == ("effect", "stenosis at PD", True)
+    found = alone(Effect("stenosis", ("PD",), 10.0, position=0.42, length=0.2), "stenosis at PD")
     assert part(found, "PD.K") == pytest.approx((0.32, 0.52), abs=0.01)
     assert found["PD.K"].value == pytest.approx(10.0, rel=0.003)
 
