@@ -50,7 +50,7 @@ def named(K: float) -> Naming:
 def test_a_stiff_wall_beside_what_is_in_no_catalogue() -> None:
     """K = 3: the stiff wall is named, and that more remains, most of it at the stenosis.
 
-    The interval that is stated is fifteen times as wide as by noise alone, and still too narrow: 1.217 ± 0.023, not 1.25.
+    The interval that is stated is fifteen times as wide as by noise alone, and still too narrow: 1.217 ± 0.023 for 1.25
     """
     naming = named(3.0)
     assert (naming.verdict, naming.best.label) == ("partial", "wall_stiffness at B")
