@@ -1,6 +1,6 @@
 """Time of a repeating beat by harmonic balance, against runs in time: a table, and JSON on request.
 
-    python benchmarks/balance.py [--json FILE]
+    python benchmarks/balance.py [--json FILE] [--small]
 
 Sheep network, viscoelastic and elastic, a smooth inflow, batches of 1, 4, 16 and 64 moduli. CPU time of one thread, the
 best of several calls in one run; the error is that of a run in steps of 2.5 ms, relative to the balance, of the worst
@@ -22,7 +22,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import Row, best, show
+from benchmarks.table import Row, Small, best, show
 from solver import Network, Settings, beat_harmonics, load, repeating_beat
 
 SHEEP = load("sheep")
@@ -40,10 +40,10 @@ def inflow(t: np.ndarray) -> np.ndarray:
     return np.asarray((np.exp(2j * np.pi * np.outer(t / T, np.arange(11))) @ X).real)
 
 
-def rows_of(name: str, network: Network) -> list[Row]:
+def rows_of(name: str, network: Network, batches: tuple[int, ...]) -> list[Row]:
     """Both ways, of every batch."""
     found = []
-    for B in BATCHES:
+    for B in batches:
         moduli = {"CA.E": 4e6 * np.linspace(0.9, 1.1, B)}
         X = beat_harmonics(network, NAMES, K, inflow, parameters=moduli)
         beat = repeating_beat(network, inflow, parameters=moduli, settings=STEPS)
@@ -60,9 +60,11 @@ def rows_of(name: str, network: Network) -> list[Row]:
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    small: Small = False,
 ) -> None:
     """Measure and print."""
-    rows = rows_of("sheep", SHEEP) + rows_of("elastic", ELASTIC)
+    batches = BATCHES[:1] if small else BATCHES
+    rows = rows_of("sheep", SHEEP, batches) + rows_of("elastic", ELASTIC, batches)
     show(rows, f"a beat that repeats, {K} harmonics, one thread", json_file)
 
 

@@ -1,6 +1,6 @@
 """How far the published networks are from their own converged beats, and what a beat costs: two tables.
 
-    python benchmarks/convergence.py [--rows FILE] [NETWORKS ...]
+    python benchmarks/convergence.py [--rows FILE] [--small] [NETWORKS ...]
 
 Every network at default settings, with finer and coarser steps and elements, against a fine solution of the same
 solver. P and Q in the middle of every vessel, periodic beats; rms of the difference over the pulse of the fine one, its
@@ -25,6 +25,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from benchmarks.table import Small
 from solver import Network, NonPhysicalState, NotPeriodic, Settings, Waveforms, load, simulate_periodic
 from solver.console import right, show
 from solver.files import write_whole
@@ -101,17 +102,19 @@ def main(
     rows: Annotated[Path, typer.Option(help="What was measured; made, and continued.")] = Path(
         "build/convergence.json"
     ),
+    small: Small = False,
 ) -> None:
     """Measure what is not yet in the rows, and print."""
     found = json.loads(rows.read_text()) if rows.is_file() else []
     done = {(row["network"], row["step"], row["length"]) for row in found}
     rows.parent.mkdir(parents=True, exist_ok=True)
+    cases, finest = (FACTORS[:1] + COARSE[:1], FACTORS[1]) if small else (FACTORS + COARSE, FINE)
     for name in networks or NETWORKS:
-        left = [case for case in FACTORS + COARSE if (name, *case) not in done]
+        left = [case for case in cases if (name, *case) not in done]
         if left:
             network = load(name)
             begun = time.process_time()
-            fine = simulate_periodic(network, settings=settings_of(network, *FINE, ITERATION), tolerance=PERIODIC)
+            fine = simulate_periodic(network, settings=settings_of(network, *finest, ITERATION), tolerance=PERIODIC)
             print("fine", name, fine.beats, fine.change, time.process_time() - begun, flush=True)
         for case in left:
             found.append(measured(network, fine, *case))

@@ -1,6 +1,6 @@
 """Speed of the fits: one site, a cohort of 77 recordings, a network calibration; a table, and JSON on request.
 
-    python benchmarks/fit_speed.py [--json FILE]
+    python benchmarks/fit_speed.py [--json FILE] [--small]
 
 CPU time of one thread. All recordings are virtual (synthetic), 40 dB of noise. Nothing here is asserted: see the tests.
 """
@@ -21,7 +21,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import Row, best, show
+from benchmarks.table import Row, Small, best, show
 from fitting.calibrate import Calibration, calibrate
 from fitting.cohort.file import read_cohort
 from fitting.cohort.fits import MODELS, fit_cohort
@@ -46,10 +46,11 @@ UNKNOWNS = (
     "CA.outlet.R_t",
     "fluid.nu",
 )
+REPEATS = 9  # of a fit; a third and a sixth of it of the cohort
 OFF = {"all.E": 1.1, "CA.phi0": 0.85, "fluid.nu": 1.1}  # truth over start
 
 
-def site_rows(folder: Path) -> list[Row]:
+def site_rows(folder: Path, times: int) -> list[Row]:
     """Reading, aligning and fitting one recording; the cohort."""
     entries = read_cohort(write_cohort(virtual_cohort(1), folder))
     first = entries[0]
@@ -57,12 +58,12 @@ def site_rows(folder: Path) -> list[Row]:
     beats = align(record)
     fitted = fit(beats, first.site, first.h)
     return [
-        Row("one site: read", 1e3 * best(lambda: read_record(first.record), 9), "ms"),
-        Row("one site: period and beats", 1e3 * best(lambda: align(record), 9), "ms"),
-        Row("one site: fit with the γ-loop", 1e3 * best(lambda: fit(beats, first.site, first.h), 9), "ms", 20.0),
+        Row("one site: read", 1e3 * best(lambda: read_record(first.record), times), "ms"),
+        Row("one site: period and beats", 1e3 * best(lambda: align(record), times), "ms"),
+        Row("one site: fit with the γ-loop", 1e3 * best(lambda: fit(beats, first.site, first.h), times), "ms", 20.0),
         Row("one site: bootstrap, 200 replicates", best(lambda: bootstrap(fitted, beats), 1), "s"),
-        Row("77 recordings, one model", best(lambda: fit_cohort(entries, ("monotone",)), 3), "s", 3.0),
-        Row(f"77 recordings, {len(MODELS)} models", best(lambda: fit_cohort(entries), 2), "s"),
+        Row("77 recordings, one model", best(lambda: fit_cohort(entries, ("monotone",)), -(-times // 3)), "s", 3.0),
+        Row(f"77 recordings, {len(MODELS)} models", best(lambda: fit_cohort(entries), -(-times // 6)), "s"),
     ]
 
 
@@ -93,10 +94,11 @@ def calibration_row() -> Row:
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    small: Small = False,
 ) -> None:
     """Measure and print."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = [*site_rows(Path(folder)), calibration_row()]
+        rows = [*site_rows(Path(folder), 1 if small else REPEATS), calibration_row()]
     show(
         rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
     )

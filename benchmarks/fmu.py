@@ -1,6 +1,6 @@
 """Speed of the FMU of the paper's sheep network in a host: a table, and JSON on request.
 
-    python benchmarks/fmu.py [--json FILE]
+    python benchmarks/fmu.py [--json FILE] [--small]
 
 CPU time of one thread in a fresh process, the best of several beats of the half-sine; what is compared runs in turns in
 one process. Nothing here is asserted: see the tests.
@@ -20,19 +20,21 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.table import Row, show
+from benchmarks.table import Row, Small, show
 from build_fmu import build
 from solver import load
 
+ROUNDS = 4
 
-def rows() -> list[Row]:
+
+def rows(rounds: int) -> list[Row]:
     """What a host pays: at the start, per step, for what it reads, off the grid, for a saved state."""
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
         fmu = build(load("sheep"), folder)
         built = time.perf_counter() - start
         threads = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "MKL", "OMP")}
-        host = [sys.executable, os.fspath(Path(__file__).with_name("fmu_host.py")), str(fmu)]
+        host = [sys.executable, os.fspath(Path(__file__).with_name("fmu_host.py")), str(fmu), str(rounds)]
         done = subprocess.run(host, capture_output=True, text=True, check=True, env={**os.environ, **threads})
     found = json.loads(done.stdout.splitlines()[-1])
     overhead, grid = found["read"] - found["direct"], found["grid"]
@@ -54,9 +56,14 @@ def rows() -> list[Row]:
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    small: Small = False,
 ) -> None:
     """Measure and print."""
-    show(rows(), f"FMU of sheep: {platform.machine()}, Python {platform.python_version()}, one thread", json_file)
+    show(
+        rows(1 if small else ROUNDS),
+        f"FMU of sheep: {platform.machine()}, Python {platform.python_version()}, one thread",
+        json_file,
+    )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
 """What openBF's own method leaves as error: the method written anew, and its parts switched one at a time.
 
-    python benchmarks/openbf_method.py [--data DIR] [--networks ibif,cca] [--figure FILE]
+    python benchmarks/openbf_method.py [--data DIR] [--networks ibif,cca] [--figure FILE] [--no-switch]
+
+A network may be a file: that of `arterial-fmu import openbf DIR/adan56/adan56.yaml --as-run`, eight minutes.
 
 The method, by openBF's public source (version 2): cells of 1 mm; A and Q reconstructed with superbee slopes; fluxes
 of Lax and Friedrichs, of the speed dx/dt; Heun's steps at CFL 0.9; ghost cells that copy the end cells. What inlet,
 junction and outlet say by Riemann invariants overwrites A and Q of the end cells, vessel after vessel within a step.
+Where vessels part, the static pressure is continuous; where one goes on as one other, the total pressure.
 Two beats from the periodic state of this solver; openBF's recorded beat is the reference, as in benchmarks/openbf.py.
 """
 
@@ -24,7 +27,6 @@ import numpy as np
 import typer
 from openbf import PLACES, compared, reference, with_sites  # type: ignore[import-not-found]
 from rich.table import Table
-from scipy.optimize import brentq
 
 from solver import Network, Settings, Site, Waveforms, Windkessel, load, simulate_periodic
 from solver.console import right, show
@@ -32,6 +34,8 @@ from solver.muscl.slopes import van_albada
 
 Array = np.ndarray
 Slopes = Callable[[Array, Array], Array]
+
+_NEWTON, _SETTLED = 20, 1e-12  # most corrections of an end cell, and the last one, of its area
 
 
 def superbee(a: Array, b: Array) -> Array:
@@ -42,32 +46,47 @@ def superbee(a: Array, b: Array) -> Array:
 
 @dataclass
 class Cells:
-    """A vessel: P = K (√(A/A0) - 1), c = k A^¼. U : (2, n + 2) A [m²] and Q [m³/s] with a ghost cell at both ends."""
+    """A vessel: P = P_ref + K (√(A/A0) - 1), c = k A^¼. U : (2, n + 2) A [m²] and Q [m³/s] with a ghost cell at both
+    ends."""
 
     dx: float
     A0: float
     K: float
     k: float
+    P_ref: float
     U: Array
     load: Any = None  # the Windkessel behind it, if any
     P_C: float = 0.0
 
     def pressure(self, A: Any) -> Any:
-        return self.K * (np.sqrt(A / self.A0) - 1.0)
+        return self.P_ref + self.K * ((A / self.A0) ** 0.5 - 1.0)
 
-    def invariant(self, cell: int, sign: float) -> float:
-        A, Q = self.U[:, cell]
-        return float(Q / A + sign * 4.0 * self.k * A**0.25)
 
-    def put(self, cell: int, sign: float, P: float, W: float) -> float:
-        """A and Q of a cell under P with the invariant W that reaches it; the flow."""
-        A = self.A0 * (P / self.K + 1.0) ** 2
-        self.U[:, cell] = A, A * (W - sign * 4.0 * self.k * A**0.25)
-        return float(self.U[1, cell])
+@dataclass
+class End:
+    """A vessel's end where it meets others, or its Windkessel: sign 1 its last cell, -1 its first. A : area there.
 
-    def flow(self, sign: float, P: float, W: float) -> float:
-        A = self.A0 * (P / self.K + 1.0) ** 2
-        return float(A * (W - sign * 4.0 * self.k * A**0.25))
+    Riemann's invariant W = u ± 4 c that reaches it holds u = W ∓ 4 c, so that du/dA = ∓ c/A.
+    """
+
+    vessel: Cells
+    sign: float
+
+    def __post_init__(self) -> None:
+        self.cell = -2 if self.sign > 0.0 else 1
+        self.A, Q = map(float, self.vessel.U[:, self.cell])
+        self.W = Q / self.A + self.sign * 4.0 * self.vessel.k * self.A**0.25
+
+    def at(self, rho: float) -> tuple[float, float, float, float]:
+        """Flow into the node [m³/s] and P + (ρ/2) u² [Pa], each with its derivative by A."""
+        v, c = self.vessel, self.vessel.k * self.A**0.25
+        u = self.W - self.sign * 4.0 * c
+        slope = 0.5 * v.K / (self.A * v.A0) ** 0.5  # dP/dA
+        head = float(v.pressure(self.A)) + 0.5 * rho * u * u
+        return self.sign * self.A * u, self.sign * u - c, head, slope - rho * u * self.sign * c / self.A
+
+    def put(self) -> None:
+        self.vessel.U[:, self.cell] = self.A, self.sign * self.at(0.0)[0]
 
 
 def divergence(v: Cells, U: Array, speed: float, slopes: Slopes) -> Array:
@@ -89,29 +108,35 @@ def advance(v: Cells, dt: float, friction: float, slopes: Slopes) -> None:
     v.U[1, 1:-1] *= 1.0 - dt * friction / v.U[0, 1:-1]
 
 
-def meet(parent: Cells, daughters: list[Cells]) -> None:
-    """One pressure in the end cells, ΣQ = 0."""
-    W, Ws = parent.invariant(-2, 1.0), [d.invariant(1, -1.0) for d in daughters]
-
-    def net(P: float) -> float:
-        return parent.flow(1.0, P, W) - sum(d.flow(-1.0, P, w) for d, w in zip(daughters, Ws, strict=True))
-
-    guess = float(parent.pressure(parent.U[0, -2]))
-    P = float(brentq(net, guess - 2e3, guess + 2e3, xtol=1e-9))
-    parent.put(-2, 1.0, P, W)
-    for d, w in zip(daughters, Ws, strict=True):
-        d.put(1, -1.0, P, w)
+def meet(parent: Cells, daughters: list[Cells], rho: float) -> None:
+    """ΣQ = 0 and one pressure in the end cells, the total one where the vessel goes on as one other: Newton."""
+    ends = [End(parent, 1.0), *(End(d, -1.0) for d in daughters)]
+    kinetic = rho if len(daughters) == 1 else 0.0
+    for _ in range(_NEWTON):
+        found = [end.at(kinetic) for end in ends]
+        weights = [dQ / dH for _, dQ, _, dH in found]
+        # heads linear in A: ΣQ + Σ dQ/dH (H - H_i) = 0
+        H = sum(w * h - Q for w, (Q, _, h, _) in zip(weights, found, strict=True)) / sum(weights)
+        moves = [(H - h) / dH for _, _, h, dH in found]
+        for end, move in zip(ends, moves, strict=True):
+            end.A += move
+        if all(abs(move) < _SETTLED * end.A for end, move in zip(ends, moves, strict=True)):
+            break
+    for end in ends:
+        end.put()
 
 
 def leave(v: Cells, dt: float) -> None:
-    """The Windkessel by Euler's step, then its R1 at the last cell."""
-    W, guess = v.invariant(-2, 1.0), float(v.pressure(v.U[0, -2]))
+    """The Windkessel by Euler's step, then R1 Q = P - P_C at the last cell: Newton."""
     v.P_C += dt / v.load.C * (v.U[1, -2] - v.P_C / v.load.R2)
-
-    def net(P: float) -> float:
-        return v.flow(1.0, P, W) - (P - v.P_C) / v.load.R1
-
-    v.put(-2, 1.0, float(brentq(net, guess - 2e3, guess + 2e3, xtol=1e-9)), W)
+    end = End(v, 1.0)
+    for _ in range(_NEWTON):
+        Q, dQ, P, dP = end.at(0.0)
+        move = (P - v.P_C - v.load.R1 * Q) / (v.load.R1 * dQ - dP)
+        end.A += move
+        if abs(move) < _SETTLED * end.A:
+            break
+    end.put()
 
 
 def started(network: Network, cell: float) -> list[Cells]:
@@ -129,7 +154,7 @@ def started(network: Network, cell: float) -> list[Cells]:
         k = np.sqrt(K / (2.0 * network.fluid.rho)) / A0**0.25
         P_C = beat[f"{s.name}.outlet.P"][-1] - o.R1 * beat[f"{s.name}.outlet.Q"][-1] if o else 0.0
         U = np.pad(np.stack([np.pi * R * R, Q]), ((0, 0), (1, 1)), mode="edge")
-        found.append(Cells(s.L / count[s.name], A0, K, float(k), U, o, float(P_C)))
+        found.append(Cells(s.L / count[s.name], A0, K, float(k), network.P_ref, U, o, float(P_C)))
     return found
 
 
@@ -137,6 +162,9 @@ def simulated(network: Network, cell: float = 1e-3, cfl: float = 0.9, slopes: Sl
     """The second beat, P and Q at the five places, in the cells that openBF records."""
     vessels, T, t = started(network, cell), network.inlet.T, 0.0
     friction = np.pi * network.fluid.friction * network.fluid.nu
+    of = {s.name: v for s, v in zip(network.segments, vessels, strict=True)}
+    after = {j.inflow[0]: [of[name] for name in j.outflow] for j in network.junctions}
+    behind = [after.get(s.name, []) for s in network.segments]
     names = [f"{s.name}_{round(100 * x)}.{signal}" for s in network.segments for x in PLACES for signal in "PQ"]
     times, rows = list[float](), list[list[float]]()
     while t < 2.0 * T:
@@ -144,8 +172,8 @@ def simulated(network: Network, cell: float = 1e-3, cfl: float = 0.9, slopes: Sl
         vessels[0].U[1, 1] = network.inlet.Q(np.array([t]))[0]
         for i, v in enumerate(vessels):
             advance(v, dt, friction, slopes)
-            if i == 0 and len(vessels) > 1:
-                meet(v, vessels[1:])
+            if behind[i]:
+                meet(v, behind[i], network.fluid.rho)
             if v.load is not None:
                 leave(v, dt)
         for v in vessels:
@@ -182,8 +210,9 @@ SWITCHES: dict[str, Callable[[Network], Waveforms]] = {
 
 def main(
     data: Annotated[Path | None, typer.Option(help="openBF's results, a directory per network.")] = None,
-    networks: Annotated[str, typer.Option(help="Names, with commas: cca, ibif.")] = "ibif",
+    networks: Annotated[str, typer.Option(help="Names, with commas: cca, ibif, or files.")] = "ibif",
     figure: Annotated[Path | None, typer.Option(help="Draw the differences of the flow in the first here.")] = None,
+    switch_all: Annotated[bool, typer.Option("--switch/--no-switch", help="Switch parts of the method.")] = True,
 ) -> None:
     """Compare the method, and its parts switched, with openBF's results."""
     for i, name in enumerate(networks.split(",")):
@@ -192,7 +221,7 @@ def main(
         table = Table(
             "switched", "signal", *map(right, ("shape", "worst", "pulse", "worst")), title=f"{name}, % of pulse"
         )
-        for label, run in SWITCHES.items():
+        for label, run in list(SWITCHES.items())[: None if switch_all else 2]:
             results[label] = run(network)
             errors = compared(results[label], found)
             for signal in "PQ":
@@ -224,7 +253,7 @@ def draw(results: dict[str, Waveforms], found: Any, path: Path) -> None:
         axis.plot(
             at, (wanted - np.interp(at, ours.time, ours[key])) / size, "o", color="0.5", mfc="none", label="openBF"
         )
-        for label, colour, style in lines:
+        for label, colour, style in (line for line in lines if line[0] in results):
             difference = np.interp(ours.time, results[label].time, results[label][key]) - ours[key]
             axis.plot(ours.time, difference / size, color=colour, linestyle=style, label=label)
         axis.set(title=f"Q, {key[:-2].replace('_', ', ')} % of its length", xlabel="t [s]")

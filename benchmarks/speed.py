@@ -1,6 +1,6 @@
 """Speed and accuracy of the solver on the paper's sheep network: a table, and JSON on request.
 
-    python benchmarks/speed.py [--json FILE]
+    python benchmarks/speed.py [--json FILE] [--small]
 
 CPU time of one thread, the best of several beats in one run; errors against the reference waveforms in tests/data
 (relative L2 of the last beat, pressures by their mean-removed norm). Nothing here is asserted: see the tests.
@@ -23,7 +23,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.table import Row, best, show
+from benchmarks.table import Row, Small, best, show
 from solver import Settings, load
 from solver.coefficients import Parameters
 from solver.outputs import reporter
@@ -39,7 +39,9 @@ SHEEP = load("sheep")
 ELASTIC = {f"{segment.name}.phi0": 0.0 for segment in SHEEP.segments}
 
 
-def beats(parameters: Parameters | None, settings: Settings) -> tuple[list[float], np.ndarray, tuple[str, ...]]:
+def beats(
+    parameters: Parameters | None, settings: Settings, count: int
+) -> tuple[list[float], np.ndarray, tuple[str, ...]]:
     """CPU seconds of each beat, reporting included; outputs of the last one (n + 1, B, n_outputs); their names."""
     model = build(SHEEP, parameters, settings)
     report = reporter(model)
@@ -47,7 +49,7 @@ def beats(parameters: Parameters | None, settings: Settings) -> tuple[list[float
     n = round(SHEEP.inlet.T / settings.dt)
     table = np.empty((n + 1, model.coefficients.B, len(report.names)))
     seconds = []
-    for beat in range(BEATS):
+    for beat in range(count):
         inflow = SHEEP.inlet.Q((beat * n + np.arange(n)[:, None] + INFLOW_TIMES) * settings.dt)
         start = time.process_time()
         table[0] = report(state)
@@ -75,7 +77,7 @@ def error(table: np.ndarray, names: tuple[str, ...], dt: float, file: str) -> fl
     return worst
 
 
-def solver_rows() -> list[Row]:
+def solver_rows(count: int) -> list[Row]:
     """A beat to a stated error, viscoelastic and elastic; a batch against one run; the operators."""
     rows = []
     cases = (
@@ -91,12 +93,12 @@ def solver_rows() -> list[Row]:
         ("elastic beat, the same within 5e-3", ELASTIC, Settings(), "sheep_elastic", 400.0),
     )
     for what, parameters, settings, file, target in cases:
-        seconds, table, names = beats(parameters, settings)
+        seconds, table, names = beats(parameters, settings, count)
         reached = error(table, names, settings.dt, f"{file}.csv")
         rows.append(Row(what, 1e3 * min(seconds), "ms", target, f"error {reached:.1e}, dt {1e3 * settings.dt:g} ms"))
     many = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
-    one = min(beats({name: value[0] for name, value in many.items()}, Settings())[0])
-    batch = min(beats(many, Settings())[0])
+    one = min(beats({name: value[0] for name, value in many.items()}, Settings(), count)[0])
+    batch = min(beats(many, Settings(), count)[0])
     rows.append(Row("batch of 32 parameter sets, against one", batch / one, "x", 3.0, f"{1e3 * batch:.0f} ms a beat"))
     model = build(SHEEP)
     first = best(lambda: operators(build(SHEEP), 1e-3)) - best(lambda: build(SHEEP))
@@ -108,9 +110,10 @@ def solver_rows() -> list[Row]:
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    small: Small = False,
 ) -> None:
     """Measure and print."""
-    rows = solver_rows()
+    rows = solver_rows(1 if small else BEATS)
     show(
         rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
     )

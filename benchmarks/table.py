@@ -7,11 +7,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from rich.console import Console
 from rich.table import Table
 
 from solver.files import write_whole
+
+Small = Annotated[bool, typer.Option("--small", help="The least that runs every part: whether it works, not how fast.")]
 
 
 @dataclass(frozen=True)

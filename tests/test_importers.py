@@ -99,6 +99,17 @@ def test_as_openbf_runs_it(tmp_path: Path) -> None:
     assert one.R2 < 1e8
 
 
+def test_openbf_keeps_the_total_pressure_where_a_vessel_goes_on(tmp_path: Path) -> None:
+    """--as-run: k = 1 where one vessel goes on as one other, 0 where it parts; as the file says, 0 everywhere."""
+    knee = "  - label: shin\n    sn: 3\n    tn: 5\n    L: 0.1\n    E: 5.0e5\n    R0: 0.005\n    gamma_profile: 9\n"
+    last = YAML.index("  - label: right leg")
+    outlet = "    R1: 1e8\n    Cc: 1e-9\n"
+    text = YAML[:last].replace(outlet, "") + knee + outlet + YAML[last:]
+    for as_run, k in ((True, 1.0), (False, 0.0)):
+        network = openbf(tmp_path, text, as_run=as_run)
+        assert {j.name: j.k for j in network.junctions} == {"aorta": 0.0, "left_leg": k}
+
+
 BAD_YAML = {
     "not YAML": ("blood:", "blood: [", ["not valid YAML, line", "correct it"]),
     "top key": ("solver:", "solvers:", ["unknown key 'solvers'", "did you mean solver?"]),

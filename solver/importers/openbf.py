@@ -39,8 +39,8 @@ def read_openbf(path: str | Path, *, as_run: bool = False) -> Sections:
     """The sections of a network in openBF's format.
 
     as_run : what openBF 2 computes, by its source, where that differs from what the file says: radii stay those of the
-    proximal ends, R1 without R2 stays whole beside R2 = R1 - ρ c0/A0, and "gamma profile", without the underscore, is
-    not read (γ = 2).
+    proximal ends, R1 without R2 stays whole beside R2 = R1 - ρ c0/A0, "gamma profile", without the underscore, is not
+    read (γ = 2), and where one vessel goes on as one other the total pressure is continuous.
     Raises ValueError, one sentence with the file and the line, the vessel or the key.
     """
     path = Path(path)
@@ -104,6 +104,8 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
         Edge(name, str(v["sn"]), str(v["tn"]), f"vessel {v['label']}") for name, v in zip(labels, vessels, strict=True)
     ]
     first, junctions, free = joined(edges)
+    if as_run:  # where vessels part it keeps the static pressure, as this solver does
+        junctions = [j | ({"k": 1.0} if len(j["in"]) == len(j["out"]) == 1 else {}) for j in junctions]
     project = str(_text(data, "project_name", path.stem))
     times, flows = _inflow(path.parent / str(_text(data, "inlet_file", f"{project}_inlet.dat")))
     exponent = _exponent(vessels, as_run)

@@ -1,0 +1,59 @@
+"""Every benchmark runs, with the least work that runs all of it, and prints what it is for. Nothing is timed here."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+BENCHMARKS = ROOT / "benchmarks"
+PARTS = {"__init__", "table", "fmu_host"}  # no programs of their own
+ELSEWHERE = {  # run by tests of their own
+    "fuzz": "test_fmu_fuzz.py",
+    "hidden_effects": "test_hidden_bank.py",
+    "real_pressure": "test_real_pressure.py",
+}
+RUNS = {
+    "speed": (["--small"], "viscoelastic beat, the same within 1e-4"),
+    "balance": (["--small"], "elastic, batch of 1, in time"),
+    "size": (["10", "20"], "a step of 20 segments, comb"),
+    "fmu": (["--small"], "doStep of 1 ms where ports are read"),
+    "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
+    "wall_fits": (["--seeds", "2"], "CA"),
+    "records": (["--samples", "20000", "--channels", "3"], "fit one site"),
+    "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
+    "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
+    "openbf": (["--no-switch", "--figure", "openbf.png"], "the same, time: 0.6 ms later"),
+    "openbf_method": (["--no-switch", "--networks", "cca", "--figure", "method.png"], "openBF's method"),
+}
+
+
+def test_none_is_forgotten() -> None:
+    assert {path.stem for path in BENCHMARKS.glob("*.py")} - PARTS - set(ELSEWHERE) == set(RUNS)
+    for name, file in ELSEWHERE.items():
+        assert (ROOT / "tests" / file).is_file(), name
+
+
+def test_make_bench_runs_them() -> None:
+    """Every line of make bench is a benchmark that is run here."""
+    lines = [line.split()[-1] for line in (ROOT / "Makefile").read_text().splitlines() if "/python benchmarks/" in line]
+    assert lines and {Path(line).stem for line in lines} <= set(RUNS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RUNS)
+def test_it_runs(name: str, tmp_path: Path) -> None:
+    """As by hand, in a folder of its own: exit code 0, and the last of its rows."""
+    options, expected = RUNS[name]
+    line = [sys.executable, str(BENCHMARKS / f"{name}.py"), *options]
+    done = subprocess.run(
+        line, cwd=tmp_path, capture_output=True, text=True, timeout=500, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stdout
+    for file in (option for option in options if option.endswith((".png", ".json"))):
+        assert (tmp_path / file).stat().st_size > 0
