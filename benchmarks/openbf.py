@@ -148,7 +148,7 @@ def main(
             result = simulate_periodic(other, settings=settings, tolerance=1e-4, start="periodic")
             rows[label] = compared(result, found)
             if label == "as it comes":
-                same = _as_many(other, settings, found)
+                same = last_beat(other, settings, max(t[-1] for t, _ in found.values()))
                 drawn.append((name, result, found, same))
                 rows["beats: as many as openBF, from rest"] = compared(same, found)
                 rows["the same, time: 0.6 ms later"] = compared(same, found, later=6e-4)
@@ -165,12 +165,10 @@ def main(
         _draw(drawn, figure)
 
 
-def _as_many(network: Network, settings: Settings, found: Reference) -> Waveforms:
-    """The beat that openBF's is, from rest."""
-    T = network.inlet.T
-    last = max(t[-1] for t, _ in found.values())
-    result = simulate(network, duration=last, settings=settings)
-    kept = result.time >= last - 1.01 * T
+def last_beat(network: Network, settings: Settings, until: float) -> Waveforms:
+    """The beat before ``until`` [s], from rest."""
+    result = simulate(network, duration=until, settings=settings)
+    kept = result.time >= until - 1.01 * network.inlet.T
     columns = {name: values[kept] for name, values in result.items()}
     return replace(result, time=result.time[kept], columns=columns)
 
