@@ -177,18 +177,14 @@ def simulated(
                 leave(v, dt)
         for v in vessels:
             v.U[:, 0], v.U[:, -1] = v.U[:, 1], v.U[:, -2]
-        if t > until - T:
+        if t > until - 1.01 * T:
             times.append(t)
             rows.append(
                 [y for v, n in zip(vessels, at, strict=True) for j in n for y in (v.pressure(v.U[0, j]), v.U[1, j])]
             )
         t += dt
-    table, order = np.array(rows), np.argsort(np.mod(times, T))
-    time = np.mod(times, T)[order]
-    columns = {name: table[order, i] for i, name in enumerate(names)}
-    ends = {name: np.interp([0.0, T], time, values, period=T) for name, values in columns.items()}
-    whole = {name: np.concatenate([ends[name][:1], values, ends[name][1:]]) for name, values in columns.items()}
-    return Waveforms(np.concatenate([[0.0], time, [T]]), whole, dict.fromkeys(names, ""), 2, np.nan)
+    columns = dict(zip(names, np.array(rows).T, strict=True))
+    return Waveforms(np.array(times), columns, dict.fromkeys(names, ""), round(until / T), np.nan)
 
 
 def own(network: Network, until: float) -> Waveforms:
@@ -250,10 +246,8 @@ def draw(results: dict[str, Waveforms], found: Any, path: Path) -> None:
     )
     for axis, key in zip(axes[0], keys, strict=False):
         t, wanted = found[key]
-        at, size = np.mod(t, ours.time[-1]), 0.01 * np.ptp(wanted)
-        axis.plot(
-            at, (wanted - np.interp(at, ours.time, ours[key])) / size, "o", color="0.5", mfc="none", label="openBF"
-        )
+        size = 0.01 * np.ptp(wanted)
+        axis.plot(t, (wanted - np.interp(t, ours.time, ours[key])) / size, "o", color="0.5", mfc="none", label="openBF")
         for label, colour, style in (line for line in lines if line[0] in results):
             difference = np.interp(ours.time, results[label].time, results[label][key]) - ours[key]
             axis.plot(ours.time, difference / size, color=colour, linestyle=style, label=label)
