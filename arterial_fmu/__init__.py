@@ -1,1 +1,76 @@
-"""The command ``arterial-fmu``: the door to everything else, which imports nothing from it."""
+"""Pulse waves in viscoelastic arteries: all that a script needs, imported when it is asked for.
+
+>>> import arterial_fmu as af
+>>> sheep = af.load("sheep")
+>>> af.simulate_periodic(sheep)["CA.P"].max()  # Pa
+>>> af.build(sheep, "dist")  # dist/sheep.fmu
+
+The packages behind it are here, too, and the same modules as under their plain names: ``arterial_fmu.solver`` is
+``solver``; so are fitting, discrepancy and fmu_src. The command line is in this package, which none of them imports.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+from .packages import PACKAGES, AsOwn, check_own, own
+
+if TYPE_CHECKING:  # "as" tells checkers that it is public
+    from build_fmu import build as build
+    from build_fmu import build_system as build_system
+    from discrepancy import discover as discover
+    from fitting.calibrate import calibrate as calibrate
+    from fitting.check import check as check
+    from fitting.parameter_set import ParameterSet as ParameterSet
+    from fitting.parameter_set import read_set as read_set
+    from fitting.parameter_set import write_set as write_set
+    from fitting.records.align import align as align
+    from fitting.records.record import Record as Record
+    from fitting.records.record import read_record as read_record
+    from fitting.records.record import write_record as write_record
+    from fitting.wall import fit as fit
+    from fmu_src import __version__ as __version__
+    from fmu_src.run import FMUError as FMUError
+    from fmu_src.run import run_fmu as run_fmu
+    from solver import *  # noqa: F403
+
+# where each name is, but those of solver
+_HOMES = {
+    "build": "build_fmu",
+    "build_system": "build_fmu",
+    "discover": "discrepancy",
+    "calibrate": "fitting.calibrate",
+    "check": "fitting.check",
+    "ParameterSet": "fitting.parameter_set",
+    "read_set": "fitting.parameter_set",
+    "write_set": "fitting.parameter_set",
+    "align": "fitting.records.align",
+    "Record": "fitting.records.record",
+    "read_record": "fitting.records.record",
+    "write_record": "fitting.records.record",
+    "fit": "fitting.wall",
+    "__version__": "fmu_src",
+    "FMUError": "fmu_src.run",
+    "run_fmu": "fmu_src.run",
+}
+
+check_own("solver")
+if not any(isinstance(finder, AsOwn) for finder in sys.meta_path):
+    sys.meta_path.insert(0, AsOwn())
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__all__":
+        return [*_HOMES, *own("solver").__all__]
+    if name in PACKAGES:
+        return own(f"{__name__}.{name}")
+    if name in _HOMES:
+        return getattr(own(_HOMES[name]), name)
+    if not name.startswith("_") and name in own("solver").__all__:
+        return getattr(own("solver"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__getattr__("__all__"), *PACKAGES})

@@ -9,6 +9,8 @@ from typing import Any
 
 import typer
 
+from .packages import check_own
+
 
 @dataclass(frozen=True)
 class Command:
@@ -39,8 +41,11 @@ COMMANDS: Mapping[str, Command] = {
 
 def load(name: str) -> Any:
     """The command itself, as typer runs it."""
+    from solver.console import sentences
     from solver.options import one_command
 
     module, _, attribute = COMMANDS[name].where.partition(":")
+    with sentences(ImportError):
+        check_own(module.partition(".")[0])
     found = getattr(import_module(module), attribute)
     return typer.main.get_command(found if isinstance(found, typer.Typer) else one_command(found, name))

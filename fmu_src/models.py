@@ -7,7 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from solver import effects
+from solver.catalogue import quantities_of
 from solver.files import dumps
+from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Network, to_dict
 from solver.scheme.model import Settings
 
@@ -39,7 +42,11 @@ class Model:
 
 
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
-    """Arteries; starts : other start values than those of the network, by variable."""
+    """Arteries; starts : other start values than those of the network, by variable.
+
+    Raises ValueError for a network that needs more code than the solver's.
+    """
+    _check_code(network)
     table = with_starts(variable_table(network, settings), starts or {})
     data = {"settings": asdict(settings), "network": to_dict(network)}
     resources = {**_data("network.json", data, starts), "network.toml": dumps(network)}
@@ -72,6 +79,28 @@ def of(species: str) -> tuple[Heart, Body]:
     if species not in SPECIES:
         raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
     return SPECIES[species]
+
+
+def _check_code(network: Network) -> None:
+    """Raise ValueError where an effect, outlet or law is a class from elsewhere: an FMU carries the solver's alone."""
+    owners = [*network.owners(), *((channel.name, channel) for channel in network.channels)]
+    used: list[tuple[str, Any, str]] = [
+        (f"{prefix}.{key}", effect, "solver/effects.py")
+        for prefix, owner in owners
+        for effect in effects.ALL
+        for key in effect.terms
+        if effect.owner == owner.OWNER and key in quantities_of(owner)
+    ]
+    used += [(f"{outlet.segment}.outlet", outlet, "solver/outlets.py") for outlet in network.outlets]
+    used += [("network.elastic_law", ELASTIC_LAWS[network.elastic_law], "solver/laws.py")]
+    used += [("network.viscous_law", VISCOUS_LAWS[network.viscous_law], "solver/laws.py")]
+    for name, thing, home in used:
+        kind = type(thing)
+        if kind.__module__.partition(".")[0] != "solver":
+            raise ValueError(
+                f"{name}: its class {kind.__name__} is in {kind.__module__}, and an FMU carries only the code of the "
+                f"package solver; move the class and its entry into {home}, or leave {name} out, and build again."
+            )
 
 
 def _data(file: str, content: dict[str, Any], starts: Starts | None) -> dict[str, str]:

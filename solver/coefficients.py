@@ -128,14 +128,19 @@ class Coefficients:
 def batch_size(parameters: Parameters) -> int | None:
     """Length of the parameters that are arrays, or None if all are scalars. Raises ValueError unless they agree."""
     sizes = {name: np.shape(value) for name, value in parameters.items() if np.ndim(value)}
+    first = next(iter(sizes), "")
     for name, shape in sizes.items():
-        if len(shape) != 1 or shape[0] == 0 or shape != next(iter(sizes.values())):
-            first = next(iter(sizes))
+        if len(shape) != 1 or shape[0] == 0:
             raise ValueError(
-                f"{name}: batch of shape {shape} does not fit {first} of shape {sizes[first]}; "
-                "give scalars or one-dimensional arrays of one length."
+                f"{name}: batch of shape {shape}, where that of B parameter sets is (B,), B at least 1; give a number "
+                "or a one-dimensional array."
             )
-    return next(iter(sizes.values()))[0] if sizes else None
+        if shape != sizes[first]:
+            raise ValueError(
+                f"{name}: batch of shape {shape} does not fit {first} of shape {sizes[first]}; give numbers and arrays "
+                "of one length."
+            )
+    return sizes[first][0] if sizes else None
 
 
 def coefficients(network: Network, parameters: Parameters | None = None, *, checked: bool = True) -> Coefficients:

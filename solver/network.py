@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from .inlet import Inlet
 from .outlets import OUTLETS, Outlet
 from .quantity import Quantity, quantities, quantity
 from .units import SIGNAL_UNITS
-from .validation import check_network, check_parameters, check_terms
+from .validation import check_network, check_parameters, check_terms, suggest
 
 if TYPE_CHECKING:
     from .notebook.style import Picture
@@ -141,6 +141,23 @@ class Channel:
         return {key: replace(q, unit=unit) if q.unit == "signal" else q for key, q in terms_of("channel").items()}
 
 
+class Parts(tuple[Any, ...]):
+    """Parts of a network in their order, read by position or by name: ``network.segments["CA"]``.
+
+    An outlet has the name of its segment. Raises KeyError for a name that no part has.
+    """
+
+    __slots__ = ()
+
+    def __getitem__(self, at: Any) -> Any:
+        if not isinstance(at, str):
+            return super().__getitem__(at)
+        names = [getattr(part, "name", None) or part.segment for part in self]
+        if at not in names:
+            raise KeyError(f"{at}: not among {', '.join(names) or 'none'}; {suggest(at, names)}")
+        return super().__getitem__(names.index(at))
+
+
 @dataclass(frozen=True)
 class Network:
     """A network of arteries, checked when it is made.
@@ -175,6 +192,8 @@ class Network:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further_inlets", tuple(replace(i, first=False) for i in self.further_inlets))
+        for field_name in ("segments", "junctions", "outlets", "sites", "channels"):
+            object.__setattr__(self, field_name, Parts(getattr(self, field_name)))
         check_network(self)
 
     @property
@@ -267,11 +286,8 @@ class Network:
         return (*(inlet.drive for inlet in self.inlets), *self.output_units())
 
     def segment(self, name: str) -> Segment:
-        """The segment of that name (KeyError if there is none)."""
-        for segment in self.segments:
-            if segment.name == name:
-                return segment
-        raise KeyError(name)
+        """The segment of that name. Raises KeyError if there is none."""
+        return cast(Parts, self.segments)[name]  # type: ignore[no-any-return]
 
     def plot(self) -> Picture:
         """A figure of the network from left to right, for notebooks: vessels, inlets, outlets and sites."""

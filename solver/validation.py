@@ -56,7 +56,7 @@ def _all_owners(network: Described) -> Iterator[tuple[str, Any]]:
 def _check_keys(where: str, owner: Any) -> None:
     for key in getattr(owner, "terms", {}):
         if key not in terms_of(owner.OWNER):
-            raise ValueError(f"{where}.{key}: not a term of a {owner.OWNER}; {_suggest(key, terms_of(owner.OWNER))}")
+            raise ValueError(f"{where}.{key}: not a term of a {owner.OWNER}; {suggest(key, terms_of(owner.OWNER))}")
 
 
 def _check_channels(network: Described) -> None:
@@ -64,7 +64,7 @@ def _check_channels(network: Described) -> None:
     for channel in network.channels:
         if channel.name not in known:
             raise ValueError(
-                f"channel {channel.name!r}: network {network.name} has no such output; {_suggest(channel.name, known)}"
+                f"channel {channel.name!r}: network {network.name} has no such output; {suggest(channel.name, known)}"
             )
         if names.count(channel.name) > 1:
             raise ValueError(f"channel {channel.name}: it occurs {names.count(channel.name)} times; keep one.")
@@ -83,7 +83,7 @@ def check_terms(network: Described, values: Mapping[str, Any]) -> None:
             terms = [f"{prefix}.{term}" for term in terms_of(owners.get(prefix, ""))]
             known = [*network.parameter_quantities(), *terms]
             raise ValueError(
-                f"{name}: neither a parameter nor a term of network {network.name}; {_suggest(name, known)}"
+                f"{name}: neither a parameter nor a term of network {network.name}; {suggest(name, known)}"
             )
 
 
@@ -117,7 +117,8 @@ def _check_law(key: str, name: str, laws: Iterable[str]) -> None:
         raise ValueError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
 
 
-def _suggest(name: str, known: Iterable[str]) -> str:
+def suggest(name: str, known: Iterable[str]) -> str:
+    """ "did you mean CA?": the known names that are nearest to a name."""
     by_lower = {candidate.lower(): candidate for candidate in known}
     close = [by_lower[match] for match in difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.4)]
     return f"did you mean {' or '.join(close)}?" if close else "see the network file for the names."
@@ -131,7 +132,7 @@ def _check_references(network: Described) -> None:
     mentions += [(inlet.name, inlet.segment) for inlet in network.inlets]
     for where, segment in mentions:
         if segment not in names:
-            raise ValueError(f"{where}: there is no segment {segment!r}; {_suggest(segment, names)}")
+            raise ValueError(f"{where}: there is no segment {segment!r}; {suggest(segment, names)}")
 
 
 def _check_topology(network: Described) -> None:
@@ -208,11 +209,14 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     for name, value in values.items():
         if name not in known:
             inflow = "the inflow stands under [inlet] in the network file; change it there."
-            hint = inflow if name.startswith("inlet.") else _suggest(name, known)
+            hint = inflow if name.startswith("inlet.") else suggest(name, known)
             raise ValueError(f"{name}: not a parameter of network {network.name}; {hint}")
-        flat = np.asarray(value)
+        try:
+            flat = np.asarray(value)
+        except ValueError:  # rows of different lengths
+            flat = np.asarray(None)
         if flat.dtype.kind not in "fiu":
-            raise ValueError(f"{name} = {value!r}: must be a number{known[name].in_unit}.")
+            raise ValueError(f"{name} = {value!r}: must be a number{known[name].in_unit}, or an array (B,) of them.")
         for single in flat.ravel():
             known[name].check(name, float(single))
     for segment in network.segments:

@@ -13,6 +13,7 @@ import numpy as np
 from .muscl.step import State as CellState
 from .notebook.shown import Shown
 from .scheme.step import State
+from .text import did_you_mean
 
 if TYPE_CHECKING:
     from .notebook.style import Picture
@@ -54,7 +55,10 @@ class Waveforms(Shown, Mapping[str, Array]):
         return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
 
     def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
+        try:
+            return self.columns[name]
+        except KeyError:
+            raise KeyError(f"{name}: no variable of this result{did_you_mean(str(name), self.columns)}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.columns)

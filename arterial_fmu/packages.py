@@ -1,0 +1,74 @@
+"""The packages behind ``arterial_fmu``: whether Python finds this project's own, and the same as ``arterial_fmu.solver``.
+
+They have plain names, which a file of a user may have, too; Python takes the one that it finds first.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+_HOME = Path(__file__).resolve().parents[1]
+PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy")
+_PARENT = __name__.partition(".")[0]
+# what each of them imports
+_NEEDS: dict[str, tuple[str, ...]] = {
+    "solver": (),
+    "fmu_src": ("solver",),
+    "fitting": ("solver",),
+    "discrepancy": ("solver", "fitting"),
+    "build_fmu": ("solver", "fmu_src"),
+}
+
+
+def check_own(package: str) -> None:
+    """Raise ImportError if a file from elsewhere hides a package of this project, or one that it needs."""
+    for name in (*_NEEDS.get(package, ()), package):
+        found = sys.modules[name] if name in sys.modules else find_spec(name)
+        place = getattr(found, "__file__", None) or getattr(found, "origin", None)
+        if place and Path(place).resolve() not in (_HOME / f"{name}.py", _HOME / name / "__init__.py"):
+            raise ImportError(
+                f"{place} hides the package {name} of arterial-fmu, because Python finds it first; rename your file, "
+                "or run Python in another folder.",
+                name=name,
+                path=place,
+            )
+
+
+def own(module: str) -> Any:
+    """Import a module of this project by its plain name, "fitting.wall". Raises ImportError as above."""
+    check_own(module.partition(".")[0])
+    return import_module(module)
+
+
+class AsOwn(MetaPathFinder, Loader):
+    """Finds ``arterial_fmu.solver.network`` as the module ``solver.network``: one object, whatever it is called."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The module behind such a name, None for any other."""
+        parent, _, plain = fullname.partition(".")
+        package = plain.partition(".")[0]
+        if parent != _PARENT or package not in PACKAGES:
+            return None
+        check_own(package)
+        return ModuleSpec(fullname, self, loader_state=plain) if find_spec(plain) else None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """The module under its plain name; keep what it knows of its origin, which the import is about to replace."""
+        module: ModuleType = import_module(spec.loader_state)
+        spec.loader_state = module.__spec__
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """It has run already: give it back its own origin."""
+        assert module.__spec__ is not None
+        module.__spec__ = module.__spec__.loader_state
