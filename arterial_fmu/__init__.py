@@ -35,24 +35,29 @@ if TYPE_CHECKING:  # "as" tells checkers that it is public
     from fmu_src.run import run_fmu as run_fmu
     from solver import *  # noqa: F403
 
-# where each name is, but those of solver
+# where the names are that scripts use most; all further ones are those of solver
 _HOMES = {
+    "load": "solver",
+    "simulate": "solver",
+    "simulate_periodic": "solver",
+    "Waveforms": "solver",
+    "Network": "solver",
     "build": "build_fmu",
     "build_system": "build_fmu",
-    "discover": "discrepancy",
-    "calibrate": "fitting.calibrate",
-    "check": "fitting.check",
-    "ParameterSet": "fitting.parameter_set",
-    "read_set": "fitting.parameter_set",
-    "write_set": "fitting.parameter_set",
-    "align": "fitting.records.align",
-    "Record": "fitting.records.record",
+    "run_fmu": "fmu_src.run",
+    "FMUError": "fmu_src.run",
     "read_record": "fitting.records.record",
     "write_record": "fitting.records.record",
+    "Record": "fitting.records.record",
+    "align": "fitting.records.align",
     "fit": "fitting.wall",
+    "calibrate": "fitting.calibrate",
+    "read_set": "fitting.parameter_set",
+    "write_set": "fitting.parameter_set",
+    "ParameterSet": "fitting.parameter_set",
+    "check": "fitting.check",
+    "discover": "discrepancy",
     "__version__": "fmu_src",
-    "FMUError": "fmu_src.run",
-    "run_fmu": "fmu_src.run",
 }
 
 check_own("solver")
@@ -62,7 +67,7 @@ if not any(isinstance(finder, AsOwn) for finder in sys.meta_path):
 
 def __getattr__(name: str) -> Any:
     if name == "__all__":
-        return [*_HOMES, *own("solver").__all__]
+        return list(dict.fromkeys([*_HOMES, *own("solver").__all__]))
     if name in PACKAGES:
         return own(f"{__name__}.{name}")
     if name in _HOMES:

@@ -1,4 +1,4 @@
-"""The packages behind ``arterial_fmu``: whether Python finds this project's own, and the same as ``arterial_fmu.solver``.
+"""The packages behind ``arterial_fmu``: whether Python finds those of this project, and ``arterial_fmu.solver`` itself.
 
 They have plain names, which a file of a user may have, too; Python takes the one that it finds first.
 """

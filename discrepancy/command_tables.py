@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from rich.table import Column, Table
 
 from solver.console import right
+from solver.legible import number
 
 from . import thresholds
 from .outcome import Outcome
 from .places import plain
 from .sensor_plan import Gain, SensorPlan, nearest
-from .tables import class_texts, effect_row, gap_unit, number, percent, spread_text
+from .tables import class_texts, effect_row, gap_unit, percent, spread_text
 from .tables import gap_text as gap_pair
 from .wording import of_fit, why_walls
 

@@ -204,7 +204,7 @@ def _scale(figure: Picture, scale: Scale) -> None:
         Line2D([], [], marker="s", ls="", ms=9, mfc=colour, mec="#888888", label=text)
         for colour, text in zip(scale.colours, scale.texts, strict=True)
     ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), title=scale.name, columnspacing=0.9)
+    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), title=scale.name, columnspacing=0.9)
 
 
 # --- beats --------------------------------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ def _gap(outcome: Outcome) -> tuple[Picture, str]:
     axes.set_xticks(ticks, [f"{t:g}" for t in ticks])
     axes.minorticks_off()
     axes.set_xlabel("whitened RMS of the gap (1 = noise)")
-    figure.legend(loc="outside upper right", ncols=4)
+    figure.legend(loc="outside upper left", ncols=4)
     return (figure, "Gap of every channel in units of its sensor's noise; 1 is noise alone.")
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fitting.pages.page import environment, words
 from fitting.result_files import make_folder
 from solver.files import write_whole
+from solver.legible import number
 
 from . import tables, thresholds, visible
 from .outcome import VERDICTS, Outcome
@@ -49,7 +50,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
     """The page with its figures inside."""
     templates = environment(Path(__file__).parent / "templates")
     templates.filters |= {
-        "number": tables.number,
+        "number": number,
         "p": tables.p_text,
         "label": label_text,
     }

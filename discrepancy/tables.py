@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.estimate import Estimate, decimals
+from fitting.estimate import Estimate
 from solver import effects
+from solver.legible import DASH, number, rounded
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
@@ -19,7 +20,6 @@ from .scales import Z
 
 Array = np.ndarray
 
-DASH = "–"
 _LOUD = 3.0  # |z| that is worth a column of the z map
 _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
@@ -62,15 +62,6 @@ def harmonics_shown(outcome: Outcome) -> int:
 # --- numbers ------------------------------------------------------------------------------------------------------
 
 
-def number(value: float, digits: int = 3) -> str:
-    """A number with ``digits`` significant digits and a true minus; a dash for what is not a number."""
-    if not math.isfinite(value):
-        return DASH
-    short = f"{value:.{digits}g}"
-    exponent = "e" in short and 1e-4 <= abs(value) < 1e7
-    return (f"{float(short):.0f}" if exponent else short).replace("-", "−")
-
-
 def estimate_text(name: str, estimate: Estimate) -> tuple[str, str]:
     """(value with unit, 95 % interval) of a parameter in the unit that people read, to the digits the interval has."""
     return _estimate_text(estimate, _quantity(name))
@@ -88,22 +79,10 @@ def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float =
     unit, factor = readable(estimate.unit, display)
     value, low, high = (factor * x for x in (estimate.value, *estimate.ci95))
     width = max(high - low, factor * least)
-    value_text, low_text, high_text = (_to_digits(x, width) for x in (value, low, high))
+    value_text, low_text, high_text = (rounded(x, 0.5 * width) for x in (value, low, high))
     told = math.isfinite(low) and math.isfinite(high) and (low_text != high_text or not least)
     interval = f"{low_text} … {high_text}" if told else DASH
     return f"{value_text} {unit}".strip(), interval
-
-
-def _to_digits(value: float, width: float) -> str:
-    """A number to the second digit of half the width of its interval."""
-    half = 0.5 * abs(width)
-    if not math.isfinite(value) or not math.isfinite(half) or half == 0.0:
-        return number(value)
-    places = decimals(half)
-    if not -6 <= places <= 6:
-        return number(value, max(3, 1 + math.floor(math.log10(abs(value))) + places) if value else 3)
-    rounded = round(value, places) + 0.0  # no −0
-    return f"{rounded:.{max(places, 0)}f}".replace("-", "−")
 
 
 def percent(value: float | None) -> str:
@@ -115,7 +94,7 @@ def percent(value: float | None) -> str:
 
 def p_text(value: float) -> str:
     """A p-value, with the least that is worth telling apart."""
-    return "p < 1e-16" if value < 1e-16 else f"p = {number(value, 2)}"
+    return "p < 10⁻¹⁶" if value < 1e-16 else f"p = {number(value, 2)}"
 
 
 def gap_unit(outcome: Outcome) -> str:

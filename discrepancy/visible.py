@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 from solver.effect import Effect
+from solver.legible import DASH, number
 from solver.sensors import Sensor
 from solver.units import readable
 
 from .outcome import Detectable, Isolability, Outcome
 from .places import entry, label_text, plain
-from .tables import DASH, number
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
 _OUTLET = "another kind of outlet, which is refitted only where no other effect explains the record"

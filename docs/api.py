@@ -7,14 +7,17 @@ from pathlib import Path
 
 import pdoc
 
+import arterial_fmu
 import discrepancy
 
-PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy", "arterial_fmu", "build_fmu")
+# what scripts use first, then what is behind it
+PACKAGES = ("arterial_fmu", "solver", "fitting", "discrepancy", "build_fmu", "fmu_src", "arterial_fmu.study")
 
 
 def write(out: Path) -> None:
     """Write the pages into a folder, each with a way back to the site."""
-    vars(discrepancy)["discover"] = discrepancy.discover  # which is imported when it is asked for
+    for package in (arterial_fmu, discrepancy):  # whose names are imported when they are asked for
+        vars(package).update({name: getattr(package, name) for name in package.__all__})
     pdoc.render.configure(template_directory=Path(__file__).parent / "api_templates")
     pdoc.pdoc(*PACKAGES, output_directory=out)
     for page in out.rglob("*.html"):

@@ -276,6 +276,7 @@ def _sources(parameters: ParameterSet, fmu: FMU, beats: Beats) -> dict[str, Any]
         "parameter_set": {
             "name": parameters.name,
             "texts": dict(parameters.texts),
+            "values": {name: asdict(value) for name, value in parameters.values.items()},
             "provenance": dict(parameters.provenance),
         },
     }

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from solver.legible import interval, rounded
 from solver.units import readable
 
 
@@ -19,8 +19,8 @@ class Estimate:
 
     def __str__(self) -> str:
         unit, factor = readable(self.unit)
-        low, high = self.ci95
-        return f"{factor * self.value:.4g} ({factor * low:.4g} to {factor * high:.4g}) {unit}".rstrip()
+        low, high = (factor * end for end in self.ci95)
+        return f"{rounded(factor * self.value, 0.5 * (high - low))} ({interval(low, high)}) {unit}".rstrip()
 
     def within(self, low: float, high: float) -> Estimate:
         """The same with its interval in the range of what it is a number of."""
@@ -31,8 +31,3 @@ class Estimate:
     def plain(self) -> dict[str, Any]:
         """Ready for JSON."""
         return {"value": self.value, "unit": self.unit, "ci95": list(self.ci95)}
-
-
-def decimals(half: float) -> int:
-    """Decimals that show a number to the second digit of half its interval, half > 0; negative for large numbers."""
-    return 1 - math.floor(math.log10(half))

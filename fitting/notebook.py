@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from solver.legible import interval, number, rounded
 from solver.network import Segment
 from solver.notebook.style import Picture
 from solver.notebook.tables import table
@@ -13,7 +14,7 @@ from solver.quantity import quantities
 from solver.units import printed
 
 from .pages.figures import loop_figure
-from .pages.tables import SHOWN, interval, rounded
+from .pages.tables import SHOWN
 from .records.beats import Beats
 from .wall_fit import WallFit
 from .wall_model import PARAMETERS, UNITS
@@ -23,10 +24,10 @@ def html(fitted: WallFit) -> str:
     """Every parameter in the unit that people read, what else tells how good the fit is, and its warnings."""
     rows = [_row(fitted, name) for name in PARAMETERS if name in fitted.model.free or fitted.values[name]]
     given = quantities(Segment)["h"]
-    rows.append((f"h, {given.display}", f"{1e3 * fitted.h:.4g}", "given"))
+    rows.append((f"h, {given.display}", number(1e3 * fitted.h, 4), "given"))
     quality = (
-        f"φ0/E {1e3 * fitted.relaxation_time[0]:.4g} ms; R² {fitted.r2:.6f}; χ²/dof {fitted.chi2 / fitted.dof:.3g}; "
-        f"condition number {fitted.condition:.0f}"
+        f"φ0/E {number(1e3 * fitted.relaxation_time[0], 4)} ms; R² {fitted.r2:.6f}; "
+        f"χ²/dof {number(fitted.chi2 / fitted.dof)}; condition number {fitted.condition:.0f}"
     )
     of = f"{fitted.n_beats} beats of {fitted.loop.T:.5g} s, {Path(fitted.source).name}"
     title = f"Wall of {fitted.site}, model {fitted.model.name}: {of}"
@@ -57,6 +58,6 @@ def _row(fitted: WallFit, name: str) -> tuple[str, str, str]:
     label, factor = SHOWN[name]
     value = factor * fitted.values[name]
     if name not in fitted.model.free:
-        return label, f"{value:.5g}", "given"
-    low, high = fitted.ci95(name)
-    return label, rounded(value, 0.5 * factor * (high - low)), interval((low, high), factor)
+        return label, number(value, 5), "given"
+    low, high = (factor * end for end in fitted.ci95(name))
+    return label, rounded(value, 0.5 * (high - low)), interval(low, high)

@@ -26,7 +26,7 @@ from solver.catalogue import terms_of
 from solver.files import check_keys, did_you_mean, parse_quantity, read_text, write_whole
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Fluid, Junction, Network, Segment
-from solver.quantity import quantities
+from solver.quantity import Quantity, quantities
 from solver.units import base_units
 
 _BUNDLED = Path(__file__).parent / "parameter_sets"
@@ -92,14 +92,19 @@ class ParameterSet:
 
 
 def unit_of(name: str) -> str:
-    """The SI unit of an FMU parameter by its name: "CA.phi0" -> "Pa.s".
+    """The SI unit of an FMU parameter by its name: "CA.phi0" -> "Pa.s". Raises ValueError as :func:`quantity_of`."""
+    return quantity_of(name).unit
+
+
+def quantity_of(name: str) -> Quantity:
+    """What an FMU parameter is, by its name: "CA.phi0".
 
     Raises ValueError if no segment, outlet, junction, fluid or network has such a parameter.
     """
     prefix, dot, key = name.rpartition(".")
     last = prefix.rpartition(".")[2]
     what = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
-    known = _units(what)
+    known = _quantities(what)
     if not dot or not prefix or key not in known:
         raise ValueError(
             f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
@@ -159,10 +164,10 @@ def set_format(path: Path) -> str:
 _OWNERS: Mapping[str, type] = {"network": Network, "fluid": Fluid, "segment": Segment, "junction": Junction}
 
 
-def _units(what: str) -> dict[str, str]:
-    """Units of an owner by key, from the quantities of the solver: a new quantity needs no change here."""
+def _quantities(what: str) -> dict[str, Quantity]:
+    """Quantities of an owner by key, as the solver has them: a new one needs no change here."""
     kinds = outlets.OUTLETS if what == "outlet" else (_OWNERS[what],)
-    return {key: q.unit for kind in kinds for key, q in (quantities(kind) | terms_of(what)).items()}
+    return {key: q for kind in kinds for key, q in (quantities(kind) | terms_of(what)).items()}
 
 
 def _checked(name: str, value: Value) -> Value:

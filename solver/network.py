@@ -287,7 +287,7 @@ class Network:
 
     def segment(self, name: str) -> Segment:
         """The segment of that name. Raises KeyError if there is none."""
-        return cast(Parts, self.segments)[name]  # type: ignore[no-any-return]
+        return cast(Segment, cast(Parts, self.segments)[name])
 
     def plot(self) -> Picture:
         """A figure of the network from left to right, for notebooks: vessels, inlets, outlets and sites."""

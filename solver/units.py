@@ -81,8 +81,13 @@ def of_signal(channel: str) -> tuple[str, float]:
 
 def printed(unit: str) -> str:
     """A unit as it is printed: "Pa.s^2" as Pa·s², "1" as nothing."""
-    raised = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
-    return "" if unit == "1" else raised.replace(".", "·")
+    powers = re.sub(r"\^(-?\d+)", lambda power: raised(power[1]), unit)
+    return "" if unit == "1" else powers.replace(".", "·")
+
+
+def raised(power: str) -> str:
+    """The digits of a power, raised: "-3" as ⁻³."""
+    return power.translate(_RAISED)
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -293,7 +293,7 @@ def test_numbers_are_read_in_display_units() -> None:
     precise = Estimate(4.0406761e-3, "m", (4.0406747e-3, 4.0406775e-3))  # half a millionth of a millimetre apart
     assert estimate_text("CA.R0", precise) == ("4.0406761 mm", "4.0406747 … 4.0406775")
     assert estimate_text("CA.E_scale", Estimate(1.3, "1", (-np.inf, np.inf))) == ("1.3", "–")
-    assert (number(12345.6), number(-0.5), number(float("nan")), number(1e-9)) == ("12300", "−0.5", "–", "1e−09")
+    assert (number(12345.6), number(-0.5), number(float("nan")), number(1e-9)) == ("12300", "−0.5", "–", "1·10⁻⁹")
 
 
 def test_classes_of_z() -> None:
@@ -601,7 +601,7 @@ def test_what_was_not_judged_and_the_global_test_are_said(sheep: Network) -> Non
     assert outcome.isolability is not None
     table = replace(outcome.isolability, not_judged=("terminal_compliance",))
     html = page(replace(outcome, isolability=table, p_value=0.0), {})
-    assert "<b>Not judged:</b> terminal compliance (another kind of outlet" in html and "χ² has p &lt; 1e-16" in html
+    assert "<b>Not judged:</b> terminal compliance (another kind of outlet" in html and "χ² has p &lt; 10⁻¹⁶" in html
     assert "χ² has p = 0.032" in page(replace(outcome, p_value=0.0321), {})
     content = verdict_json(replace(outcome, isolability=table, p_value=0.0321))
     assert (content["not_judged"], content["global_p_value"]) == (["terminal_compliance"], 0.0321)

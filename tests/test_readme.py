@@ -34,6 +34,7 @@ DOCUMENTS = {
     "docs/simulators.md": (0, 4),
     "docs/effects.md": (1, 0),
     "docs/schemes.md": (1, 1),
+    "docs/python.md": (3, 0),
     "docs/studies.md": (1, 1),
     "docs/fitting.md": (2, 2),
     "docs/lab-files.md": (1, 1),

@@ -52,7 +52,7 @@ def _bands(study: Study, channels: Sequence[str]) -> Drawing:
         Patch(color=BLUE, alpha=0.45, linewidth=0, label="25–75 %"),
         Patch(color=SKY, alpha=0.35, linewidth=0, label="5–95 %"),
     ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=3)
+    figure.legend(handles=handles, loc="outside upper left", ncols=3)
     return drawing(
         figure, "Beats of all parameter sets: at every moment the median, and what lies between percentiles."
     )
@@ -74,7 +74,7 @@ def _tornado(study: Study, site: str, names: Sequence[str]) -> Drawing:
         Patch(color=ORANGE, label="first: alone"),
         Line2D([], [], color=BLACK, linewidth=0.8, label="95 % interval"),
     ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=3)
+    figure.legend(handles=handles, loc="outside upper left", ncols=3)
     left = len(study.plan.varied) - bars
     more = f" The {left} smallest are not drawn." if left > 0 else ""
     return drawing(figure, f"{site}: the part of each number's variance that a parameter explains.{more}")

@@ -12,9 +12,9 @@ from rich.table import Table
 
 from solver.console import right
 from solver.files import write_whole
+from solver.legible import DASH, number, plus_minus
 from solver.notebook.style import png
 
-from ..estimate import decimals
 from ..parameter_set import write_set
 from ..provenance import software
 from ..result_files import json_text, make_folder
@@ -93,12 +93,9 @@ def to_json(cohort: Cohort) -> str:
 def _cell(summary: Summary | None, factor: float) -> str:
     """Mean ± standard deviation, both to the second digit of the latter."""
     if summary is None:
-        return "–"
+        return DASH
     mean, sd = factor * summary.mean, factor * summary.sd
-    if not sd > 0.0:
-        return f"{mean:.4g}"
-    digits = max(0, decimals(sd))
-    return f"{mean:.{digits}f} ± {sd:.{digits}f}"
+    return plus_minus(mean, sd) if sd > 0.0 else number(mean, 4)
 
 
 def _claim(claim: Claim) -> dict[str, Any]:

@@ -11,13 +11,15 @@ import numpy as np
 from matplotlib import rc_context
 
 from solver.files import write_whole
+from solver.legible import DASH, interval, number, rounded, shown_in, signed
 from solver.notebook.style import STYLE
 from solver.units import of_signal, readable
 
 from ..agreement import Agreement, LoopArea
 from ..check import CheckReport
+from ..parameter_set import quantity_of
 from ..result_files import make_folder
-from .page import environment, words
+from .page import environment, in_words
 from .panels import DASHED, MEASURED, SIMULATED, Curve, Drawing, drawing, loops, waveforms
 
 
@@ -47,13 +49,17 @@ def figures(report: CheckReport) -> dict[str, Drawing]:
 def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
     """The report as one HTML page with its figures inside."""
     template = environment(Path(__file__).parent / "templates").get_template("check.html.j2")
+    told, data = in_words(report.sources["parameter_set"]["provenance"])
     return template.render(
         report=report,
         rows=[_row(channel) for channel in report.channels],
         loops=[_loop_row(loop) for loop in report.loops],
         drawings=drawings,
         worst=report.worst.name,
-        provenance=_provenance(report.sources["parameter_set"]["provenance"]),
+        change=number(report.run["change"], 2),
+        values=[_value_row(name, value) for name, value in report.sources["parameter_set"]["values"].items()],
+        provenance=told,
+        data=data,
     )
 
 
@@ -66,33 +72,32 @@ def _row(channel: Agreement) -> dict[str, str]:
     return {
         "name": channel.name,
         "unit": unit,
-        "pulse": f"{channel.pulse * factor:.4g}",
-        "rmse": f"{channel.rmse * factor:.2g}",
-        "relative": f"{100 * channel.relative:.2g}",
-        "largest": f"{100 * channel.largest:.2g}",
-        "mean_error": _signed(channel.mean_error * factor),
-        "mean_z": "" if channel.mean_z is None else _signed(channel.mean_z),
-        "pulse_error": _signed(100 * channel.pulse_error / channel.pulse),
-        "whitened": "–" if channel.whitened is None else f"{channel.whitened:.2f}",
-        "whitened_sensor": "–" if channel.whitened_sensor is None else f"{channel.whitened_sensor:.2f}",
-        "harmonic": harmonic or "–",
+        "pulse": number(channel.pulse * factor, 4),
+        "rmse": number(channel.rmse * factor, 2),
+        "relative": number(100 * channel.relative, 2),
+        "largest": number(100 * channel.largest, 2),
+        "mean_error": signed(channel.mean_error * factor),
+        "mean_z": DASH if channel.mean_z is None else signed(channel.mean_z),
+        "pulse_error": signed(100 * channel.pulse_error / channel.pulse),
+        "whitened": DASH if channel.whitened is None else f"{channel.whitened:.2f}",
+        "whitened_sensor": DASH if channel.whitened_sensor is None else f"{channel.whitened_sensor:.2f}",
+        "harmonic": harmonic or DASH,
     }
 
 
 def _loop_row(loop: LoopArea) -> dict[str, str]:
     _, factor = readable("J/m")
-    change = _signed(100 * (loop.simulated / loop.measured - 1)) if loop.measured else "–"
-    measured, simulated = (f"{factor * area:.4g}" for area in (loop.measured, loop.simulated))
+    change = signed(100 * (loop.simulated / loop.measured - 1)) if loop.measured else DASH
+    measured, simulated = (number(factor * area, 4) for area in (loop.measured, loop.simulated))
     return {"site": loop.site, "measured": measured, "simulated": simulated, "change": change}
 
 
-def _provenance(entries: Mapping[str, Any]) -> dict[str, str]:
-    """Where the set comes from, in words; what is empty is left out."""
-    return {f"set: {key.replace('_', ' ')}": words(value) for key, value in entries.items() if value not in ([], {})}
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.2g}".replace("-", "−")
+def _value_row(name: str, value: Mapping[str, Any]) -> dict[str, str]:
+    """A value of the parameter set, with its interval if it has one."""
+    unit, factor = shown_in(quantity_of(name))
+    low, high = (factor * end for end in value["ci95"] or (value["value"],) * 2)
+    ends = interval(low, high) if value["ci95"] else DASH
+    return {"name": name, "value": rounded(factor * value["value"], 0.5 * (high - low)), "interval": ends, "unit": unit}
 
 
 # --- figures ------------------------------------------------------------------------------------------------------

@@ -8,6 +8,11 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from solver.legible import number
+from solver.units import readable
+
+_LONGEST = 400  # characters of an entry: what is longer is for programs, and in the JSON beside the page
+
 
 def environment(folder: Path) -> Environment:
     """The templates of a folder; text is escaped, and a name that is missing is an error."""
@@ -23,9 +28,28 @@ def environment(folder: Path) -> Environment:
 def words(value: Any) -> str:
     """Provenance in words."""
     if isinstance(value, Mapping) and set(value) == {"value", "unit"}:
-        return f"{words(value['value'])} {value['unit']}"
+        unit, factor = readable(value["unit"])
+        return f"{number(factor * value['value'], 4)} {unit}".rstrip()
     if isinstance(value, Mapping):
         return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(map(words, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return number(value, 4) if isinstance(value, float) else str(value)
+
+
+def in_words(entries: Mapping[str, Any]) -> tuple[dict[str, str], list[str]]:
+    """Provenance entry by entry, and the names of those that are for programs: tables of numbers, and long ones.
+
+    What is empty is left out.
+    """
+    told = {key.replace("_", " "): words(value) for key, value in entries.items() if value not in ([], {})}
+    nested = {key.replace("_", " ") for key, value in entries.items() if _depth(value) > 1}
+    data = [key for key, text in told.items() if key in nested or len(text) > _LONGEST]
+    return {key: text for key, text in told.items() if key not in data}, data
+
+
+def _depth(value: Any) -> int:
+    """Of lists and mappings inside each other; a number with its unit is none."""
+    if isinstance(value, Mapping) and set(value) != {"value", "unit"}:
+        return 1 + max(map(_depth, value.values()), default=0)
+    return 1 + max(map(_depth, value), default=0) if isinstance(value, list | tuple) else 0

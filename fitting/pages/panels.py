@@ -92,7 +92,7 @@ def legend(figure: Figure, *curves: Curve, band: str = "") -> None:
     handles: list[Any] = [Line2D([], [], color=c, linestyle=style, label=text) for text, c, style in curves if text]
     if band:
         handles.append(Patch(color=BAND, alpha=0.45, linewidth=0, label=band))
-    figure.legend(handles=handles, loc="outside upper right", ncols=4)
+    figure.legend(handles=handles, loc="outside upper left", ncols=4)
 
 
 def drawing(figure: Figure, caption: str) -> Drawing:

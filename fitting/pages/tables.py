@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 
 from solver.console import right
+from solver.legible import DASH, interval, number, plus_minus, rounded, shown_in, signed
 from solver.network import Segment
 from solver.quantity import quantities
-from solver.units import printed, readable
 
 from ..calibrate import Calibration
-from ..estimate import Estimate, decimals
+from ..estimate import Estimate
 from ..indices import read_in
-from ..parameter_set import unit_of
+from ..parameter_set import quantity_of
 from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS
 
 
 def _shown(parameter: str) -> tuple[str, float]:
     """Label with the unit that people read, factor from SI."""
-    quantity = quantities(Segment)[parameter]
-    unit, factor = readable(quantity.unit, quantity.display)
+    unit, factor = shown_in(quantities(Segment)[parameter])
     return f"{parameter.replace('phi', 'φ')}, {unit}", factor
 
 
@@ -44,13 +42,13 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     for name, (label, factor) in SHOWN.items():
         if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
-    table.add_row("φ0/E, ms", *(f"{1e3 * f.relaxation_time[0]:.4g}" for f in fits))
+    table.add_row("φ0/E, ms", *(number(1e3 * f.relaxation_time[0], 4) for f in fits))
     if any(f.lag[0] for f in fits):
-        table.add_row("lag of P, ms", *(f"{1e3 * f.lag[0]:.3g} ± {2e3 * f.lag[1]:.2g}" for f in fits))
+        table.add_row("lag of P, ms", *(plus_minus(1e3 * f.lag[0], 2e3 * f.lag[1]) for f in fits))
     table.add_row("R²", *(f"{f.r2:.6f}" for f in fits))
-    table.add_row("χ²/dof", *(f"{f.chi2 / f.dof:.3g}" for f in fits))
+    table.add_row("χ²/dof", *(number(f.chi2 / f.dof) for f in fits))
     table.add_row("condition number", *(f"{f.condition:.0f}" for f in fits))
-    table.add_row("γ, µm", *(f"{1e6 * f.filtered.gamma:.3g}" for f in fits))
+    table.add_row("γ, µm", *(number(1e6 * f.filtered.gamma) for f in fits))
     table.add_row("harmonics kept", *(f"{len(f.filtered.kept)}" for f in fits))
     return table
 
@@ -63,12 +61,12 @@ def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, f
     table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}")
     for name in fitted.model.free:
         label, factor = SHOWN[name]
-        row = [label, interval(fitted.ci95(name), factor)]
+        row = [label, _ends(fitted.ci95(name), factor)]
         if bootstrapped:
-            row.append(interval(bootstrapped[name], factor))
+            row.append(_ends(bootstrapped[name], factor))
         lag = factor * fitted.by_lag[name] * fitted.values[name] if name in fitted.by_lag else None
         bias = factor * (fitted.ignored_noise[name] - fitted.values[name])
-        row += ["–" if lag is None else f"{lag:+.2g}", f"{bias:+.2g}"]
+        row += [DASH if lag is None else signed(lag), signed(bias)]
         table.add_row(*row)
     return table
 
@@ -79,7 +77,9 @@ def indices_table(site: str, indices: Mapping[str, Estimate]) -> Table:
     table = Table(*columns, title=f"{site} at the mean pressure of the beat")
     for name, estimate in indices.items():
         unit, factor = read_in(estimate.unit)
-        table.add_row(name.replace("_", " "), f"{factor * estimate.value:.4g}", interval(estimate.ci95, factor), unit)
+        low, high = (factor * end for end in estimate.ci95)
+        value = rounded(factor * estimate.value, 0.5 * (high - low))
+        table.add_row(name.replace("_", " "), value, interval(low, high), unit)
     return table
 
 
@@ -96,38 +96,30 @@ def network_indices_table(network: str, sites: Mapping[str, Mapping[str, Estimat
 
 
 def calibration_table(result: Calibration) -> Table:
-    """Every value that moved, with its interval and unit, in SI."""
-    title = f"{result.network} calibrated: χ²/dof {result.chi2 / result.dof:.3g}"
+    """Every value that moved, with its interval, in the unit that people read."""
+    title = f"{result.network} calibrated: χ²/dof {number(result.chi2 / result.dof)}"
     table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():
-        table.add_row(name, f"{value:.5g}", interval(result.ci95[name], 1.0), printed(unit_of(name)))
+        unit, factor = shown_in(quantity_of(name))
+        ends = result.ci95[name]
+        half = 0.5 * factor * (ends[1] - ends[0]) if ends else 0.0
+        table.add_row(name, rounded(factor * value, half), _ends(ends, factor), unit)
     return table
 
 
 def _estimate(fitted: WallFit, name: str, factor: float) -> str:
     value = factor * fitted.values[name]
     if name not in fitted.model.free:
-        return f"{value:.5g} (given)" if fitted.values[name] else "–"
-    half = factor * (fitted.ci95(name)[1] - fitted.ci95(name)[0]) / 2.0
-    return f"{rounded(value, half)} ± {rounded(half, half)}"
+        return f"{number(value, 5)} (given)" if fitted.values[name] else DASH
+    return plus_minus(value, factor * (fitted.ci95(name)[1] - fitted.ci95(name)[0]) / 2.0)
 
 
-def rounded(value: float, half: float) -> str:
-    """The value to the digits that an interval of ± ``half`` leaves: two of the half."""
-    if not (math.isfinite(half) and half > 0.0):
-        return f"{value:.5g}"
-    return f"{value:.{min(8, max(0, decimals(half)))}f}"
-
-
-def interval(ends: tuple[float, float] | None, factor: float) -> str:
-    if ends is None:
-        return "–"
-    low, high = factor * ends[0], factor * ends[1]
-    return f"{rounded(low, (high - low) / 2.0)} … {rounded(high, (high - low) / 2.0)}"
+def _ends(ends: tuple[float, float] | None, factor: float) -> str:
+    return DASH if ends is None else interval(factor * ends[0], factor * ends[1])
 
 
 def _plus_minus(estimate: Estimate | None, factor: float) -> str:
     if estimate is None:
-        return "–"
+        return DASH
     low, high = estimate.ci95
-    return f"{factor * estimate.value:.4g}\n±{factor * (high - low) / 2.0:.2g}"
+    return plus_minus(factor * estimate.value, factor * (high - low) / 2.0).replace(" ± ", "\n±")

@@ -56,7 +56,7 @@ def figure(result: Waveforms, names: Sequence[str] = ()) -> Picture:
             panel.margins(x=0)
         if size > 1:
             ends = [Line2D([], [], color=colours[i], label=f"member {i % size}") for i in (0, -1)]
-            drawn.legend(handles=ends, loc="outside upper right", ncols=2)
+            drawn.legend(handles=ends, loc="outside upper left", ncols=2)
     return drawn
 
 
