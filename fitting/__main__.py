@@ -134,7 +134,10 @@ def virtual_command(
 
 @app.command("cohort")
 def cohort_command(
-    cohort: Annotated[Path, typer.Argument(is_eager=True, help="CSV with animal, site, record, h [mm], R0 [mm].")],
+    cohort: Annotated[
+        Path,
+        typer.Argument(is_eager=True, help="CSV with animal (or subject, patient), site, record, h [mm], R0 [mm]."),
+    ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     mapped: Mapped = None,
     decimal: Decimal = None,
@@ -145,7 +148,7 @@ def cohort_command(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Fit many animals at many sites; means, spread, and the paper's claims tested."""
+    """Fit many subjects, animals or patients, at many sites; means, spread, and the paper's claims tested."""
     from .cohort import report
     from .cohort.fits import fit_cohort, read_cohort
 

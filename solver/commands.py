@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from .console import put, right, say, say_notes, say_written, sentences, show
 from .files import bundled_names, find_network, from_sections, read_network, write_whole
@@ -33,7 +33,8 @@ def list_networks(as_json: Json = False) -> None:
     if as_json:
         put({"networks": [_plain(n) | {"species": n.species, "reference": n.reference} for n in networks]})
         return
-    table = Table("name", right("segments"), right("outlets"), "species", "source")
+    source = Column("source", overflow="fold")  # a DOI is never cut
+    table = Table("name", right("segments"), right("outlets"), "species", source, padding=0)
     for n in networks:
         table.add_row(n.name, str(len(n.segments)), str(len(n.outlets)), n.species, _short(n.reference))
     show(table)

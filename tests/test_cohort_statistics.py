@@ -141,7 +141,7 @@ def test_data_that_cannot_separate_sites_from_animals() -> None:
     """Two values in a cell, or as many animals as values: one sentence."""
     with pytest.raises(ValueError, match="S1 has two values at site AA"):
         random_intercept(np.zeros(2), ["AA", "AA"], ["S1", "S1"])
-    with pytest.raises(ValueError, match="4 values of 4 animals at 2 sites cannot separate"):
+    with pytest.raises(ValueError, match="4 values of 4 subjects at 2 sites cannot separate"):
         random_intercept(np.arange(4.0), ["AA", "PD", "AA", "PD"], ["1", "2", "3", "4"])
 
 

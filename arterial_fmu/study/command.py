@@ -10,6 +10,7 @@ from rich.table import Table
 
 from fitting.result_files import finite
 from solver.console import put, right, say, say_notes, say_written, sentences, show
+from solver.legible import DASH, significant
 from solver.options import Json, Quiet, networks_for
 from solver.progress import PACE, bar
 from solver.units import readable
@@ -98,10 +99,11 @@ def _size(plan: Plan, samples: int) -> str:
 def _table(study: Study) -> Table:
     """Of every number its percentiles, and what matters most."""
     title = f"{study.plan.model.name}: {study.plan.size} parameter sets"
-    table = Table("number", *map(right, ("unit", "5 %", "median", "95 %")), "total indices", title=title)
+    table = Table("number", *map(right, ("unit", "5 %", "median", "95 %")), "total indices ± half of 95 %", title=title)
     for name, unit in study.plan.measures.items():
         text, factor = readable(unit)
-        low, _, middle, _, high = (f"{factor * value:.4g}" for value in study.found.percentiles[name])
+        low, _, middle, _, high = (significant(factor * value) for value in study.found.percentiles[name])
         most: list[Any] = sorted(study.indices(name), key=lambda each: -each.ST)[:SHOWN]
-        table.add_row(name, text, low, middle, high, ", ".join(f"{each.varied} {each.ST:.2f}" for each in most) or "–")
+        told = (f"{each.varied} {each.total.replace(' ', '')}" for each in most)
+        table.add_row(name, text, low, middle, high, ", ".join(told) or DASH)
     return table

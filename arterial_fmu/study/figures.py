@@ -69,6 +69,8 @@ def _tornado(study: Study, site: str, names: Sequence[str]) -> Drawing:
         _bars(panel, study, name, bars)
     for panel in axes[len(names) :]:
         panel.set_axis_off()
+    for panel in axes[max(0, len(names) - _COLUMNS) : len(names)]:
+        panel.set_xlabel("part of the variance")
     handles = [
         Patch(color=SKY, label="total"),
         Patch(color=ORANGE, label="first: alone"),

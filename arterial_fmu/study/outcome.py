@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from fitting.provenance import software
+from solver.legible import number
 
 from .plan import Plan
 from .run import finer_differences
@@ -17,6 +19,12 @@ from .sensitivity import LEVELS, Findings, Index, findings
 from .store import Store
 
 Array = np.ndarray
+
+# Half a 95 % interval of an index from which the study says that N is small. It shrinks as one over the square root of
+# N. On 120 designs of Ishigami's function the bootstrap's intervals hold the truth in 0.84 and 0.85 of all cases where
+# they are ± 0.8 and ± 0.5 (total index, N = 8 and 16), and in 0.98 where they are ± 0.24 or less (N >= 128), with an
+# error of 0.05.
+WIDE = 0.2
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,7 @@ class Study:
             largest, n = float(self.differences[worst].max()), len(self.differences[worst])
             said.append(
                 f"{n} of the sets were run with half the step and half the elements, too: the beats of P and Q "
-                f"differ by {largest:.1e} at most ({worst}; relative L2, P without its mean)."
+                f"differ by {number(largest, 2)} at most ({worst}; relative L2, P without its mean)."
             )
         if found.failures:
             said.append(
@@ -66,6 +74,14 @@ class Study:
             )
         if found.groups and not found.indices:
             said.append("there are too few whole groups for indices; allow more --samples, or narrow the ranges.")
+        widest = max(found.indices, key=lambda index: index.widest, default=None)
+        if widest and widest.widest > WIDE:
+            N = 2 ** math.ceil(math.log2(plan.base * (widest.widest / WIDE) ** 2))
+            said.append(
+                f"the intervals of the indices are too wide to rank what is varied, up to ± {widest.widest:.2f} "
+                f"({widest.varied} on {widest.measure}), because N = {plan.base} is small; --samples {N * plan.group} "
+                f"(N = {N}) would bring them to about ± {WIDE:g}."
+            )
         return tuple(said)
 
 

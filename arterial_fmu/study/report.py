@@ -12,6 +12,7 @@ from fitting.pages.page import environment
 from fitting.provenance import software
 from fitting.result_files import json_text, make_folder
 from solver.files import write_whole
+from solver.legible import DASH, number, significant
 from solver.units import readable
 
 from .outcome import Study, indices_csv, summary
@@ -47,7 +48,7 @@ def page(study: Study, drawings: Mapping[str, Any]) -> str:
         not_shown=plan.sites[SHOWN_SITES:],
         failures=found.failures[:SHOWN_FAILURES],
         software=software(),
-        percent=f"{100 * len(found.failures) / plan.size:.2g}",
+        percent=number(100 * len(found.failures) / plan.size, 2),
     )
 
 
@@ -62,13 +63,13 @@ def _varied_row(study: Study, i: int) -> dict[str, str]:
         "low": low,
         "high": high,
         "moves": f"{len(each.nominal)} parameter{'' if len(each.nominal) == 1 else 's'}",
-        "most": "–" if most is None else f"{most.measure} ({most.ST:.2f})",
+        "most": DASH if most is None else f"{most.measure} ({most.total})",
     }
 
 
 def _range(each: Any) -> tuple[str, str]:
     text, factor = ("×", 1.0) if each.factor else readable(each.unit)
-    ends = (f"{factor * end:.4g}" for end in (each.low, each.high))
+    ends = (number(factor * end, 4) for end in (each.low, each.high))
     low, high = (f"{text} {end}" if each.factor else f"{end} {text}" for end in ends)
     return low, high
 
@@ -85,9 +86,8 @@ def _site_rows(study: Study, site: str) -> list[dict[str, Any]]:
             {
                 "name": name.partition(".")[2].replace(".", " "),
                 "unit": text,
-                "percentiles": [f"{factor * v:.4g}" for v in study.found.percentiles[name]],
-                "indices": [f"{i.S1:.2f} | {i.ST:.2f} ± {i.ST_conf:.2f}".replace("-0.00", "0.00") for i in found]
-                or ["–"] * len(study.plan.varied),
+                "percentiles": [significant(factor * v) for v in study.found.percentiles[name]],
+                "indices": [(i.first, i.total) for i in found] or [(DASH,)] * len(study.plan.varied),
                 "most": int(np.argmax([i.ST for i in found])) if found else -1,
             }
         )

@@ -34,6 +34,25 @@ class Index:
     ST: float
     ST_conf: float
 
+    @property
+    def first(self) -> str:
+        """S1 ± half of its 95 % interval."""
+        return _index(self.S1, self.S1_conf)
+
+    @property
+    def total(self) -> str:
+        """ST ± half of its 95 % interval."""
+        return _index(self.ST, self.ST_conf)
+
+    @property
+    def widest(self) -> float:
+        """The wider half interval of the two."""
+        return max(self.S1_conf, self.ST_conf)
+
+
+def _index(value: float, half: float) -> str:
+    return f"{value + 0.0:.2f} ± {half:.2f}".replace("-0.00", "0.00").replace("-", "−")
+
 
 @dataclass(frozen=True)
 class Findings:

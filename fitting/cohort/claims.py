@@ -283,7 +283,7 @@ def _estimate(part: _Part, level: float, p: float | None = None) -> SiteEstimate
 
 def _furthest(part: _Part | None, show: Callable[[float], str]) -> str:
     if part is None or part.contrast is None:
-        return "; no site has two animals"
+        return "; no site has two subjects"
     low, high = part.contrast.interval(0.9)
     return f"; furthest {part.label}: {show(part.contrast.estimate)} (90 % interval {show(low)} to {show(high)})"
 

@@ -16,18 +16,20 @@ from solver.notebook.style import BLACK, BLUE, GREEN, ORANGE, SKY, STYLE, VERMIL
 from .claims import Claim
 from .fits import Cohort
 
+_FEWEST = 4  # sites that an axis has room for
+
 
 def cohort_figures(cohort: Cohort) -> dict[str, Figure]:
     """The figures by name: unstressed_radius, stiffness_and_viscosity, relaxation_time, nonlinear_viscosity.
 
-    Dots are animals. The last one is missing if the main model is linear.
+    Dots are animals, or what the file calls them. The last one is missing if the main model is linear.
     """
     claims = {claim.name: claim for claim in cohort.claims()}
     with rc_context(STYLE):
         figures = {
             "unstressed_radius": _radius(cohort, claims.get("unstressed radius")),
             "stiffness_and_viscosity": _stiffness(cohort),
-            "relaxation_time": _relaxation(cohort, claims["relaxation time"]),
+            "relaxation_time": _relaxation(cohort, claims.get("relaxation time")),
         }
         if "nonlinear viscosity" in claims:
             figures["nonlinear_viscosity"] = _bend(cohort, claims["nonlinear viscosity"])
@@ -38,11 +40,11 @@ def _radius(cohort: Cohort, claim: Claim | None) -> Figure:
     """Fitted bars and measured crosses; beside them, where R0 was measured, the error on a scale that shows it."""
     title = "Unstressed radius" + (f": fitted as measured? {claim.verdict}" if claim else "")
     figure, axes = _figure(cohort, title, 2 if claim else 1)
-    _bars(axes[0], cohort, "R0", 1e2, SKY, "fitted, mean ± sd")
-    axes[0].set_ylabel("$R_0$, cm")
+    _bars(axes[0], cohort, "R0", 1e3, SKY, "fitted, mean ± sd")
+    axes[0].set_ylabel("$R_0$, mm")
     if claim and claim.allowed:
         rows = cohort.table()
-        means = [1e2 * rows[estimate.label]["R0 measured"].mean for estimate in claim.estimates]
+        means = [1e3 * rows[estimate.label]["R0 measured"].mean for estimate in claim.estimates]
         style: dict[str, Any] = {"color": BLACK, "markersize": 8, "markeredgewidth": 1.5, "zorder": 4}
         axes[0].plot(_places(cohort, claim), means, "x", label="measured, mean", **style)
         ends = [(100 * (e.low - 1.0), 100 * (e.high - 1.0)) for e in claim.estimates]
@@ -68,20 +70,21 @@ def _stiffness(cohort: Cohort) -> Figure:
     return figure
 
 
-def _relaxation(cohort: Cohort, claim: Claim) -> Figure:
+def _relaxation(cohort: Cohort, claim: Claim | None) -> Figure:
     """Site means with standard deviations; the margin about the mean over sites, and the tested intervals."""
-    figure, (ax,) = _figure(cohort, f"Relaxation time: the same at all sites? {claim.verdict}", 1)
+    title = "Relaxation time" + (f": the same at all sites? {claim.verdict}" if claim else "")
+    figure, (ax,) = _figure(cohort, title, 1)
     _dots(ax, cohort, "phi0/E", 1e3)
     style: dict[str, Any] = {"color": BLACK, "markersize": 6, "capsize": 4, "linewidth": 1.2}
     ax.errorbar(*_summaries(cohort, "phi0/E", 1e3), fmt="o", label="mean ± sd", **style)
-    if claim.allowed is not None and "mean" in claim.numbers:
+    if claim and claim.allowed is not None and "mean" in claim.numbers:
         mean = 1e3 * claim.numbers["mean"]
         low, high = (mean * end for end in claim.allowed)
         _margin(ax, low, mean, high, f"±{100 * (claim.margin or 0.0):.0f} % of the mean over sites")
         places = _places(cohort, claim) + 0.22
         ends = [(mean * estimate.low, mean * estimate.high) for estimate in claim.estimates]
         ax.vlines(places, *zip(*ends, strict=True), color=VERMILION, linewidth=3.0, label="90 % interval of the site")
-    ax.set_ylim(0.0, None)
+    ax.set_ylim(0.0, 1.06 * ax.get_ylim()[1])
     ax.set_ylabel(r"relaxation time $\phi_0/E$, ms")
     _legend(ax)
     return figure
@@ -96,7 +99,7 @@ def _bend(cohort: Cohort, claim: Claim) -> Figure:
     differ = np.array([estimate.p is not None and estimate.p < 0.05 for estimate in claim.estimates])
     ends = [(estimate.low, estimate.high) for estimate in claim.estimates]
     ax.vlines(places, *zip(*ends, strict=True), color=BLUE, linewidth=2.5, label="95 % interval of the mean")
-    for which, face, text in ((differ, BLUE, "differs from 0 (Holm, 5 %)"), (~differ, "white", "not shown to")):
+    for which, face, text in ((differ, BLUE, "differs from 0 (Holm, 5 %)"), (~differ, "white", "not shown to differ")):
         if which.any():
             ax.plot(places[which], values[which], "o", color=BLUE, markerfacecolor=face, markersize=7, label=text)
     ax.set_ylabel(r"$\phi_{NL}/\phi_0$, s")
@@ -113,7 +116,8 @@ def _figure(cohort: Cohort, title: str, n: int) -> tuple[Figure, Sequence[Axes]]
     figure.suptitle(f"{title}\n{cohort.label}; {cohort.main} model", fontsize=10)
     for ax in axes:
         ax.set_xticks(range(len(cohort.sites)), cohort.sites)
-        ax.set_xlim(-0.6, len(cohort.sites) - 0.4)
+        beside = 0.5 * max(0, _FEWEST - len(cohort.sites))  # bars keep their width
+        ax.set_xlim(-0.6 - beside, len(cohort.sites) - 0.4 + beside)
         ax.set_xlabel("artery")
     return figure, axes
 
@@ -150,7 +154,8 @@ def _dots(ax: Axes, cohort: Cohort, quantity: str, factor: float) -> None:
     offsets = {animal: -0.3 + 0.16 * i / max(1, len(cohort.animals) - 1) for i, animal in enumerate(cohort.animals)}
     x = [cohort.sites.index(site) + offsets[animal] for animal, site in cells]
     y = [factor * value for value in cells.values()]
-    ax.plot(x, y, ".", color="0.35", markersize=4, label="animals", zorder=3)
+    style: dict[str, Any] = {"color": "0.25", "markersize": 4.5, "markeredgecolor": "white", "markeredgewidth": 0.5}
+    ax.plot(x, y, "o", label=f"{cohort.noun}s", zorder=3, **style)
 
 
 def _legend(ax: Axes) -> None:

@@ -1,4 +1,4 @@
-"""Cohort files: a CSV with a line per recording, ``animal,site,record,h [mm],R0 [mm]``.
+"""Cohort files: a CSV with a line per recording, ``animal,site,record,h [mm],R0 [mm]``; or ``subject``, or ``patient``.
 
 Fields are separated by commas, semicolons or tabs; in the latter two, decimal marks may be commas.
 
@@ -23,18 +23,23 @@ from solver.quantity import quantities
 from ..records.tables.titles import name_and_unit
 
 _SEPARATORS = (",", ";", "\t")
+_WHO = ("animal", "subject", "patient", "participant", "volunteer")  # of whom a recording is, as the file calls them
 _COLUMNS = ("animal", "site", "record", "h", "R0")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of a cohort file: h and R0 [m], R0 None if it was not measured; record : path that can be opened."""
+    """A line of a cohort file: h and R0 [m], R0 None if it was not measured; record : path that can be opened.
+
+    noun : what the file calls those whom it records, "animal" or "patient".
+    """
 
     animal: str
     site: str
     record: str
     h: float
     R0: float | None = None
+    noun: str = "animal"
 
 
 def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
@@ -49,11 +54,11 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
     rows = csv.reader(io.StringIO(text), skipinitialspace=True, delimiter=separator)
     entries: list[Entry] = []
     try:
-        places, units = _header(next(rows, []))
+        places, units, noun = _header(next(rows, []))
         for row in rows:
             if any(cell.strip() for cell in row):
                 where = f"line {rows.line_num}"
-                entry = _entry(row, places, units, Path(path).parent, where)
+                entry = _entry(row, places, units, noun, Path(path).parent, where)
                 if any((e.animal, e.site) == (entry.animal, entry.site) for e in entries):
                     raise ValueError(f"{where}: {entry.animal} has a line for {entry.site} already; keep one.")
                 entries.append(entry)
@@ -66,29 +71,36 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
     return entries
 
 
-def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str]]:
-    """Place and unit of each column; a missing unit is SI."""
-    places, units = {}, {}
+def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str], str]:
+    """Place and unit of each column, a missing unit being SI, and what the first one calls those who were recorded."""
+    places, units, nouns = {}, {}, []
     for i, title in enumerate(titles):
         name, unit = name_and_unit(title)
+        if name in _WHO:
+            nouns.append(name)
+            name = "animal"
         if name in _COLUMNS:
             if name in places:
-                raise ValueError(f"line 1: the column {name} occurs twice; keep one.")
+                said = (
+                    f"the column {name} occurs twice" if len(set(nouns)) < 2 else f"{' and '.join(nouns)} are columns"
+                )
+                raise ValueError(f"line 1: {said}; keep one.")
             places[name], units[name] = i, unit
     missing = [name for name in _COLUMNS if name not in places]
     if missing:
         raise ValueError(
-            f"line 1: the column {' and '.join(missing)} is missing; "
-            "the header must be animal,site,record,h [mm],R0 [mm]."
+            f"line 1: the column {' and '.join(missing)} is missing; the header must be "
+            f"animal,site,record,h [mm],R0 [mm], or {', '.join(_WHO[1:])} for animal."
         )
-    return places, units
+    return places, units, nouns[0]
 
 
-def _entry(row: list[str], places: dict[str, int], units: dict[str, str], folder: Path, where: str) -> Entry:
+def _entry(row: list[str], places: dict[str, int], units: dict[str, str], noun: str, folder: Path, where: str) -> Entry:
     cells = {name: row[i].strip() if i < len(row) else "" for name, i in places.items()}
     for name in ("animal", "site", "record", "h"):
         if not cells[name]:
-            raise ValueError(f"{where}: {name} is missing; only R0 may be left empty.")
+            called = noun if name == "animal" else name
+            raise ValueError(f"{where}: {called} is missing; only R0 may be left empty.")
     record = folder / cells["record"]
     if not record.is_file():
         raise ValueError(f"{where}: there is no record file {record}; correct the name or remove the line.")
@@ -99,4 +111,4 @@ def _entry(row: list[str], places: dict[str, int], units: dict[str, str], folder
             point = re.sub(r"^(\d+),(\d+)$", r"\1.\2", cells[name])  # no comma separates fields where one is in a cell
             lengths[name] = parse_quantity(f"{point} {units[name]}", "m", shown)
             quantities(Segment)[name].check(shown, lengths[name])
-    return Entry(cells["animal"], cells["site"], str(record), lengths["h"], lengths.get("R0"))
+    return Entry(cells["animal"], cells["site"], str(record), lengths["h"], lengths.get("R0"), noun)

@@ -109,14 +109,19 @@ class Cohort:
         """What every result is labelled with: "measured", "virtual (synthetic)", or how many animals are virtual."""
         k, n = len(self.virtual), len(self.animals)
         if 0 < k < n:
-            return f"mixed: {k} of {n} animals {'is' if k == 1 else 'are'} virtual"
+            return f"mixed: {k} of {n} {self.noun}s {'is' if k == 1 else 'are'} virtual"
         return "virtual (synthetic)" if k else "measured"
 
     @property
     def label(self) -> str:
         """ "11 animals, measured": how many, and what their data are."""
         n = len(self.animals)
-        return f"{n} animal{'' if n == 1 else 's'}, {self.data}"
+        return f"{n} {self.noun}{'' if n == 1 else 's'}, {self.data}"
+
+    @property
+    def noun(self) -> str:
+        """What the file calls those whom it records."""
+        return self.recordings[0].entry.noun
 
     def fits(self, model: str | None = None) -> dict[tuple[str, str], WallFit]:
         """The fits of one model by (animal, site). Raises ValueError for a model that was not fitted."""
@@ -162,7 +167,7 @@ class Cohort:
                 for key in PARAMETERS:
                     values[f"{site}.{key}"] = _mean([fitted.values[key] for fitted in there], UNITS[key])
         provenance = {
-            "kind": "means over animals",
+            "kind": f"means over {self.noun}s",
             "data": self.data,
             "model": name,
             "free": list(law.free),
@@ -178,8 +183,9 @@ class Cohort:
 
     def claims(self) -> tuple[Claim, ...]:
         """The paper's claims that the fitted models and measured radii can test."""
-        main = self.main
-        found = [cohort_claims.constant_relaxation_time(self.values("phi0/E"))]
+        main, found = self.main, []
+        if len(self.sites) > 1:  # at one alone there is nothing to be the same as
+            found.append(cohort_claims.constant_relaxation_time(self.values("phi0/E")))
         measured = self.values("R0 measured")
         ratios = {cell: R0 / measured[cell] for cell, R0 in self.values("R0").items() if cell in measured}
         if ratios:
@@ -195,7 +201,7 @@ class Cohort:
             pairs = {key: (self.values(key, "linear"), self.values(key)) for key in ("E", "phi0")}
             both = {key: {c: a[c] / b[c] for c in b if c in a} for key, (a, b) in pairs.items()}
             found.append(self._without_lost(cohort_claims.same_in_both_models(both, ("linear", main)), "linear"))
-        return tuple(found)
+        return tuple(replace(claim, text=claim.text.replace("subject", self.noun)) for claim in found)
 
     def _without_lost(self, claim: Claim, model: str) -> Claim:
         """The claim, that says so if recordings are left out of it: they may be the very ones that speak against it."""

@@ -151,13 +151,15 @@ class _Data:
         for value, site, animal in zip(y, sites, animals, strict=True):
             cell = groups.index(animal), labels.index(site)
             if not np.isnan(cells[cell]):
-                raise ValueError(f"animal {animal} has two values at site {site}; give one.")
+                raise ValueError(f"subject {animal} has two values at site {site}; give one.")
             cells[cell] = value
         there = ~np.isnan(cells)
         if len(labels) < 2 or len(groups) < 2 or there.sum(axis=1).max() < 2 or there.sum() < len(labels) + 2:
+            counts = zip((int(there.sum()), len(groups), len(labels)), ("value", "subject", "site"), strict=True)
+            values, subjects, places = (f"{n} {noun}{'' if n == 1 else 's'}" for n, noun in counts)
             raise ValueError(
-                f"{int(there.sum())} values of {len(groups)} animals at {len(labels)} sites cannot separate sites from "
-                "animals; give two sites or more of at least two animals each."
+                f"{values} of {subjects} at {places} cannot separate sites from subjects; "
+                "give two sites or more of at least two subjects each."
             )
         centre = np.nanmean(cells, axis=0)
         left = np.where(there, cells - centre, 0.0)

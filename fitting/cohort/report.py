@@ -29,14 +29,15 @@ _SHOWN = (
     ("φ0/E, ms", "phi0/E", 1e3),
     ("φNL/φ0, s", "phiNL/phi0", 1.0),
     ("R0, mm", "R0", 1e3),
-    ("R0 measured, mm", "R0 measured", 1e3),
+    ("R0 measured,\nmm", "R0 measured", 1e3),
 )
 
 
 def tables(cohort: Cohort) -> list[RenderableType]:
     """Means ± standard deviations of the main model by site, the claims, and what could not be used."""
     numbers = [right(heading) for heading in ("n", *(heading for heading, _, _ in _SHOWN))]
-    title = f"{cohort.label}; {cohort.main} model: mean ± standard deviation between animals"
+    spread = f" ± standard deviation between {cohort.noun}s" if len(cohort.animals) > 1 else ""
+    title = f"{cohort.label}; {cohort.main} model{': mean' if spread else ''}{spread}"
     means = Table("site", *numbers, title=title)
     for site, row in cohort.table().items():
         n = str(row["E"].n) if "E" in row else "0"
@@ -46,7 +47,7 @@ def tables(cohort: Cohort) -> list[RenderableType]:
         claims.add_row(claim.name, claim.verdict, claim.text)
     if not cohort.failures:
         return [means, claims]
-    unused = Table("animal", "site", "why", title="Not used", show_lines=True)
+    unused = Table(cohort.noun, "site", "why", title="Not used", show_lines=True)
     for failure in cohort.failures:
         unused.add_row(failure.entry.animal, failure.entry.site, failure.sentence)
     return [means, claims, unused]
@@ -91,11 +92,11 @@ def to_json(cohort: Cohort) -> str:
 
 
 def _cell(summary: Summary | None, factor: float) -> str:
-    """Mean ± standard deviation, both to the second digit of the latter."""
+    """Mean ± standard deviation, one below the other: seven numbers fit 80 columns."""
     if summary is None:
         return DASH
     mean, sd = factor * summary.mean, factor * summary.sd
-    return plus_minus(mean, sd) if sd > 0.0 else number(mean, 4)
+    return plus_minus(mean, sd).replace(" ± ", "\n±") if sd > 0.0 else number(mean, 4)
 
 
 def _claim(claim: Claim) -> dict[str, Any]:
