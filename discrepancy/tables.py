@@ -106,7 +106,7 @@ def gap_unit(outcome: Outcome) -> str:
     fitted, held_out = beats["fitted"], beats["held_out"]
     return (
         f"{said} The mean of {held_out} held-out beats is noisier than that of {fitted} fitted ones: the same misfit "
-        f"is a gap {math.sqrt(fitted / held_out):.2g} times smaller there."
+        f"is a gap {number(math.sqrt(fitted / held_out), 2)} times smaller there."
     )
 
 

@@ -29,7 +29,7 @@ def html(fitted: WallFit) -> str:
         f"φ0/E {number(1e3 * fitted.relaxation_time[0], 4)} ms; R² {fitted.r2:.6f}; "
         f"χ²/dof {number(fitted.chi2 / fitted.dof)}; condition number {fitted.condition:.0f}"
     )
-    of = f"{fitted.n_beats} beats of {fitted.loop.T:.5g} s, {Path(fitted.source).name}"
+    of = f"{fitted.n_beats} beats of {number(fitted.loop.T, 4)} s, {Path(fitted.source).name}"
     title = f"Wall of {fitted.site}, model {fitted.model.name}: {of}"
     return table(title, ("parameter", "value", "95 % interval"), rows, (quality, *fitted.warnings))
 

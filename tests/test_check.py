@@ -198,6 +198,24 @@ def test_written_report(tmp_path: Path, report: CheckReport) -> None:
     assert all((tmp_path / "again" / name).read_bytes() == content for name, content in files.items())
 
 
+def test_page_shows_the_set_and_no_raw_data(report: CheckReport) -> None:
+    """Every value in the unit that people read, with its interval; of a calibration's covariance the name alone."""
+    sources = json.loads(json.dumps(report.sources))
+    sources["parameter_set"] |= {
+        "values": {
+            "CA.E": {"value": 4.5558e6, "unit": "Pa", "ci95": [4.4806e6, 4.6304e6]},
+            "CA.outlet.R_t": {"value": 0.3, "unit": "1", "ci95": None},
+        },
+        "provenance": {"network": "sheep", "covariance": [[5.52e-8, -2.6e-8], [-2.6e-8, 1.06e-7]],
+                       "unknowns": {"all.E": {"x": -0.000525163, "moves": {"CA.E": 1.0}}}},
+    }  # fmt: skip
+    text = page(replace(report, sources=sources), {})
+    assert "<td>CA.E</td><td>4.556</td><td>4.481 … 4.630</td><td>MPa</td>" in text
+    assert "<td>CA.outlet.R_t</td><td>0.3</td><td>–</td><td>–</td>" in text
+    assert "<dt>its network</dt><dd>sheep</dd>" in text and "its covariance, unknowns</dd>" in text
+    assert "5.52" not in text and "000525" not in text and "e-0" not in text and "e+0" not in text
+
+
 def test_page_escapes(report: CheckReport) -> None:
     """A script in the provenance of the set is text on the page, not markup."""
     sources = json.loads(json.dumps(report.sources))

@@ -230,7 +230,7 @@ def test_the_label_says_what_is_virtual(fitted: Cohort) -> None:
         (named(("S1", "virtual/a.csv")), "1 animal, measured"),
     ):  # fmt: skip
         assert cohort.label == label
-        title = cohort_report.tables(cohort)[0].title  # type: ignore[union-attr]
+        title = cohort_report.tables(cohort)[0].title
         assert str(title).startswith(f"{label}; monotone model")
         assert all(label in figure.get_suptitle() for figure in cohort_figures(cohort).values())
         assert (
@@ -245,11 +245,49 @@ def test_figures_have_units_and_show_the_numbers(fitted: Cohort) -> None:
     figures = cohort_figures(fitted)
     labels = [ax.get_ylabel() for figure in figures.values() for ax in figure.axes]
     assert len(labels) == 6 and all(
-        label.endswith((", cm", ", %", ", MPa", ", kPa·s", ", ms", ", s")) for label in labels
+        label.endswith((", mm", ", %", ", MPa", ", kPa·s", ", ms", ", s")) for label in labels
     )
     bars = figures["stiffness_and_viscosity"].axes[0].patches
     assert [bar.get_height() for bar in bars] == [1e-6 * row["E"].mean for row in fitted.table().values()]
     assert all("4 animals, virtual (synthetic)" in figure.get_suptitle() for figure in figures.values())
+
+
+def test_words_are_those_of_the_file(fitted: Cohort, tmp_path: Path) -> None:
+    """A column ``patient``: tables, claims, figures and the mean set say patients; two such columns are refused."""
+    (tmp_path / "a.csv").write_text("")
+    path = tmp_path / "cohort.csv"
+    path.write_text("patient,site,record,h [mm],R0 [mm]\nP1,AA,a.csv,0.38,9.4\n")
+    assert [(e.animal, e.noun) for e in read_cohort(path)] == [("P1", "patient")]
+    path.write_text("patient,site,record,h [mm],R0 [mm]\n,AA,a.csv,0.38,9.4\n")
+    with pytest.raises(ValueError, match="line 2: patient is missing"):
+        read_cohort(path)
+    path.write_text("patient,subject,site,record,h [mm],R0 [mm]\n")
+    with pytest.raises(ValueError, match="line 1: patient and subject are columns; keep one"):
+        read_cohort(path)
+    named = [replace(r, entry=replace(r.entry, noun="patient")) for r in fitted.recordings]
+    cohort = replace(fitted, recordings=tuple(named))
+    assert cohort.label == "4 patients, virtual (synthetic)"
+    assert cohort.mean_set().provenance["kind"] == "means over patients"
+    one = replace(cohort, recordings=cohort.recordings[:2])  # of one patient
+    texts = [claim.text for claim in (*cohort.claims(), *one.claims())]
+    assert any("no site has two patients" in text for text in texts)
+    figures = cohort_figures(cohort)
+    texts += [text.get_text() for f in figures.values() for ax in f.axes for text in ax.get_legend().get_texts()]
+    texts += [str(f.get_suptitle()) for f in figures.values()] + [str(t.title) for t in cohort_report.tables(cohort)]
+    assert "patients" in texts and not [text for text in texts if "animal" in text or "subject" in text]
+
+
+def test_one_site_alone(fitted: Cohort) -> None:
+    """No claim that compares sites, bars no wider than those of four sites, one site in the middle of the axis."""
+    recordings = tuple(r for r in fitted.recordings if r.entry.site == "AA")
+    one = replace(fitted, recordings=recordings, failures=())
+    assert "relaxation time" not in {claim.name for claim in one.claims()}
+    figures = cohort_figures(one)
+    assert figures["relaxation_time"].get_suptitle().startswith("Relaxation time\n")
+    for ax in figures["stiffness_and_viscosity"].axes:
+        (bar,), (low, high) = ax.patches, ax.get_xlim()
+        assert bar.get_width() / (high - low) < 0.2 and low + high == pytest.approx(0.0)
+    assert len(cohort_report.tables(one)) == 2
 
 
 def test_one_animal_and_the_linear_model(fitted: Cohort) -> None:

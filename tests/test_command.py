@@ -301,6 +301,13 @@ def _read(terminal: int) -> bytes:
 # --- completion -----------------------------------------------------------------------------------------------------
 
 
+def test_a_doi_is_never_cut() -> None:
+    """In 80 columns every DOI of ``list`` stands whole on a line."""
+    lines = run("list", COLUMNS="80").stdout
+    assert "doi:10.1080/10255842.2014.948428" in lines and "…" not in lines
+    assert max(map(len, lines.splitlines())) <= 80
+
+
 def completed(*words: str) -> list[str]:
     """What bash offers for the last word."""
     line = {"COMP_WORDS": " ".join(["arterial-fmu", *words]), "COMP_CWORD": str(len(words))}

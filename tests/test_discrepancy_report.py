@@ -113,7 +113,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callabl
 
 SAID = {
     "none": ("No effect is missing", "Smallest detectable sizes", "±2.1 kPa·s", "Invisible to them"),
-    "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3e−12"),
+    "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3·10⁻¹²"),
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
     "several": (
         "Several effects are missing",

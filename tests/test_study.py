@@ -3,8 +3,10 @@ that a study that was killed goes on to the same bytes."""
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,11 +18,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from rich.console import Console
 from SALib.test_functions import Ishigami
 from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from arterial_fmu.study.batch import FAILED, Batch, run_batch
+from arterial_fmu.study.command import _table
 from arterial_fmu.study.measures import largest, measures, smallest, wave
 from arterial_fmu.study.models import NetworkModel, read_model
 from arterial_fmu.study.outcome import Study, summary
@@ -190,6 +194,32 @@ def test_indices_of_a_known_function(tmp_path: Path) -> None:
     np.testing.assert_allclose([i.ST for i in mean], [0.5576, 0.4424, 0.2437], atol=0.03)
     assert all(0.0 < i.ST_conf < 0.1 for i in mean)
     assert not [index for index in found.indices if index.measure == "A.Q.mean"]  # does not vary: no index
+
+
+def test_indices_of_few_sets_tell_how_sure_they_are(tmp_path: Path) -> None:
+    """N = 16: every index with its interval on page and terminal, and how many samples would do; N = 1024: no note."""
+    studies = {}
+    for samples in (80, 5120):
+        plan = ishigami(samples)
+        store = Store(tmp_path / str(samples), plan)
+        run(plan, store, jobs=1)
+        studies[plan.base] = Study.of(store)
+    few = studies[16]
+    widest = max(few.found.indices, key=lambda index: index.widest)
+    assert widest.widest > 0.3
+    (note,) = [note for note in few.notes if "too wide to rank" in note]
+    assert f"up to ± {widest.widest:.2f} ({widest.varied} on {widest.measure}), because N = 16 is small" in note
+    wanted = int(re.findall(r"--samples (\d+)", note)[0]) // few.plan.group
+    assert 16 * (widest.widest / 0.2) ** 2 <= wanted < 32 * (widest.widest / 0.2) ** 2
+    assert not [note for note in studies[1024].notes if "too wide" in note]
+    write(few, tmp_path)
+    html = (tmp_path / "study.html").read_text()
+    index = few.indices("A.P.mean")[0]
+    assert f"<td>{index.first}<br>{index.total}</td>" in html.replace(' class="most"', "") and " ± " in index.total
+    assert f'<p class="warning">{note[0].upper()}{note[1:]}</p>' in html
+    printed = io.StringIO()
+    Console(width=100, file=printed).print(_table(few))
+    assert re.search(rf"x\.1 {index.ST:.2f}±{index.ST_conf:.2f}", printed.getvalue())
 
 
 def test_broken_sets_are_kept_and_counted(tmp_path: Path) -> None:

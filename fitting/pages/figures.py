@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 
+from solver.legible import number
 from solver.notebook.style import BLACK, BLUE, GREEN, PURPLE, SKY, STYLE, VERMILION, Picture
 from solver.units import MMHG
 
@@ -42,7 +43,7 @@ def loop_figure(fits: Sequence[WallFit], beats: Beats | None = None) -> Picture:
         for ax in axes[1 : len(fits)]:
             ax.sharey(axes[0])
         _spectrum(axes[-1], fits)
-        title = f"{Path(first.source).name}, site {first.site}: {first.n_beats} beats of {first.loop.T:.4g} s"
+        title = f"{Path(first.source).name}, site {first.site}: {first.n_beats} beats of {number(first.loop.T, 4)} s"
         figure.suptitle(title, fontsize=10)
     return figure
 
@@ -62,8 +63,8 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
     ax.text(
         0.97,
         0.03,
-        f"residual {100 * np.sqrt(max(1.0 - fitted.r2, 0.0)):.2g} % of the pulse\n"
-        f"χ²/dof {_rounded(fitted.chi2 / fitted.dof)}",
+        f"residual {number(100 * np.sqrt(max(1.0 - fitted.r2, 0.0)), 2)} % of the pulse\n"
+        f"χ²/dof {number(fitted.chi2 / fitted.dof)}",
         transform=ax.transAxes,
         ha="right",
         va="bottom",
@@ -92,10 +93,6 @@ def _harmonics_shown(fitted: WallFit) -> int:
     P = np.abs(np.fft.rfft(fitted.loop.P)) / fitted.loop.N
     above = k[P > 3.0 * expected]
     return int(min(len(k), max(12, 1.5 * above.max() if above.size else 12)))
-
-
-def _rounded(x: float) -> str:
-    return f"{x:.0f}" if x >= 10.0 else f"{x:.2g}"
 
 
 def _closed(x: Array, y: Array) -> tuple[Array, Array]:

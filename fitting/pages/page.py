@@ -28,7 +28,7 @@ def environment(folder: Path) -> Environment:
 def words(value: Any) -> str:
     """Provenance in words."""
     if isinstance(value, Mapping) and set(value) == {"value", "unit"}:
-        unit, factor = readable(value["unit"])
+        unit, factor = ("s", 1.0) if value["unit"] == "s" else readable(value["unit"])  # of runs and records, not walls
         return f"{number(factor * value['value'], 4)} {unit}".rstrip()
     if isinstance(value, Mapping):
         return "; ".join(f"{str(key).replace('_', ' ')}: {words(each)}" for key, each in value.items())

@@ -37,7 +37,7 @@ SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     """Parameters ± half the 95 % interval, one column a model."""
     models = [right(fitted.model.name + (" (kept)" if fitted is chosen else "")) for fitted in fits]
-    title = f"Wall of {chosen.site}: {chosen.n_beats} beats of {chosen.loop.T:.5g} s, {chosen.source}"
+    title = f"Wall of {chosen.site}: {chosen.n_beats} beats of {number(chosen.loop.T, 4)} s, {chosen.source}"
     table = Table("± half the 95 % interval", *models, title=title)
     for name, (label, factor) in SHOWN.items():
         if any(name in f.model.free or f.values[name] for f in fits):
