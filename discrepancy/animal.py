@@ -61,7 +61,7 @@ def odd_ones(walls: Walls, network: Network) -> list[str]:
     told, rest = odd[:_TOLD], odd[_TOLD:]
     said = [_odd(name, walls.arteries[name], network) for name in told]
     if rest:
-        said.append(f"Beyond their stated spreads, and this animal's own, are also {', '.join(rest)}; see its walls.")
+        said.append(f"Beyond their stated spreads, and this subject's own, are also {', '.join(rest)}; see its walls.")
     return said
 
 
@@ -72,5 +72,5 @@ def _odd(name: str, own: OwnNumber, network: Network) -> str:
     side = "above" if more > 0.0 else "below"
     return (
         f"{name}: the {quantity.description} is {by} {side} the {own.source}'s, {abs(own.deviation):.1f} stated "
-        "spreads from what all have in common: this animal's own, not counted as an effect."
+        "spreads from what all have in common: this subject's own, not counted as an effect."
     )

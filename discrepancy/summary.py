@@ -33,7 +33,7 @@ _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
 _BENT = (
     "The walls are as far as the search came, and some may be bent for want of what is missing: do not take them for "
-    "the animal's."
+    "the subject's."
 )
 _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more is warned about
 

@@ -245,7 +245,7 @@ def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
         value, interval = _estimate_text(own.now, known.get(name), _finest(outcome, name, own))
         file = _estimate_text(Estimate(own.file, own.now.unit, (own.file, own.file)), known.get(name))[0]
         file += " (calibration)" if own.source == "calibration" else ""
-        deviation = f"{own.deviation:+.1f}".replace("-", "−")
+        deviation = f"{round(own.deviation, 1) + 0.0:+.1f}".replace("-", "−").replace("+0.0", "0.0")
         texts = {"name": name, "file": file, "value": value, "interval": interval, "deviation": deviation}
         rows.append({**texts, "beyond": own.beyond})
     return rows

@@ -15,7 +15,7 @@ from .places import entry, label_text, plain
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
 _OUTLET = "another kind of outlet, which is refitted only where no other effect explains the record"
-_ANIMAL = "where every artery has walls of its own, it is this animal: see the table of walls"
+_ANIMAL = "where every artery has walls of its own, it is this subject: see the table of walls"
 _TIME = "the time limit was over before it was simulated"
 _BREAKS = "the model cannot be simulated with it"
 

@@ -189,7 +189,7 @@ class _Work:
         study = weighted(study, naming)
         added = naming.verdict in ADDED
         best = naming.best.fit if added else naming.base.fit
-        self.progress(0.75, "running the model with this animal's walls")
+        self.progress(0.75, "running the model with this subject's walls")
         wave = study.problem.wave(study.fitted, best)
         base = naming.base.fit
         # a flow meter that is found to lie drove the model before

@@ -13,6 +13,7 @@ from rich.table import Table
 from . import commands
 from .console import put, ranges, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
+from .legible import number
 from .muscl.settings import MusclSettings
 from .network import Network
 from .options import Json, NetworkName, Quiet, one_command
@@ -153,9 +154,9 @@ def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, A
 def _show(network: Network, result: Waveforms) -> None:
     periodic = not math.isnan(result.change)
     how = (
-        f"{result.beats} beats, last change {result.change:.1e}"
+        f"{result.beats} beats, last change {number(result.change, 2)}"
         if periodic
-        else f"{result.time[-1]:g} s from the start"
+        else f"{number(result.time[-1], 4)} s from the start"
     )
     headings = ("P min, mmHg", "P max, mmHg", "Q max, mL/s", "R mean, mm")
     table = Table("site", *map(right, headings), title=f"{network.name}: {how}")

@@ -25,7 +25,7 @@ def number(value: float, digits: int = 3) -> str:
         short = f"{float(mantissa):g}·10{raised(str(int(exponent)))}"
     else:
         places = digits - 1 - int(exponent)
-        short = f"{round(value, places):.{max(places, 0)}f}"
+        short = f"{round(value, places) + 0.0:.{max(places, 0)}f}"
         short = short.rstrip("0").rstrip(".") if "." in short else short
     return short.replace("-", "−")
 

@@ -130,7 +130,7 @@ SAID = {
         "87 %",
         "89 %",
         "of the gap to held-out beats closed",
-        "This animal’s walls",
+        "This subject’s walls",
         "CA.E",
         "0.9 MPa",
         "1.20 MPa",
@@ -143,7 +143,7 @@ SAID = {
         "(calibration)",
         "again with a longer --time-limit",
         "individual",
-        "They count as this animal’s, not as effects",
+        "They count as this subject’s, not as effects",
     ),  # fmt: skip
     "unknown": ("catalogue does not have", "What remains", "harmonics 5 to 9", "largest at CA.Q"),
     "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
@@ -436,7 +436,7 @@ def test_the_file_and_this_animal_have_gaps_of_two_names(sheep: Network) -> None
     """The gap of the file as it is, in the provenance; the one before has this animal's walls."""
     outcome = replace(synthetic("effect", sheep), provenance={"gap_as_given": {"fit": 9.9, "held_out": 8.8}})
     html = page(outcome, {})
-    assert "<dt>gap of the file as it is</dt>" in html and "gap before: with this animal’s walls, nothing" in html
+    assert "<dt>gap of the file as it is</dt>" in html and "gap before: with this subject’s walls, nothing" in html
     assert "model as given" not in html
 
 
@@ -567,7 +567,7 @@ def test_why_effects_were_not_judged(sheep: Network) -> None:
     assert outcome.isolability is not None and outcome.walls is not None
     table = replace(outcome.isolability, not_judged=("wall_viscosity", "terminal_compliance", "stenosis"))
     animal, outlet, broken = not_judged(replace(outcome, complete=True, isolability=table)).items()
-    assert animal[1] == "wall viscosity" and "it is this animal" in animal[0]
+    assert animal[1] == "wall viscosity" and "it is this subject" in animal[0]
     assert outlet[1] == "terminal compliance" and "another kind of outlet" in outlet[0]
     assert broken == ("the model cannot be simulated with it", "stenosis")
     common = replace(outcome, walls=Walls(), isolability=table)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.lines import Line2D
 
+from ..legible import number
 from ..units import of_signal
 from ..waveforms import Waveforms
 from .panels import by_place
@@ -62,15 +63,19 @@ def figure(result: Waveforms, names: Sequence[str] = ()) -> Picture:
 
 def _title(result: Waveforms) -> str:
     size, last = _size(result), float(result.time[-1] - result.time[0])
-    how = "" if math.isnan(result.change) else f": beat {result.beats}, changed by {result.change:.1e} from the last"
+    how = (
+        ""
+        if math.isnan(result.change)
+        else f": beat {result.beats}, changed by {number(result.change, 2)} from the last"
+    )
     batch = "" if size is None else f"{size} parameter sets, "
-    return f"Waveforms of {batch}{len(result)} variables, {len(result.time)} times over {last:.4g} s{how}"
+    return f"Waveforms of {batch}{len(result)} variables, {len(result.time)} times over {number(last, 4)} s{how}"
 
 
 def _row(name: str, values: Array) -> tuple[str, ...]:
     unit, factor = of_signal(name)
     numbers = (factor * float(x) for x in (values.min(), values.mean(), values.max()))
-    return (name, unit, *(f"{x:.{_DIGITS}g}" for x in numbers))
+    return (name, unit, *(number(x, _DIGITS) for x in numbers))
 
 
 def _size(result: Waveforms) -> int | None:
