@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from solver.legible import interval, rounded
+from solver.legible import rounded
 from solver.units import readable
 
 
@@ -19,8 +19,9 @@ class Estimate:
 
     def __str__(self) -> str:
         unit, factor = readable(self.unit)
-        low, high = (factor * end for end in self.ci95)
-        return f"{rounded(factor * self.value, 0.5 * (high - low))} ({interval(low, high)}) {unit}".rstrip()
+        half = 0.5 * factor * (self.ci95[1] - self.ci95[0])
+        value, low, high = (rounded(factor * x, half) for x in (self.value, *self.ci95))
+        return f"{value} ({low} to {high}) {unit}".rstrip()
 
     def within(self, low: float, high: float) -> Estimate:
         """The same with its interval in the range of what it is a number of."""

@@ -110,6 +110,27 @@ def test_it_is_the_installed_one(home: Path) -> None:
 
 
 @pytest.mark.slow
+def test_from_python(home: Path) -> None:
+    """The public names, their packages under both names, and that they are typed; a file that hides one is named."""
+    code = """
+import arterial_fmu as af
+from importlib.resources import files
+from arterial_fmu.fitting.wall import fit
+from arterial_fmu.solver.network import Network
+assert fit is af.fit and isinstance(af.load("cca"), Network) and all(hasattr(af, name) for name in af.__all__)
+print(af.__version__, all((files(p) / "py.typed").is_file() for p in PACKAGES))
+"""
+    version = run(home, "arterial-fmu", "--version").split()[-1]
+    said = run(home, "python", "-c", code.replace("PACKAGES", repr(PACKAGES)))
+    assert said == f"{version} True\n"
+    (home / "own").mkdir()
+    (home / "own" / "solver.py").write_text("")
+    command = [os.fspath(home / "venv" / "bin" / "python"), "-c", "import arterial_fmu"]
+    done = subprocess.run(command, cwd=home / "own", capture_output=True, text=True, check=False)
+    assert f"{home / 'own' / 'solver.py'} hides the package solver of arterial-fmu" in done.stderr
+
+
+@pytest.mark.slow
 def test_network_to_fmu(home: Path) -> None:
     """solve, export, import, build of the arteries and of heart, arteries and body, doctor, run."""
     assert "sheep" in run(home, "arterial-fmu", "solve", "sheep", "--dt", "5 ms", "--out", "beat.csv")

@@ -46,7 +46,7 @@ def test_as_many_digits_as_the_interval_has() -> None:
     assert interval(-0.30001, 0.0001) == "−0.30 … 0.00"  # no −0
     assert plus_minus(5.0321e6, 7e4) == "5032000 ± 70000"
     assert rounded(2.5, math.nan) == "2.5" and rounded(2.5, 0.0) == "2.5" and interval(-math.inf, 1.0) == DASH
-    assert str(Estimate(1.4e6, "Pa.s", (1.37e6, 1.43e6))) == "1400 (1370 … 1430) kPa·s"
+    assert str(Estimate(1.4e6, "Pa.s", (1.37e6, 1.43e6))) == "1400 (1370 to 1430) kPa·s"
     assert shown_in(quantities(Segment)["E"]) == ("MPa", 1e-6)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import arterial_fmu
 
 pytest.importorskip("material", reason="mkdocs-material is not installed")
 
@@ -28,11 +31,26 @@ def test_links(site: Path) -> None:
     """Every link leads to a file that is there, and to an anchor in it; all that a page loads lies beside it."""
     assert len(list(site.glob("*.html"))) > 20
     (site / "api").mkdir()
-    (site / "api" / "index.html").touch()  # make docs writes the API
+    (site / "api" / "arterial_fmu.html").touch()  # make docs writes the API
     done = subprocess.run(
         [sys.executable, ROOT / "docs" / "links.py", site], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.slow  # pdoc reads all modules
+def test_the_api_begins_with_the_public_names(tmp_path: Path) -> None:
+    """The first page is arterial_fmu, in the order of a script; the index has it first, and internals folded."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs" / "api.py", tmp_path], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    page = (tmp_path / "arterial_fmu.html").read_text(encoding="utf-8")
+    found = re.findall(r'<section id="(\w+)"', page)
+    assert found[:3] == ["load", "simulate", "simulate_periodic"] and set(arterial_fmu.__all__) <= set(found)
+    index = (tmp_path / "index.html").read_text(encoding="utf-8")
+    pages = re.findall(r'href="([a-z_/]+)\.html"', index)
+    assert pages[:2] == ["arterial_fmu", "solver"] and index.index("<details>") < index.index("fitting/inference")
 
 
 def test_what_is_wrong_is_said(tmp_path: Path) -> None:
