@@ -22,7 +22,6 @@ from fitting.records.beats import Beats
 from fitting.records.inflow import inflow
 from fitting.records.spectral import derivative
 from solver import simulate_periodic
-from solver.legible import plus_minus
 
 START = NETWORK.with_parameters({f"{s.name}.E": 1.2 * s.E for s in NETWORK.segments})
 
@@ -113,7 +112,7 @@ def test_written_and_shown() -> None:
     assert list(table.columns[0].cells) == ["A", "B", "C"]
     E = found["B"]["E_inc"]
     half = (E.ci95[1] - E.ci95[0]) / 2.0
-    assert list(table.columns[1].cells)[1] == plus_minus(1e-6 * E.value, 1e-6 * half).replace(" ± ", "\n±")
+    assert list(table.columns[1].cells)[1] == f"{1e-6 * E.value:.4f}\n±{1e-6 * half:.2g}"
 
 
 def test_refused_in_one_sentence() -> None:

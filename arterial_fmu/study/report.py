@@ -82,12 +82,13 @@ def _site_rows(study: Study, site: str) -> list[dict[str, Any]]:
             continue
         text, factor = readable(unit)
         found = study.indices(name)
+        cells: list[tuple[str, ...]] = [(i.first, i.total) for i in found] or [(DASH,)] * len(study.plan.varied)
         rows.append(
             {
                 "name": name.partition(".")[2].replace(".", " "),
                 "unit": text,
                 "percentiles": [significant(factor * v) for v in study.found.percentiles[name]],
-                "indices": [(i.first, i.total) for i in found] or [(DASH,)] * len(study.plan.varied),
+                "indices": cells,
                 "most": int(np.argmax([i.ST for i in found])) if found else -1,
             }
         )

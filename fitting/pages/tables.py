@@ -31,6 +31,8 @@ _HYPHENATED = {
     "relaxation_time": "relax-\nation_time",
 }
 
+_FOUR_DIGITS = 0.01  # half of an interval by which a number is rounded to four digits: columns stay narrow
+
 SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
@@ -122,4 +124,5 @@ def _plus_minus(estimate: Estimate | None, factor: float) -> str:
     if estimate is None:
         return DASH
     low, high = estimate.ci95
-    return plus_minus(factor * estimate.value, factor * (high - low) / 2.0).replace(" ± ", "\n±")
+    value, half = factor * estimate.value, factor * (high - low) / 2.0
+    return f"{rounded(value, max(half, _FOUR_DIGITS * abs(value)))}\n±{number(half, 2)}"
