@@ -10,7 +10,7 @@ import numpy as np
 
 from fitting.estimate import Estimate
 from solver import effects
-from solver.legible import DASH, number, rounded
+from solver.legible import DASH, number, plus_minus, rounded
 from solver.quantity import Quantity
 from solver.units import of_signal, printed, readable
 
@@ -225,7 +225,7 @@ def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
     return [
         {
             "name": a.name,
-            "shift": f"{number(a.x)} ± {number(a.sd, 2)}",
+            "shift": plus_minus(a.x, a.sd),
             "prior": f"0 ± {number(a.prior_sd)}",
             "unit": "" if a.unit == "1" else a.unit,
             "relative": number(a.x / a.prior_sd, 2) if a.prior_sd else DASH,

@@ -77,14 +77,14 @@ def _spectrum(ax: Axes, fits: Sequence[WallFit]) -> None:
     shown = _harmonics_shown(fits[0])
     for fitted, colour, marker in zip(fits, (BLUE, VERMILION, GREEN, PURPLE), "osD^", strict=False):
         k, size, _ = fitted.residual_spectrum()
-        ax.semilogy(k[1:shown], size[1:shown], marker, color=colour, markersize=4, label=fitted.model.name)
+        ax.semilogy(k[1:shown], size[1:shown] / MMHG, marker, color=colour, markersize=4, label=fitted.model.name)
     k, _, expected = fits[-1].residual_spectrum()
     P = np.abs(np.fft.rfft(fits[0].loop.P)) / fits[0].loop.N
-    ax.semilogy(k[1:shown], P[1:shown], color=BLACK, linewidth=1.0, label="pressure")
-    ax.semilogy(k[1:shown], expected[1:shown], color=SKY, linewidth=2.0, label="noise (1 sd)")
+    ax.semilogy(k[1:shown], P[1:shown] / MMHG, color=BLACK, linewidth=1.0, label="pressure")
+    ax.semilogy(k[1:shown], expected[1:shown] / MMHG, color=SKY, linewidth=2.0, label="noise (1 sd)")
     ax.set_title("Residual of the pressure")
     ax.set_xlabel("harmonic k")
-    ax.set_ylabel("amplitude of the Fourier coefficient, Pa")
+    ax.set_ylabel("amplitude of the Fourier coefficient, mmHg")
     ax.legend(fontsize=8)
 
 
