@@ -170,7 +170,7 @@ def test_fit_shown(fitted: WallFit) -> None:
     assert not table["h"]["free"] and table["h"]["low"] == fitted.h
     loop, spectrum = fitted.plot().axes
     assert (loop.get_xlabel(), loop.get_ylabel()) == ("radius R, mm", "pressure P, mmHg")
-    assert spectrum.get_ylabel().endswith("Pa")
+    assert spectrum.get_ylabel().endswith("mmHg")
 
 
 def test_outcome_shown(outcome: Outcome) -> None:
