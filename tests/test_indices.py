@@ -140,8 +140,8 @@ def test_measured_loss_ignores_what_is_noise() -> None:
 def test_shown() -> None:
     """10⁻³/mmHg is the unit of distensibility that people read: 1/Pa times 133.3 times 1000; a ratio has none."""
     D = Estimate(2e-3 / MMHG, "1/Pa", (1.9e-3 / MMHG, 2.1e-3 / MMHG))
-    assert str(D) == "2 (1.9 to 2.1) 10⁻³/mmHg"
-    assert str(Estimate(0.25, "1", (0.2, 0.3))) == "0.25 (0.2 to 0.3)"
+    assert str(D) == "2.00 (1.90 to 2.10) 10⁻³/mmHg"
+    assert str(Estimate(0.25, "1", (0.2, 0.3))) == "0.250 (0.200 to 0.300)"
 
 
 def test_loop_area() -> None:

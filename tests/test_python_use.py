@@ -136,7 +136,7 @@ def test_batches_say_their_shapes() -> None:
         simulate(sheep, parameters={"CA.E": np.full(2, 1e6), "CA.h": np.full(3, 1e-3)})
     with pytest.raises(ValueError, match=r"CA\.E = \[\[.*must be a number in Pa, or an array \(B,\) of them"):
         simulate(sheep, parameters={"CA.E": [[1e6, 2e6], [1e6]]})
-    with pytest.raises(ValueError, match=r"its state has 3 parameter sets, not 1; start from member\(i\) of it"):
+    with pytest.raises(ValueError, match=r"its state is of 3 parameter sets, not 1; start from member\(i\) of it"):
         simulate_periodic(load("cca"), start=three)
 
 

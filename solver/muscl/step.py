@@ -98,7 +98,7 @@ def adopt(model: Model, state: State) -> State:
     """
     B, members = model.coefficients.B, len(state.A)
     if members not in (1, B):
-        raise ValueError(f"start: its state has {members} parameter sets, not {B}; start from member(i) of it.")
+        raise ValueError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
     return state.members(np.zeros(B, int) if members != B else slice(None))
 
 
