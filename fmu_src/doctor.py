@@ -23,7 +23,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated
-from urllib.parse import quote
 from xml.etree import ElementTree
 
 import typer
@@ -31,12 +30,14 @@ from rich.table import Column, Table
 
 from solver.console import put, say, show
 from solver.exit_codes import ExitCode
+from solver.host_died import ended as died
 from solver.options import Json, files_for, one_command
 from solver.progress import bar
 
 from . import content, trial
 from .host import PYTHONS, TESTED
 from .interpreter import Interpreter, interpreter
+from .unpacking import undecoded, unpacking_folder
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {
@@ -277,17 +278,11 @@ def _temporary() -> Path:
         return Path("/tmp")
 
 
-def undecoded(path: str | os.PathLike[str]) -> str:
-    """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
-    plain = " /\\:" if os.name == "nt" else " /"
-    return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
-
-
 def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
     """One step in a process of its own; remedy : what to do if it fails."""
     what = "one step"
     try:
-        with tempfile.TemporaryDirectory(prefix="doctor_", ignore_cleanup_errors=True) as folder:
+        with unpacking_folder("doctor_") as folder:
             with zipfile.ZipFile(path) as file:
                 file.extractall(folder)
             line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
@@ -302,7 +297,7 @@ def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
     reached = [line["done"] for line in told if "done" in line]
     said = [line["said"].splitlines()[-1] for line in told if line.get("said", "").strip()]
     reason = said[-1] if said else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
-    ended = f"process killed by signal {-done.returncode}" if done.returncode < 0 else reason
+    ended = f"the process {died(done.returncode)}" if done.returncode < 0 else reason
     return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
 
 
