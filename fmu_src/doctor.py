@@ -35,6 +35,7 @@ from solver.options import Json, files_for, one_command
 from solver.progress import bar
 
 from . import content, trial
+from .drive import DRIVES
 from .host import PYTHONS, TESTED
 from .interpreter import Interpreter, interpreter
 from .unpacking import undecoded, unpacking_folder
@@ -69,7 +70,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Archive:
-    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons."""
+    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons.
+
+    inflow : what drives arteries that no host drives, "input" or "network"; "" of other FMUs.
+    """
 
     names: tuple[str, ...]
     size: int
@@ -77,6 +81,7 @@ class Archive:
     guid: str
     execution_tool: bool
     python: str
+    inflow: str
 
 
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
@@ -88,7 +93,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         return [Finding("file", FATAL, *reason.args)]
     findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
     findings.append(_made_here(path, archive))
-    findings += _binaries(archive)
+    findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
         remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
         findings.append(Finding("execution tool", NOTE, "the FMU says that it needs Python on the host", remedy))
@@ -157,7 +162,27 @@ def _archive(path: Path) -> Archive:
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
     host = root.find("VendorAnnotations/Tool[@name='arterial-fmu']/Host")
     python = "" if host is None else f"Python {host.get('python')} with {host.get('packages')}"
-    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python)
+    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python, _inflow(root))
+
+
+def _inflow(root: ElementTree.Element) -> str:
+    variable = root.find("ModelVariables/ScalarVariable[@name='inlet.drive']/Enumeration")
+    start = "" if variable is None else variable.get("start", "")
+    return dict(zip("12", DRIVES, strict=True)).get(start, "")
+
+
+def _drive(archive: Archive) -> Iterator[Finding]:
+    """What arteries do in a host that drives nothing."""
+    if archive.inflow == "input":
+        found = "an input: a host that never sets inlet.Q (or inlet.P) runs at rest"
+        yield Finding("inflow", OK, found, "for a first run set inlet.drive = network (2): the file's own inflow")
+    elif archive.inflow == "network":
+        yield Finding(
+            "inflow",
+            OK,
+            "the network's own; inlet.Q (or inlet.P) is ignored",
+            "set inlet.drive = input (1) to drive it",
+        )
 
 
 def _made_here(path: Path, archive: Archive) -> Finding:
