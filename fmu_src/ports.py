@@ -36,8 +36,8 @@ Basis = tuple[Position, Position, Stretch]
 
 _CLOSED = 1e15  # Pa·s/m³, of an outlet that no pressure opens
 # Internal steps of the trials for the impedances, at most, but with ``hold``, whose jumps need all. Those of the
-# communication step would cost most where it is long. Three differ by 1.6 % at most (sheep, human, adan56; steps of 5
-# to 100 ms), while an impedance varies by 3 to 18 % within a beat.
+# communication step would cost most where it is long. Three differ by 1.6 % at most (sheep and human, steps of 5 to
+# 100 ms; adan56, 5 ms), while an impedance varies by 3 to 18 % within a beat.
 _STEPS = 3
 
 
