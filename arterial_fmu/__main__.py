@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated, Any
 
 import typer
@@ -9,6 +10,7 @@ from typer.core import TyperGroup
 
 from fmu_src import __version__
 
+from .apart import is_apart, run_apart
 from .commands import COMMANDS, load
 
 
@@ -47,7 +49,9 @@ for _name, _command in COMMANDS.items():
 
 
 def main() -> None:
-    """The console script."""
+    """The console script. An FMU may end the process that runs it: ``run`` has one of its own."""
+    if sys.argv[1:2] == ["run"] and not is_apart():
+        raise SystemExit(run_apart(sys.argv[1:]))
     app(prog_name="arterial-fmu")
 
 

@@ -15,6 +15,7 @@ from solver import NonPhysicalState, NotPeriodic
 from solver.console import complain, put, say, say_notes, say_written, sentences, show
 from solver.exit_codes import ExitCode
 from solver.files import parse_quantity, write_whole
+from solver.host_died import HostDied
 from solver.options import Json, Quiet, networks_for
 from solver.progress import bar
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from .sensor_plan import SensorPlan
 
 _STUDY = "discover"
-_ERRORS = (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic)  # what a user can put right
+_ERRORS = (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right
 _PACE = 600.0  # s over which the time left is judged: stages differ in pace
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fitting.fmu_run import read_fmu, run_module
 from solver.files import find_network, loads, read_network
+from solver.host_died import ended
 from solver.network import Network
 
 
@@ -16,13 +17,20 @@ def read_model(path: str | os.PathLike[str]) -> Network:
     source = Path(path)
     if source.suffix.lower() != ".fmu":
         return read_network(find_network(path))
-    read_fmu(source)  # its own sentences for what is no FMU of this project
+    fmu = read_fmu(source)  # its own sentences for what is no FMU of this project
     try:
         with zipfile.ZipFile(source) as archive:
             text = archive.read("resources/network.toml").decode("utf-8")
     except KeyError:
         raise ValueError(f"{source}: it carries no network file; build it anew, or give the network file.") from None
-    return loads(text, f"{source}: network.toml")
+    network = loads(text, f"{source}: network.toml")
+    for name, value in {**network.parameters(), "network.elastic_law": network.elastic_law}.items():
+        if fmu.starts[name] != value:
+            raise ValueError(
+                f"{source}: {name} starts at {fmu.starts[name]} in its description, and is {value} in its network "
+                "file; build it anew, with --set where a value was changed."
+            )
+    return network
 
 
 def build_fmu(network_file: Path, folder: Path) -> Path:
@@ -32,5 +40,5 @@ def build_fmu(network_file: Path, folder: Path) -> Path:
     """
     code, said = run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder))
     if code != 0:
-        raise ValueError(said or f"{network_file}: its FMU could not be built.")
+        raise ValueError(said or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
     return folder / f"{read_network(network_file).name}.fmu"

@@ -29,6 +29,7 @@ from build_fmu import build_model
 from fmu_src.models import arteries_model, body_model, heart_model, of
 from fmu_src.ports import INLET_PORTS
 from fmu_src.system import start_values
+from fmu_src.unpacking import unpacking_folder
 from solver import Settings, load
 from solver.console import sentences
 from solver.files import write_whole
@@ -85,7 +86,7 @@ def components(fmus: Mapping[str, Path]) -> Iterator[dict[str, Component]]:
     with ExitStack() as stack:
         made = {}
         for name, fmu in fmus.items():
-            made[name] = Component(fmu, stack.enter_context(TemporaryDirectory(prefix="loop_")))
+            made[name] = Component(fmu, stack.enter_context(unpacking_folder("loop_")))
             stack.callback(made[name].fmu.freeInstance)
         yield made
 

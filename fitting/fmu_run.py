@@ -17,7 +17,10 @@ from tempfile import TemporaryDirectory
 
 import fmpy
 import numpy as np
+from fmpy.model_description import ScalarVariable
 
+from solver.exit_codes import ExitCode
+from solver.host_died import HostDied
 from solver.simulate import change_of
 from solver.units import INFLOW
 
@@ -36,8 +39,9 @@ class RunFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class FMU:
-    """What modelDescription.xml says. inputs, parameters : names. dt : internal time step [s].
+    """What modelDescription.xml says. inputs, parameters : names.
 
+    starts : values of inputs and parameters, of an Enumeration the name of its item.
     outputs : names of pressures, flows and radii, not of ports, nor of volumes, which count up from beat to beat.
     """
 
@@ -47,7 +51,12 @@ class FMU:
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     outputs: tuple[str, ...]
-    dt: float
+    starts: Mapping[str, float | str]
+
+    @property
+    def dt(self) -> float:
+        """Internal time step [s]."""
+        return float(self.starts["solver.dt"])
 
 
 @dataclass(frozen=True)
@@ -87,8 +96,14 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
         names["input"],
         names["parameter"],
         tuple(name for name in names["output"] if name.endswith((".P", ".Q", ".R")) and not name.startswith("venous.")),
-        float(variables["solver.dt"].start),
+        {name: _start(variables[name]) for name in (*names["input"], *names["parameter"])},
     )
+
+
+def _start(variable: ScalarVariable) -> float | str:
+    if variable.type != "Enumeration":
+        return float(variable.start)
+    return next(str(item.name) for item in variable.declaredType.items if item.value == variable.start)
 
 
 def steps_per_beat(fmu: FMU, T: float) -> int:
@@ -108,7 +123,7 @@ def periodic_answer(
 
     driver : an input. beat : (N,) [SI], its samples at j T/N, Fourier-interpolated. The internal step is T over a
     whole number, so that beats fall on the grid. beats : run just so many; else 5 to 60, until two agree to 1e-4.
-    Raises RunFailed with the FMU's sentence.
+    Raises RunFailed with the FMU's sentence, HostDied if it ended the process that ran it.
     """
     for m in (beats,) if beats else BEATS:
         n = steps_per_beat(fmu, T)
@@ -128,7 +143,7 @@ def fourier(beat: Array, M: int) -> Array:
 def _run(
     fmu: FMU, driver: str, beat: Array, h: float, n: int, beats: int, starts: Mapping[str, float | str]
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The last two beats of a run in a fresh process."""
+    """The last two beats of a run in a fresh process. Raises RunFailed, or HostDied if that process died."""
     # an input other than the inflow is held at its value in the middle of each step: half steps hold it exactly
     parts = 1 if driver == INFLOW else 2
     values = np.tile(fourier(beat, parts * n), beats)
@@ -147,7 +162,7 @@ def _run(
         line += ["--stop-time", f"{stop!r} s", "--step", f"{h!r} s"]
         code, said = run_module(*line)
         if code != 0:
-            raise RunFailed(said or f"{fmu.path}: its process ended with {code}.")
+            raise RunFailed(said) if code == ExitCode.BAD_INPUT and said else HostDied(fmu.path, code, said)
         with result.open(encoding="utf-8") as file:
             names = [title.split(" [")[0] for title in file.readline().split(",")]
             table = np.loadtxt(file, delimiter=",", ndmin=2)

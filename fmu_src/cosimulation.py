@@ -19,9 +19,10 @@ from solver.scheme.step import State, initial_state
 from solver.start import periodic_state
 
 from .component import Component, check_time
+from .drive import inlet_with, own_drive
 from .ports import Impedances, endless, impedances, port_names, port_values
 from .state import Kind, dataclasses
-from .stretch import Position, Stretch
+from .stretch import Drive, Position, Stretch, rounded
 
 Array = np.ndarray
 
@@ -44,18 +45,20 @@ class CoSimulation(Component):
              in the step before is taken back: that step is repeated with the value that is now known. So the arteries
              see straight lines between the Q(t), and only what is shown at the newest time is provisional.
 
+    With ``inlet.drive`` = network the network's own flows and pressures drive it, at every instant as the solver takes
+    them; what is set is ignored, and so is the interpolation.
+
     P_venous is held. No state is ever changed in place, so a snapshot of the attributes is one of the component.
     """
 
-    remade = frozenset(
-        ("network", "settings", "parameters", "port_names", "venous", "drives", "report", "weights", "found")
-    )
+    remade = frozenset("network settings parameters port_names venous drives means report weights found own".split())
 
     def __init__(self, network: Network, settings: Settings) -> None:
         self.network, self.settings = network, settings
         self.parameters = tuple(network.parameters())
         self.port_names = port_names(network)
         self.drives = [inlet.drive for inlet in network.inlets]
+        self.means = [*(inlet.variable(key) for inlet in network.inlets for key in ("Q_mean", "P_mean")), "inlet.T"]
         self.venous = [f"{outlet.segment}.outlet.P_venous" for outlet in network.outlets]
 
     def initialize(self, t0: float, values: Mapping[str, Any]) -> None:
@@ -66,9 +69,13 @@ class CoSimulation(Component):
         self.origin = laws, asdict(settings), parameters
         self._use(self._built(*self.origin))
         self.dt, self.time = settings.dt, t0
-        self.interpolation = values["inlet.interpolation"]
+        by_network = values["inlet.drive"] == "network"
+        self.beats = {name: values[name] for name in values if name in self.means} if by_network else None
+        self.own = self._own()
+        self.interpolation = "linear" if self.own else values["inlet.interpolation"]  # a flow that is known
+        self.unset = self._driving(values).tolist() if self.own else None  # until a host sets what is ignored
         # where the inflow is known up to, and where the outputs are: the same but with ``smooth``
-        self.known = self.shown = Position(self.model, self._start(t0, values), self._driving(values), 0.0)
+        self.known = self.shown = Position(self.model, self._start(t0, values), self._drive_at(t0, values), 0.0)
         self.slope = np.zeros(len(self.drives))  # of the inflows in the last communication step [m³/s²]
         self.last = self._stretch(self.dt, values)
         self.basis, self.basis_time = (self.known, self.shown, self.last), t0
@@ -81,6 +88,10 @@ class CoSimulation(Component):
         beats = [_beats(inlet, values) for inlet in self.network.inlets]
         T = next((T for _, T in beats if T), 1.0)  # a steady state has no period
         return periodic_state(self.model, lambda t: np.stack([drive(t) for drive, _ in beats], axis=1), T, t0)
+
+    def _own(self) -> Drive | None:
+        """What the network gives at its inlets, where that is to be taken."""
+        return None if self.beats is None else own_drive(self.network, self.beats)
 
     def retune(self, changed: Mapping[str, Any]) -> None:
         """Take over values that were changed between steps, by name; raises ValueError and keeps the old ones if bad.
@@ -109,6 +120,7 @@ class CoSimulation(Component):
         """The reports follow from the model."""
         if "model" in self.__dict__:  # it was saved after its initialization
             self._use(self.model)
+            self.own = self._own()
 
     def _use(self, model: Model) -> None:
         self.model, self.report, self.weights = model, reporter(model), volume_weights(model)[0]
@@ -120,12 +132,12 @@ class CoSimulation(Component):
         Raises ValueError, NonPhysicalState; the component is then as before.
         """
         self._check_time(t, h)
+        self.remark = self._unheard(values)
         values = self._received(values)
         stretch = self._stretch(h, values)
         halved = self.shown.state.halved
         known, shown, slope = self._driven(stretch, self._driving(values))
         self.known, self.shown, self.slope, self.last, self.time = known, shown, slope, stretch, t + h
-        self.remark = ""
         if shown.state.halved > halved:
             self.remark = (
                 f"the step from t = {t:g} s did not converge and was cut into halves; a smaller dt avoids that."
@@ -147,11 +159,25 @@ class CoSimulation(Component):
         return values
 
     def _driving(self, values: Mapping[str, Any]) -> Array:
-        """What drives the inlets : (n_inlets,)."""
+        """What the host sets at the inlets : (n_inlets,)."""
         return np.array([values[name] for name in self.drives], float)
+
+    def _drive_at(self, t: float, values: Mapping[str, Any]) -> Array:
+        """What drives the inlets at the start : (n_inlets,)."""
+        return self._driving(values) if self.own is None else self.own(np.full((1, 1), t))[0, :, 0]
+
+    def _unheard(self, values: Mapping[str, Any]) -> str:
+        """A sentence at the first step for which the host has set what is ignored."""
+        if self.unset is None or self._driving(values).tolist() == self.unset:
+            return ""
+        self.unset = None
+        return f"{' and '.join(self.drives)} is ignored: inlet.drive = network; take input to drive the network by it."
 
     def _driven(self, stretch: Stretch, Q: Array) -> tuple[Position, Position, Array]:
         """What the next ``known``, ``shown`` and ``slope`` are after a communication step with the inlets at Q."""
+        if self.own is not None:
+            after = stretch.run_along(self.known.under(stretch.model), self.time, self.own)
+            return after, after, 0.0 * Q
         if self.interpolation == "smooth":
             known, slope = replace(self.known, drive=Q), 0.0 * Q
             if self.known is not self.shown:
@@ -181,8 +207,18 @@ class CoSimulation(Component):
         if self.found is None:
             self.found = self._impedances()
         stretch = replace(self.last, model=self.model)
-        values = port_values(stretch, self.shown, self.slope, self.interpolation, self.found)
+        values = port_values(stretch, self.shown, self._trial(stretch), self.found)
         return dict(zip(self.port_names, values, strict=True))
+
+    def _trial(self, stretch: Stretch) -> Position:
+        """What comes of the next step under the extrapolated drive; where it breaks down, the present position."""
+        Q = self.shown.drive + self.slope * stretch.h
+        try:
+            if self.own is not None:
+                return stretch.run_along(self.shown, self.time, self.own)
+            return stretch.run(self.shown, Q if self.interpolation == "hold" else self.shown.drive, Q)
+        except NonPhysicalState:
+            return self.shown
 
     def _impedances(self) -> Impedances:
         """About the basis, or those of endless tubes where the arteries break down there."""
@@ -203,7 +239,7 @@ class CoSimulation(Component):
         steps, dt = round(ratio), self.dt
         if steps == 0 or abs(ratio - steps) > _ON_GRID:
             steps = max(1, steps, math.ceil(ratio / _LONGEST))
-            dt = float(f"{h / steps:.9g}")  # rounded: the operators are kept per length
+            dt = rounded(h / steps)
         P_venous = np.array([values[name] for name in self.venous])
         return Stretch(self.model, h, steps, dt, P_venous)
 
@@ -220,5 +256,5 @@ def _beats(inlet: Inlet, values: Mapping[str, Any]) -> tuple[Callable[[Array], A
     """What drives an inlet in the beats that a periodic start is near, and their period [s], 0 of a steady drive."""
     if inlet.causality == "pressure":
         return (lambda t: values[inlet.variable("P_mean")] + 0.0 * t), 0.0
-    pulse = inlet.with_mean(values[inlet.variable("Q_mean")], values["inlet.T"])
+    pulse = inlet_with(inlet, values)
     return pulse.Q, pulse.T

@@ -23,7 +23,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated
-from urllib.parse import quote
 from xml.etree import ElementTree
 
 import typer
@@ -31,12 +30,15 @@ from rich.table import Column, Table
 
 from solver.console import put, say, show
 from solver.exit_codes import ExitCode
+from solver.host_died import ended as died
 from solver.options import Json, files_for, one_command
 from solver.progress import bar
 
 from . import content, trial
+from .drive import DRIVES
 from .host import PYTHONS, TESTED
 from .interpreter import Interpreter, interpreter
+from .unpacking import undecoded, unpacking_folder
 
 OK, NOTE, PROBLEM, FATAL = "ok", "note", "problem", "no FMU of this project"
 EXIT = {
@@ -68,7 +70,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Archive:
-    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons."""
+    """What the doctor reads of an FMU: its files, and of its description the model, GUID, flags and Pythons.
+
+    inflow : what drives arteries that no host drives, "input" or "network"; "" of other FMUs.
+    """
 
     names: tuple[str, ...]
     size: int
@@ -76,6 +81,7 @@ class Archive:
     guid: str
     execution_tool: bool
     python: str
+    inflow: str
 
 
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
@@ -87,7 +93,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         return [Finding("file", FATAL, *reason.args)]
     findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
     findings.append(_made_here(path, archive))
-    findings += _binaries(archive)
+    findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
         remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
         findings.append(Finding("execution tool", NOTE, "the FMU says that it needs Python on the host", remedy))
@@ -156,7 +162,27 @@ def _archive(path: Path) -> Archive:
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
     host = root.find("VendorAnnotations/Tool[@name='arterial-fmu']/Host")
     python = "" if host is None else f"Python {host.get('python')} with {host.get('packages')}"
-    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python)
+    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python, _inflow(root))
+
+
+def _inflow(root: ElementTree.Element) -> str:
+    variable = root.find("ModelVariables/ScalarVariable[@name='inlet.drive']/Enumeration")
+    start = "" if variable is None else variable.get("start", "")
+    return dict(zip("12", DRIVES, strict=True)).get(start, "")
+
+
+def _drive(archive: Archive) -> Iterator[Finding]:
+    """What arteries do in a host that drives nothing."""
+    if archive.inflow == "input":
+        found = "an input: a host that never sets inlet.Q (or inlet.P) runs at rest"
+        yield Finding("inflow", OK, found, "for a first run set inlet.drive = network (2): the file's own inflow")
+    elif archive.inflow == "network":
+        yield Finding(
+            "inflow",
+            OK,
+            "the network's own; inlet.Q (or inlet.P) is ignored",
+            "set inlet.drive = input (1) to drive it",
+        )
 
 
 def _made_here(path: Path, archive: Archive) -> Finding:
@@ -277,17 +303,11 @@ def _temporary() -> Path:
         return Path("/tmp")
 
 
-def undecoded(path: str | os.PathLike[str]) -> str:
-    """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
-    plain = " /\\:" if os.name == "nt" else " /"
-    return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
-
-
 def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
     """One step in a process of its own; remedy : what to do if it fails."""
     what = "one step"
     try:
-        with tempfile.TemporaryDirectory(prefix="doctor_", ignore_cleanup_errors=True) as folder:
+        with unpacking_folder("doctor_") as folder:
             with zipfile.ZipFile(path) as file:
                 file.extractall(folder)
             line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
@@ -302,7 +322,7 @@ def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
     reached = [line["done"] for line in told if "done" in line]
     said = [line["said"].splitlines()[-1] for line in told if line.get("said", "").strip()]
     reason = said[-1] if said else (done.stderr.decode("utf-8", "replace").strip().splitlines() or ["no message"])[-1]
-    ended = f"process killed by signal {-done.returncode}" if done.returncode < 0 else reason
+    ended = f"the process {died(done.returncode)}" if done.returncode < 0 else reason
     return Finding(what, PROBLEM, f"failed after {reached[-1] if reached else 'the start'}: {ended}", remedy)
 
 

@@ -96,7 +96,7 @@ instance, another one or a new process; what follows is the same to the last bit
 another FMU are refused. A state that was freed, or is none, crashes the host: the wrapper of pythonfmu does not check
 it.</li>
 <li><strong>Reading it back.</strong> <code>resources/network.toml</code> is the network file that this FMU was built
-from; values that were set at the build are in the model description only.</li>
+from, with the values that were set at the build.</li>
 </ul>
 """
 _DRIVES = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from solver import effects
@@ -16,12 +16,17 @@ from solver.scheme.model import Settings
 
 from . import __version__, body_slave, document, heart_slave, lumped_document
 from .body import Body
+from .drive import inlet_with, own_drive
 from .heart_parts import Heart
 from .species import SPECIES
 from .variable import Variable, with_starts
 from .variables import variable_table
 
 Starts = Mapping[str, float | str]
+Table = tuple[Variable, ...]
+
+_LAWS = ("elastic_law", "viscous_law")  # of a network that are variables, beside its parameters
+_STEPS = ("dt", "element_length")  # of the settings that are variables
 
 
 @dataclass(frozen=True)
@@ -44,12 +49,18 @@ class Model:
 def arteries_model(network: Network, settings: Settings, starts: Starts | None = None) -> Model:
     """Arteries; starts : other start values than those of the network, by variable.
 
-    Raises ValueError for a network that needs more code than the solver's.
+    Network and settings take those that they hold: everybody who opens the FMU finds the same values. Raises ValueError
+    for a network that needs more code than the solver's.
     """
     _check_code(network)
-    table = with_starts(variable_table(network, settings), starts or {})
+    given = starts or {}
+    with_starts(variable_table(network, settings), given)  # refuses names and values
+    network, settings = _network_with(network, given), _settings_with(settings, given)
+    table, others = _others(variable_table(network, settings), given)
+    if "network" in (variable.start for variable in table if variable.name == "inlet.drive"):
+        own_drive(network, given)  # raises where there is none
     data = {"settings": asdict(settings), "network": to_dict(network)}
-    resources = {**_data("network.json", data, starts), "network.toml": dumps(network)}
+    resources = {**_data("network.json", data, others), "network.toml": dumps(network)}
     documents = document.documents(network, table, __version__)
     return Model(network.name, "slave", "ArterialSlave", table, resources, documents)
 
@@ -57,20 +68,24 @@ def arteries_model(network: Network, settings: Settings, starts: Starts | None =
 def heart_model(species: str = "human", starts: Starts | None = None) -> Model:
     """A left heart. Raises ValueError for an unknown species."""
     heart = of(species)[0]
-    table = with_starts(heart_slave.table(heart), starts or {})
+    with_starts(heart_slave.table(heart), starts or {})
+    heart = heart.with_values(starts or {})
+    table, others = _others(heart_slave.table(heart), starts or {})
     title = "The left heart: ventricle and atrium of time-varying elastance, two valves."
     pages = lumped_document.documents(heart.name, title, heart.reference, lumped_document.HEART_USES, table)
-    resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, starts)
+    resources = _data("heart.json", {"heart": heart_slave.to_data(heart)}, others)
     return Model(heart.name, "heart_slave", "HeartSlave", table, resources, pages)
 
 
 def body_model(species: str = "human", starts: Starts | None = None) -> Model:
     """What closes the volume. Raises ValueError for an unknown species."""
     body = of(species)[1]
-    table = with_starts(body_slave.table(body), starts or {})
+    with_starts(body_slave.table(body), starts or {})
+    body = body.with_values(starts or {})
+    table, others = _others(body_slave.table(body), starts or {})
     title = "The veins, the right heart and the lungs as one elastic reservoir."
     pages = lumped_document.documents(body.name, title, body.reference, lumped_document.BODY_USES, table)
-    resources = _data("body.json", {"body": body_slave.to_data(body)}, starts)
+    resources = _data("body.json", {"body": body_slave.to_data(body)}, others)
     return Model(body.name, "body_slave", "BodySlave", table, resources, pages)
 
 
@@ -103,6 +118,27 @@ def _check_code(network: Network) -> None:
             )
 
 
-def _data(file: str, content: dict[str, Any], starts: Starts | None) -> dict[str, str]:
-    whole = {"version": __version__, **content, "starts": dict(starts or {})}
+def _network_with(network: Network, starts: Starts) -> Network:
+    """The network with its own parameters, laws, and means and period of what is given at its inlets."""
+    known = network.parameters()
+    laws: dict[str, Any] = {key: starts[f"network.{key}"] for key in _LAWS if f"network.{key}" in starts}
+    first, *further = (inlet_with(inlet, starts) for inlet in network.inlets)
+    changed = network.with_parameters({name: float(value) for name, value in starts.items() if name in known})
+    return replace(changed, inlet=first, further_inlets=tuple(further), **laws)
+
+
+def _settings_with(settings: Settings, starts: Starts) -> Settings:
+    given: dict[str, Any] = {key: starts[f"solver.{key}"] for key in _STEPS if f"solver.{key}" in starts}
+    return replace(settings, **given)
+
+
+def _others(table: Table, starts: Starts) -> tuple[Table, dict[str, float | str]]:
+    """The table with the start values that it has not yet, and these."""
+    had = {variable.name: variable.start for variable in table}
+    others = {name: value for name, value in starts.items() if value != had[name]}
+    return with_starts(table, others), others
+
+
+def _data(file: str, content: dict[str, Any], starts: Starts) -> dict[str, str]:
+    whole = {"version": __version__, **content, "starts": dict(starts)}
     return {file: json.dumps(whole, indent=1, ensure_ascii=False)}

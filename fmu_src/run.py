@@ -17,7 +17,6 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import fmpy
@@ -32,9 +31,12 @@ from solver.files import parse_quantity, read_text, write_whole
 from solver.options import Json, Quiet, files_for, one_command
 from solver.progress import bar
 
+from .drive import DRIVES
 from .ports import is_port
+from .unpacking import unpacking_folder
 
 Array = np.ndarray
+_BY_NETWORK = DRIVES.index("network") + 1
 Input = Callable[[Array], Array]
 
 
@@ -44,7 +46,7 @@ class FMUError(RuntimeError):
 
 def run_fmu(
     fmu: str | os.PathLike[str],
-    inflow: Input,
+    inflow: Input | None,
     stop_time: float,
     *,
     step: float = 1e-3,
@@ -56,7 +58,8 @@ def run_fmu(
 
     inflow : Q(t) [m³/s] for an array of times, or P(t) [Pa] of an FMU whose input is inlet.P. inlet.interpolation is
     ``linear`` and inlet.Q is set to Q(t + h) before the step from t, so the inflow is piecewise linear through the
-    samples, without the half-step delay of a held input.
+    samples, without the half-step delay of a held input. None: what the network itself gives at its inlets drives the
+    FMU (inlet.drive = network).
     step : communication step [s]; the last one is shorter if the stop time asks for it.
     start_values : parameters by FMU variable name.
     inputs : u(t) of further inputs by name: what drives another inlet as the inflow does, or others such as
@@ -69,18 +72,21 @@ def run_fmu(
     """
     inputs = inputs or {}
     time = _communication_points(stop_time, step)
-    Q = _sampled("inflow", inflow, time)
     description = _read(fmu)
     variables = {variable.name: variable for variable in description.modelVariables}
     drive = _drive(variables)
     if drive in inputs:
         raise ValueError(f"{drive}: it is an input of its own; give it as inflow.")
     _check_inputs(inputs, variables, fmu)
-    shown = {drive: Q} | {name: _sampled(name, u, time) for name, u in inputs.items()}
+    own = {"inlet.drive": "network"} if inflow is None and "inlet.drive" in variables else {}
+    starts = _start_values({"inlet.interpolation": "linear", **own, **(start_values or {})}, variables, fmu)
+    given = {} if inflow is None else {drive: inflow}
+    if given and starts.get("inlet.drive") == _BY_NETWORK:
+        raise ValueError(f"{drive}: ignored with inlet.drive = network; leave one of them out.")
+    shown = {name: _sampled(name, u, time) for name, u in {**given, **inputs}.items()}
     middle = 0.5 * (time[1:] + time[:-1])
-    further = [shown[name][1:] if _drives(name) else _sampled(name, u, middle) for name, u in inputs.items()]
-    held = np.column_stack([Q[1:], *further])
-    starts = _start_values({"inlet.interpolation": "linear", **(start_values or {})}, variables, fmu)
+    columns = [shown[n][1:] if _drives(n) else _sampled(n, u, middle) for n, u in {**given, **inputs}.items()]
+    held = np.column_stack([np.empty((len(middle), 0)), *columns])
     driven = [variables[name].valueReference for name in shown]
     outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
     with _instantiated(fmu, description) as slave:
@@ -174,7 +180,7 @@ def _instantiated(fmu: str | os.PathLike[str], description: ModelDescription) ->
     def failed(error: Exception) -> FMUError:
         return FMUError(f"{os.fspath(fmu)}: {' '.join(messages) or error}")
 
-    with TemporaryDirectory(prefix="fmu_", ignore_cleanup_errors=True) as folder:
+    with unpacking_folder("fmu_") as folder:
         _unpack(fmu, folder)
         try:
             slave = fmpy.instantiate_fmu(folder, description, fmi_type="CoSimulation", logger=log, debug_logging=True)
@@ -258,7 +264,7 @@ def main(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run an FMU of an arterial network from its start to a stop time."""
+    """Run an FMU of an arterial network from its start to a stop time; without --inputs its own inflow drives it."""
     with sentences(ValueError, FMUError):
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         end = parse_quantity(stop_time, "s", "--stop-time")
@@ -266,7 +272,7 @@ def main(
         with bar(quiet, f"running {fmu.name}") as progress:
             result = run_fmu(
                 fmu,
-                known.pop(_drive(variables), np.zeros_like),
+                known.pop(_drive(variables), np.zeros_like if inputs else None),
                 end,
                 step=parse_quantity(step, "s", "--step"),
                 start_values=_read_start_values(start_values) if start_values else {},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,12 @@ from solver.scheme.step import State, adopt, parts
 
 Array = np.ndarray
 Number = Any  # one, or (n,)
+Drive = Callable[[Array], Array]  # of the inlets at times (n, 4) [s], as (n, n_inlets, 4) [m³/s or Pa]
+
+
+def rounded(dt: float) -> float:
+    """An internal step [s] in nine digits: the operators are kept per length."""
+    return float(f"{dt:.9g}")
 
 
 @dataclass(frozen=True)
@@ -61,20 +68,37 @@ class Stretch:
         """Whether another one has the same internal steps of the same model."""
         return (self.steps, self.dt) == (other.steps, other.dt) and self.model is other.model
 
+    def in_at_most(self, steps: int) -> Stretch:
+        """The same with at most so many internal steps."""
+        return self if self.steps <= steps else replace(self, steps=steps, dt=rounded(self.h / steps))
+
     def run(self, at: Position, start: Array, end: Array) -> Position:
         """The position at its end, with the inlets driven along straight lines [m³/s or Pa], both ends (n_inlets,) or
         (n_inlets, n).
 
         Raises NonPhysicalState.
         """
-        state, rise = at.state, (end - start) / self.steps
-        by_flow = self.model.inlets.by_flow
+        rise, by_flow = (end - start) / self.steps, self.model.inlets.by_flow
+        lines = (
+            start[:, None] + np.moveaxis(np.multiply.outer(i + INFLOW_TIMES, rise), 0, 1) for i in range(self.steps)
+        )
         entered = 0.5 * self.steps * self.dt * (start + end)[by_flow].sum(axis=0)
-        for i in range(self.steps):
-            drive = start[:, None] + np.moveaxis(np.multiply.outer(i + INFLOW_TIMES, rise), 0, 1)
+        return self._run(at, lines, end, entered, ~by_flow)
+
+    def run_along(self, at: Position, t: float, drive: Drive) -> Position:
+        """The same with the inlets driven from the time t [s] by a function of time, as INFLOW_TIMES takes it."""
+        steps = np.arange(self.steps)[:, None] + INFLOW_TIMES
+        curves = drive(t + steps * self.dt)
+        return self._run(at, curves, curves[-1, :, -1], np.zeros(()), np.ones(curves.shape[1], bool))
+
+    def _run(self, at: Position, drives: Iterable[Array], end: Array, entered: Array, counted: Array) -> Position:
+        """What drives each internal step, and the last one at its end; ``entered`` is what comes in but at the inlets
+        that are ``counted``."""
+        state = at.state
+        for drive in drives:
             for after in parts(self.model, state, self.dt, drive, self.P_venous):
-                if not by_flow.all():
-                    V = volume_entered(self.model, state, after)[:, ~by_flow].sum(axis=1)
+                if counted.any():
+                    V = volume_entered(self.model, state, after)[:, counted].sum(axis=1)
                     entered = entered + (V if len(V) > 1 else V[0])
                 state = after
         return Position(self.model, state, end, at.V_in + (entered if entered.ndim else float(entered)))

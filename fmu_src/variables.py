@@ -11,6 +11,7 @@ from solver.network import Network
 from solver.quantity import Quantity
 from solver.scheme.model import Settings
 
+from .drive import DRIVES
 from .ports import port_names
 from .variable import Variable
 
@@ -97,6 +98,12 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             INTERPOLATIONS,
         ),
         (
+            "inlet.drive",
+            f"{drove} as the host sets it; or what the network file gives, and then that input is ignored",
+            "input",
+            DRIVES,
+        ),
+        (
             "network.start",
             f"at rest under network.P_0; or {periodic}",
             "rest",
@@ -108,7 +115,7 @@ def variable_table(network: Network, settings: Settings) -> tuple[Variable, ...]
             Variable(name, "parameter", "fixed", f"{description}: {' or '.join(choices)}", start, None, choices)
         )
     everything = tuple(variable.name for variable in (*inputs, *parameters))
-    at_start = tuple(name for name in everything if name not in (*drives, "inlet.interpolation"))
+    at_start = tuple(name for name in everything if name not in (*drives, "inlet.interpolation", "inlet.drive"))
     outputs = []
     for name in network.output_units():
         place, kind = name.rsplit(".", 1)
@@ -130,7 +137,8 @@ def _input(inlet: Inlet, P_0: float) -> Variable:
         if inlet.first
         else replace(INLETS[kind], description=f"{_OUTPUTS[kind].description} at {inlet.name}")
     )
-    return Variable(inlet.drive, "input", "continuous", quantity.description, {"Q": 0.0, "P": P_0}[kind], quantity)
+    text = f"{quantity.description}; a host that never sets it runs at rest, unless inlet.drive = network"
+    return Variable(inlet.drive, "input", "continuous", text, {"Q": 0.0, "P": P_0}[kind], quantity)
 
 
 def _port(name: str, sources: tuple[str, ...]) -> Variable:

@@ -21,7 +21,8 @@ Array = np.ndarray
 
 @contextmanager
 def sentences(*kinds: type[Exception], interrupted: str = "nothing was written.") -> Iterator[None]:
-    """Turn errors of these kinds, what a user can put right, into one sentence and an exit code (typer.Exit).
+    """Turn errors of these kinds, what a user can put right, into one sentence and an exit code (typer.Exit),
+    that of the error where it has one.
 
     interrupted : what is said to one who has had enough.
     """
@@ -29,7 +30,7 @@ def sentences(*kinds: type[Exception], interrupted: str = "nothing was written."
         yield
     except kinds as error:
         complain(f"Error: {error}")
-        raise typer.Exit(ExitCode.BAD_INPUT) from None
+        raise typer.Exit(getattr(error, "exit_code", ExitCode.BAD_INPUT)) from None
     except KeyboardInterrupt:
         complain(f"Interrupted: {interrupted}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None

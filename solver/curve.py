@@ -138,6 +138,10 @@ class Curve:
         t, values = (tuple(by * x for x in old) for by, old in ((stretch, self.t), (factor, self.values)))
         return replace(self, t=t, values=values)
 
+    def raised(self, by: float) -> Curve:
+        """All values more by a number."""
+        return replace(self, values=tuple(value + by for value in self.values))
+
     @cached_property
     def mean(self) -> float:
         """The mean over a period: of the straight pieces, and of what the cubic adds, -h³ (M_i + M_{i+1})/24; a_0."""

@@ -17,7 +17,7 @@ class ExitCode(IntEnum):
 
 MEANING = {
     ExitCode.DONE: "done, whatever was found: a fit, a check that disagrees, a verdict",
-    ExitCode.DOES_NOT_RUN: "`doctor`: the FMU is whole but does not run here; with a traceback: our fault",
+    ExitCode.DOES_NOT_RUN: "an FMU does not run here, or ended the process that ran it; with a traceback: our fault",
     ExitCode.BAD_INPUT: "something given is wrong; one sentence on the error stream says what, and what to do",
     ExitCode.UNUSABLE: "`discover`: the record cannot be used; the report says why",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",

@@ -73,11 +73,23 @@ class Inlet:
         """The mean of the pressure [Pa], where there is a curve of it."""
         return self.curve.mean if self.curve is not None and self.curve.signal == "P" else None
 
-    def with_mean(self, Q_mean: float, T: float) -> Inlet:
-        """The same inlet with an inflow scaled to a mean [m³/s] and a period [s]; a half-sine where its mean is 0."""
+    @property
+    def mean(self) -> float | None:
+        """The mean of what is given there: of the flow [m³/s], or of the pressure [Pa] where there is a curve of it."""
+        return self.Q_mean if self.causality == "flow" else self.P_mean
+
+    def with_mean(self, mean: float | None, T: float) -> Inlet:
+        """The same inlet with another mean, as :attr:`mean`, and another period [s]: a flow is scaled, and is a
+        half-sine where its mean is 0; a pressure is raised."""
+        if (mean, T) == (self.mean, self.T):
+            return self
+        if self.causality == "pressure":
+            curve = self.curve and self.curve.scaled(1.0, T / self.T)
+            by = 0.0 if mean is None or self.P_mean is None else mean - self.P_mean
+            return replace(self, T=T, curve=curve and curve.raised(by))
         if self._flow is None or self.Q_mean == 0.0:
-            return replace(self, Q_max=np.pi * Q_mean, T=T, curve=None)
-        return replace(self, curve=self._flow.scaled(Q_mean / self.Q_mean, T / self.T))
+            return replace(self, Q_max=np.pi * (mean or 0.0), T=T, curve=None)
+        return replace(self, curve=self._flow.scaled((mean or 0.0) / self.Q_mean, T / self.T))
 
     def Q(self, t: np.ndarray | float) -> np.ndarray:
         """Inflow Q(t) [m³/s] at times t [s], any shape."""

@@ -83,6 +83,7 @@ TEXTS = {
     "network.elastic_law": "beta",
     "network.viscous_law": "quadratic",
     "inlet.interpolation": "hold",
+    "inlet.drive": "input",
     "network.start": "rest",
 }
 

@@ -174,13 +174,13 @@ def test_no_python(fmus: dict[str, Path], python: str) -> None:
 
 
 def test_unfit_temporary_folder(fmus: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hosts unpack into the temporary folder; the wrapper crashes where its path must be encoded."""
+    """Hosts unpack into the temporary folder; the wrapper crashes where its path must be encoded. Ours do not."""
     strange = tmp_path / "a (b)"
     strange.mkdir()
     monkeypatch.setenv("TMPDIR", os.fspath(strange))
     monkeypatch.setattr(tempfile, "tempdir", None)
     findings = found(examine(fmus["sheep"]))
     assert "holds (): hosts crash" in findings["temporary folder"].found
-    assert "killed by signal 11" in findings["one step"].found
+    assert findings["one step"].state == OK
     monkeypatch.setenv("TMPDIR", os.fspath(tmp_path / "nowhere"))
     assert "nowhere cannot be written" in found(examine(fmus["sheep"]))["temporary folder"].found

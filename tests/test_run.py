@@ -171,12 +171,15 @@ def test_command(coarse: Path, tmp_path: Path) -> None:
 
 
 def test_command_without_inputs(coarse: Path, tmp_path: Path) -> None:
-    """No inflow and nothing else: rest under P_0; --quiet says nothing."""
-    done = command(coarse, "--stop-time", "0.01 s", "--out", tmp_path / "out.csv", "--quiet")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    result = table(tmp_path / "out.csv")
-    assert result["time [s]"][-1] == 0.01
-    assert (result["inlet.Q [m^3/s]"] == 0.0).all()
+    """No inputs: the network's own inflow; start values may ask for rest under P_0. --quiet says nothing."""
+    (tmp_path / "starts.json").write_text('{"inlet.drive": "input"}')
+    for more, pulse in (((), True), (("--start-values", tmp_path / "starts.json"), False)):
+        done = command(coarse, "--stop-time", "0.05 s", "--out", tmp_path / "out.csv", "--quiet", *more)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+        result = table(tmp_path / "out.csv")
+        assert result["time [s]"][-1] == 0.05
+        assert "inlet.Q [m^3/s]" not in result
+        assert bool(np.ptp(result["AA.P [Pa]"]) > 100.0) is pulse
 
 
 IN = "time [s],inlet.Q [m^3/s]\n0,0\n1,1e-5\n"

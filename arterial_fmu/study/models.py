@@ -176,13 +176,14 @@ class FMUModel:
 
     def run(self, parameters: Mapping[str, Array]) -> list[Beats | str]:
         from fitting.fmu_run import RunFailed, periodic_answer
+        from solver.host_died import HostDied
 
         answers: list[Beats | str] = []
         for values in zip(*parameters.values(), strict=True):
             starts = dict(zip(parameters, map(float, values), strict=True))
             try:
                 answers.append(periodic_answer(self._fmu, INFLOW, np.array(self.beat), self.T, starts).values)
-            except RunFailed as error:
+            except (RunFailed, HostDied) as error:
                 answers.append(str(error))
         return answers
 

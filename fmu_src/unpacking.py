@@ -1,0 +1,50 @@
+"""Where our own commands unpack an FMU: pythonfmu's wrapper crashes where its path must be encoded in a URI."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import quote
+
+
+@contextmanager
+def unpacking_folder(prefix: str) -> Iterator[str]:
+    """A new folder that the wrapper survives, in the first of :func:`places` that can hold it; gone at the end.
+
+    Raises ValueError, one sentence, if there is none.
+    """
+    tried = list(places())
+    for place in tried:
+        if undecoded(place):
+            continue
+        try:
+            made = tempfile.TemporaryDirectory(prefix=prefix, dir=place, ignore_cleanup_errors=True)
+        except OSError:
+            continue
+        with made as folder:
+            yield folder
+        return
+    raise ValueError(
+        f"no folder to unpack the FMU into, among {', '.join(map(str, tried))}: each cannot be written, or its path "
+        "has characters on which the FMU's wrapper crashes; set TMPDIR to a folder of letters, digits, blanks "
+        "and - . _ ~."
+    )
+
+
+def places() -> Iterator[Path]:
+    """The temporary folder (TMPDIR), those of the system, the home folder, the current one, in this order."""
+    for name in ("TMPDIR", "TEMP", "TMP"):
+        if os.environ.get(name):
+            yield Path(os.environ[name]).absolute()
+    yield from map(Path, ("/tmp", "/var/tmp") if os.name == "posix" else ())
+    yield Path(os.path.expanduser("~")).absolute()
+    yield Path.cwd()
+
+
+def undecoded(path: str | os.PathLike[str]) -> str:
+    """The characters of a path that stand encoded in its URI, where the wrapper does not decode them."""
+    plain = " /\\:" if os.name == "nt" else " /"
+    return "".join(c for c in os.fspath(path) if c not in plain and quote(c, errors="replace") != c)
