@@ -108,13 +108,15 @@ def main(
     found = json.loads(rows.read_text()) if rows.is_file() else []
     done = {(row["network"], row["step"], row["length"]) for row in found}
     rows.parent.mkdir(parents=True, exist_ok=True)
-    cases, finest = (FACTORS[:1] + COARSE[:1], FACTORS[1]) if small else (FACTORS + COARSE, FINE)
+    cases = FACTORS[:1] + COARSE[:1] if small else FACTORS + COARSE
+    finest = FACTORS[1] if small else FINE
     for name in networks or NETWORKS:
         left = [case for case in cases if (name, *case) not in done]
         if left:
             network = load(name)
             begun = time.process_time()
-            fine = simulate_periodic(network, settings=settings_of(network, *finest, ITERATION), tolerance=PERIODIC)
+            settings = settings_of(network, finest[0], finest[1], ITERATION)
+            fine = simulate_periodic(network, settings=settings, tolerance=PERIODIC)
             print("fine", name, fine.beats, fine.change, time.process_time() - begun, flush=True)
         for case in left:
             found.append(measured(network, fine, *case))
