@@ -83,7 +83,8 @@ def run_fmu(
     given = {} if inflow is None else {drive: inflow}
     if given and starts.get("inlet.drive") == _BY_NETWORK:
         raise ValueError(f"{drive}: ignored with inlet.drive = network; leave one of them out.")
-    shown = {name: _sampled(name, u, time) for name, u in {**given, **inputs}.items()}
+    driving = {name: _sampled("inflow", u, time) for name, u in given.items()}
+    shown = driving | {name: _sampled(name, u, time) for name, u in inputs.items()}
     middle = 0.5 * (time[1:] + time[:-1])
     columns = [shown[n][1:] if _drives(n) else _sampled(n, u, middle) for n, u in {**given, **inputs}.items()]
     held = np.column_stack([np.empty((len(middle), 0)), *columns])

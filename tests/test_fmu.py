@@ -226,7 +226,7 @@ def test_reset_equals_a_fresh_instance(instantiate: Callable[..., Instance]) -> 
     numbers = [name for name in used.references if name not in TEXTS]
     assert used.get(numbers) == fresh.get(numbers)
     choices = [used.references[name] for name in TEXTS]
-    assert used.slave.getInteger(choices) == fresh.slave.getInteger(choices) == [1, 1, 1, 1]
+    assert used.slave.getInteger(choices) == fresh.slave.getInteger(choices) == [1] * len(TEXTS)
     used.initialize()
     fresh.initialize()
     assert [used.step(i, 10e-6) for i in range(5)] == [fresh.step(i, 10e-6) for i in range(5)]
