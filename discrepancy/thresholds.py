@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 # of the forward models: harmonics and steps of the simulations, and the width of the prior of an effect's size
-from fitting.inference.network import HARMONICS_BEYOND as HARMONICS_BEYOND
+from fitting.inference.simulator import HARMONICS_BEYOND as HARMONICS_BEYOND
 from fitting.inference.network import STEP_DT as STEP_DT
 from fitting.inference.terms import PRIOR_WIDTH as PRIOR_WIDTH
 

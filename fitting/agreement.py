@@ -113,12 +113,13 @@ def _whitened(x: Array, S: Array, H: Array | None) -> dict[str, Any]:
 def compare_loops(waveforms: Mapping[str, Waveform]) -> tuple[LoopArea, ...]:
     """The loop of every site that has pressure and radius."""
     sites = [name.removesuffix(".R") for name in waveforms if name.endswith(".R")]
+    pairs = {site: (waveforms[f"{site}.P"], waveforms[f"{site}.R"]) for site in sites if f"{site}.P" in waveforms}
     return tuple(
-        LoopArea(
-            site,
-            float(loop_area(waveforms[f"{site}.P"].measured, waveforms[f"{site}.R"].measured)),
-            float(loop_area(waveforms[f"{site}.P"].simulated, waveforms[f"{site}.R"].simulated)),
-        )
-        for site in sites
-        if f"{site}.P" in waveforms
+        LoopArea(site, _loss(P.measured, R.measured), _loss(P.simulated, R.simulated))
+        for site, (P, R) in pairs.items()
     )
+
+
+def _loss(P: Array, R: Array) -> float:
+    """∮ P dA [J/m] of a beat of pressure [Pa] and radius [m]."""
+    return float(loop_area(P, np.pi * R * R))

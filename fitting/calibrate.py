@@ -5,9 +5,9 @@ the network's own values and Gaussian priors of standard deviation s, it minimis
 
     |z(x)|² + Σ (x_i/s_i)²
 
-One batch of the solver gives z and its derivatives, by finite differences, for little more than the price of z. A
-coarse stage comes near; the step is then halved once to measure the solver's own error, the response to the inflow's
-noise is taken at the found parameters, and a fine stage ends the search.
+One batch of harmonic balances gives z and its derivatives, by finite differences. A first search comes near. At what
+it found the elements are halved once to measure the solver's own error, and the response to the inflow's noise is taken
+there; with these weights a second search ends.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
+from solver.balance import NoSteadyState
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -46,8 +47,8 @@ from .threads import single_threaded
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
-_COARSE_ERROR = 1e-3  # of a channel's pulse: enough for the coarse stage, whose own error is below it
-_NEAR = 5e-3  # in prior units: from here one step of the fine stage leads home
+_FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
+_NEAR = 5e-3  # in prior units: from here one step with the second weights leads home
 _FEWEST_STEPS = 20  # of the solver in a beat
 
 
@@ -59,7 +60,7 @@ class Calibration:
     chi2, dof : of the data; where chi2/dof > 1 the data's covariance is multiplied by it. channels : whitened RMS per
     channel (1 = noise). singular_values : of the whitened Jacobian in prior units, largest first, 0 where its own error
     is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
-    or not explained, one sentence each. history : cost after each iteration, (coarse, fine). harmonics : K.
+    or not explained, one sentence each. history : cost after each iteration of both searches. harmonics : K.
     simulations : parameter sets that were simulated. others : the network's parameters that did not move [SI].
     beats : in the record; intervals are Student's t with 4 (beats - 1) degrees of freedom, what is known of the noise.
     """
@@ -147,7 +148,7 @@ def calibrate(
     """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from a record of it.
 
     beats : a record with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
-    settings : of the solver, default dt 1 ms. x0 : (p,) where the search begins, default 0, the network's own values
+    settings : of the solver: the elements' length, and dt, default 1 ms, where no balance is found. x0 : (p,) where the search begins, default 0, the network's own values
     (:mod:`fitting.starts` tries many). progress : called with a fraction of the work and a label.
     Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
     inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
@@ -161,24 +162,20 @@ def calibrate(
     K = _harmonics(beats, names, settings)
     told = _Stages(progress)
     meter = Meter(told.simulated)
-    fine = problem_of(beats, network, found, names, K, settings, meter)
-    coarse = fine.coarser()
+    problem = problem_of(beats, network, found, names, K, settings, meter)
     pulse = pulses(beats, names)
 
     x, given = (np.zeros(len(found)), "as given") if x0 is None else (x0, "at this start")
-    first = coarse.with_target(x, np.full((K + 1, len(names)), _COARSE_ERROR) * pulse)
-    told.begin(0.0, 0.4, "coarse")
+    first = problem.with_target(x, np.full((K + 1, len(names)), _FIRST_ERROR) * pulse)
+    told.begin(0.0, 0.6, "first search")
     with _refusal(f"{beats.source}: with its inflow, network {network.name} {given} cannot be simulated"):
         start = first.evaluate(x)
     near = minimise(first, start, max_iterations, (0.1, _NEAR))
 
-    told.begin(0.4, 1.0, "fine")
-    x = near.point.x
-    with _refusal(
-        f"{beats.source}: network {network.name}, found with longer steps, cannot be simulated with fine ones"
-    ):
-        batch = fine.batch(x)
-        last = fine.with_target(x, solver_error(batch[0], fine.finer().simulate(x[None])[0], pulse))
+    told.begin(0.6, 1.0, "second search")
+    x, batch = near.point.x, near.point.batch
+    with _refusal(f"{beats.source}: network {network.name} as found cannot be simulated with shorter elements"):
+        last = problem.with_target(x, solver_error(batch[0], problem.finer().simulate(x[None])[0], pulse))
     best = minimise(last, last.point(x, batch), max_iterations, (0.01, 0.0))
     if progress:
         progress(1.0, "done")
@@ -246,7 +243,7 @@ def _refusal(what: str) -> Iterator[None]:
     """A simulation that breaks down where there is nothing to go back to, as one sentence."""
     try:
         yield
-    except (NonPhysicalState, NotPeriodic) as error:
+    except (NonPhysicalState, NotPeriodic, NoSteadyState) as error:
         raise ValueError(f"{what}: {error}") from None
 
 
@@ -261,7 +258,7 @@ def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> C
     known = problem.determined(point, max(1.0, chi2 / dof))
     close = np.minimum(point.x - problem.bounds[0], problem.bounds[1] - point.x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
-    channels = problem.target.channel_rms(point.X)
+    channels = problem.target.channel_rms(point.batch[0])
     sd = np.sqrt(np.diag(known.covariance))
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [

@@ -225,7 +225,7 @@ def _warnings(
     if answer.change > PERIODIC:
         found.append(
             f"The FMU is not periodic after {answer.beats} beats: the last differs by {answer.change:.1e} from the one "
-            "before. Start nearer to the mean pressure (network.P_0 of the network)."
+            "before. Its Windkessels fill too slowly; check their R2 and C."
         )
     left = [name for name in record.channels if name not in compared and name != source]
     if left:
@@ -258,7 +258,7 @@ def _response(
     size = _NUDGE * float(np.std(drive)) / np.sqrt(2.0 * K + 1.0)
     nudge = size * np.exp(1j * phases)
     nudged = drive + np.fft.irfft(nudge, beats.N, norm="forward")
-    other = periodic_answer(fmu, driver, nudged, beats.T, starts, answer.beats)
+    other = periodic_answer(fmu, driver, nudged, beats.T, starts)
     return {
         name: coefficients(fourier(other.values[name] - answer.values[name], beats.N))[: K + 1] / nudge
         for name in names

@@ -10,7 +10,8 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,8 +30,10 @@ from .threads import ENVIRONMENT
 
 Array = np.ndarray
 
-BEATS = (5, 10, 20, 40, 60)  # runs from rest, until the last two beats agree
+BEATS = (5, 10, 20, 40, 60)  # of the runs that are tried, until the last two beats agree
 PERIODIC = 1e-4  # largest relative change of an output between them
+_SHOTS = 4  # runs of the fewest beats by which the start is corrected
+_START = ("network.start", "inlet.Q_mean", "inlet.T")
 
 
 class RunFailed(RuntimeError):
@@ -122,16 +125,65 @@ def periodic_answer(
     """The FMU driven by a beat that repeats until its answer does.
 
     driver : an input. beat : (N,) [SI], its samples at j T/N, Fourier-interpolated. The internal step is T over a
-    whole number, so that beats fall on the grid. beats : run just so many; else 5 to 60, until two agree to 1e-4.
+    whole number, so that beats fall on the grid. beats : run just so many from rest; else 5 to 60, until two agree to
+    1e-4. If the inflow drives it, it starts near the periodic state where there is one.
     Raises RunFailed with the FMU's sentence, HostDied if it ended the process that ran it.
     """
+    n = steps_per_beat(fmu, T)
+
+    def run(m: int, starts: Mapping[str, float | str]) -> dict[str, Array]:
+        return _run(fmu, driver, beat, T / n, n, m, {**start_values, "solver.dt": T / n, **starts})
+
+    if beats is None and driver == INFLOW and {*_START} <= {*fmu.parameters}:
+        with suppress(RunFailed):  # no steady state with that mean flow: from rest
+            return _from_periodic(run, float(beat.mean()), T)
     for m in (beats,) if beats else BEATS:
-        n = steps_per_beat(fmu, T)
-        before, last = _run(fmu, driver, beat, T / n, n, m, {**start_values, "solver.dt": T / n})
-        change = change_of(np.column_stack(list(last.values())), np.column_stack(list(before.values())), tuple(last))
-        if change <= PERIODIC:
+        answer = _answer(run(m, {}))
+        if answer.change <= PERIODIC:
             break
-    return Answer(last, m, change)
+    return answer
+
+
+def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Array]], mean: float, T: float) -> Answer:
+    """The answer from network.start = periodic, near the beats of the network's own pulse.
+
+    Windkessels then start with the right mean, but not at the right moment of the beat, and would go on filling for
+    long. The mean Q for which the start is made is therefore corrected, by secants, until the mean pressure does not
+    drift from the last but one beat of the shortest run to its last, D(Q) = 0. What drives the FMU stays as it is.
+    """
+    Q, shots = mean, list[tuple[float, float]]()
+    for m in (*BEATS[:1] * _SHOTS, *BEATS[1:]):
+        table = run(m, dict(zip(_START, ("periodic", Q, T), strict=True)))
+        answer = _answer(table)
+        if answer.change <= PERIODIC:
+            break
+        Q = _corrected(table, mean, Q, shots)
+    return answer
+
+
+def _corrected(table: Mapping[str, Array], mean: float, Q: float, shots: list[tuple[float, float]]) -> float:
+    """The next Q after a run that began with Q, which is added to the ``shots`` (Q, D).
+
+    After the first run, D = e_4 (λ - 1) with e_m = λ^m e_0 the distance of the mean pressure P in beat m from its limit;
+    λ is the ratio of two drifts, and P rises with Q in proportion.
+    """
+    P = np.mean([x.mean(axis=1) for name, x in table.items() if name.endswith(".P")], axis=0)[: BEATS[0]]
+    before, drift = np.diff(P)[-2:]
+    if shots:
+        (Q_0, drift_0), span = shots[-1], abs(mean)
+        change = 0.0 if drift == drift_0 else -drift * (Q - Q_0) / (drift - drift_0)
+    else:
+        ratio, span = float(np.clip(drift / before, 0.1, 0.99)), 0.5 * abs(mean)
+        change = Q / P[-1] * drift / (1.0 - ratio) / ratio ** (len(P) - 1)
+    shots.append((Q, float(drift)))
+    return float(np.clip(Q + change, mean - span, mean + span))
+
+
+def _answer(table: Mapping[str, Array]) -> Answer:
+    """The last of the beats of a run, outputs (beats, n) by name, and what changed from the one before."""
+    before, last = (np.column_stack([x[beat] for x in table.values()]) for beat in (-2, -1))
+    values = {name: x[-1] for name, x in table.items()}
+    return Answer(values, len(next(iter(table.values()))), change_of(last, before, tuple(table)))
 
 
 def fourier(beat: Array, M: int) -> Array:
@@ -142,8 +194,11 @@ def fourier(beat: Array, M: int) -> Array:
 
 def _run(
     fmu: FMU, driver: str, beat: Array, h: float, n: int, beats: int, starts: Mapping[str, float | str]
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The last two beats of a run in a fresh process. Raises RunFailed, or HostDied if that process died."""
+) -> dict[str, Array]:
+    """All beats of a run in a fresh process : (beats, n) of every output.
+
+    Raises RunFailed, or HostDied if that process died.
+    """
     # an input other than the inflow is held at its value in the middle of each step: half steps hold it exactly
     parts = 1 if driver == INFLOW else 2
     values = np.tile(fourier(beat, parts * n), beats)
@@ -169,9 +224,7 @@ def _run(
     if len(table) != beats * n + 1 or abs(table[-1, 0] - stop) > 1e-9 * stop:
         raise RunFailed(f"{fmu.path}: the run stopped at {table[-1, 0]:g} s instead of {stop:g} s.")
     columns = {name: table[:, names.index(name)] for name in fmu.outputs}
-    start = (beats - 1) * n
-    before = {name: column[start - n : start] for name, column in columns.items()}
-    return before, {name: column[start:-1] for name, column in columns.items()}
+    return {name: column[:-1].reshape(beats, n) for name, column in columns.items()}
 
 
 def run_module(*line: str) -> tuple[int, str]:

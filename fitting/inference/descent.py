@@ -19,7 +19,7 @@ from ..records.inflow import inflow
 from ..records.noise import NEIGHBOURS, Target, response, target
 from .identify import Determined, determined
 from .search import held_step
-from .simulator import Meter, Runs, Simulator, varying
+from .simulator import HARMONICS_BEYOND, Meter, Runs, Simulator, varying
 from .unknown import Unknown, bounds, finite_steps, parameter_values, penalty
 
 Array = np.ndarray
@@ -27,27 +27,29 @@ Array = np.ndarray
 # Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
 # derivative (measured, sheep network)
 STEP = 3e-4
+TOLERANCE = 1e-7  # of periodic beats, whose small differences are the derivatives
 DERIVATIVE_ERROR = 5e-4
-_COARSE = 2.5  # steps of the coarse stage, in those of the fine one
-_SHORTEST = 100  # steps in a beat that the coarse stage needs
 _EQUAL = 1e-4  # rise of the cost that is taken for none: derivatives are not exact, and 1 is a standard deviation
 _LARGEST = 3.0  # of a step, in prior units
 
 
 @dataclass(frozen=True)
 class Point:
-    """x : (p,), z : (n,) whitened residual, J : (n, p) its derivatives, X : (K+1, m); cost : data and prior."""
+    """x : (p,), z : (n,) whitened residual, J : (n, p) its derivatives; cost : data and prior.
+
+    batch : (1+p, K+1, m) coefficients there and one step away along each unknown.
+    """
 
     x: Array
     z: Array
     J: Array
-    X: Array
+    batch: Array
     cost: float
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Unknowns p of a network, a record's m channels up to harmonic K, and how finely to simulate.
+    """Unknowns p of a network, a record's m channels up to harmonic K, and their simulation.
 
     target : what the record says, with its weights; None until they are known.
     """
@@ -73,15 +75,9 @@ class Problem:
         """(p,) lowest and highest x."""
         return bounds(self.unknowns)
 
-    def coarser(self) -> Problem:
-        """The same with longer steps, to come near."""
-        settings, T = self.simulator.settings, self.simulator.T
-        dt = max(settings.dt, min(_COARSE * settings.dt, T / _SHORTEST))
-        return replace(self, simulator=replace(self.simulator, settings=replace(settings, dt=dt), tolerance=1e-4))
-
     def finer(self) -> Problem:
-        """The same with half the step, to see what the step does."""
-        return replace(self, simulator=self.simulator.halved())
+        """The same with half the elements, to see what they do."""
+        return replace(self, simulator=self.simulator.finer())
 
     def with_target(self, x: Array, error: Array) -> Problem:
         """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
@@ -93,9 +89,9 @@ class Problem:
 
     def simulate(self, x: Array) -> Array:
         """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
-        network, dt = self.simulator.network, self.simulator.settings.dt
-        simulator = replace(self.simulator, drive=inflow(self.beats, dt))  # with what such steps can follow
-        return simulator.coefficients(network, parameter_values(self.unknowns, network, x), Runs(self.meter))
+        network = self.simulator.network
+        parameters = parameter_values(self.unknowns, network, x)
+        return self.simulator.coefficients(network, parameters, Runs(self.meter), alike=True)
 
     def batch(self, x: Array) -> Array:
         """Coefficients (1+p, K+1, m) at x and one step away from it along each unknown."""
@@ -106,7 +102,7 @@ class Problem:
         assert self.target is not None
         z = self.target.residual(batch)
         cost = float(z[0] @ z[0]) + penalty(self.prior, x / self.typical, np.inf)
-        return Point(x, z[0], (z[1:] - z[0]).T / finite_steps(self.unknowns, x, STEP), batch[0], cost)
+        return Point(x, z[0], (z[1:] - z[0]).T / finite_steps(self.unknowns, x, STEP), batch, cost)
 
     def evaluate(self, x: Array) -> Point:
         """Simulate at x and around it. Raises NonPhysicalState, NotPeriodic as the solver."""
@@ -121,8 +117,9 @@ def problem_of(
     beats: Beats, network: Network, unknowns: tuple[Unknown, ...], names: Sequence[str], K: int, settings: Settings,
     meter: Meter,
 ) -> Problem:  # fmt: skip
-    """The fine problem of a record."""
-    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings, tolerance=1e-7)
+    """The problem of a record; its beats are found by harmonic balance."""
+    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings,
+                          tolerance=TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
     return Problem(beats, unknowns, simulator, meter)
 
 

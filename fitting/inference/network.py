@@ -42,14 +42,13 @@ from .observation import meter, of_other_beats, sense
 from .parts import placed
 from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, relax, search
-from .simulator import Runs, Simulator, linear_response, started, varying
+from .simulator import HARMONICS_BEYOND, Runs, Simulator, linear_response, started, varying
 from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
 Array = np.ndarray
 
-HARMONICS_BEYOND = 8  # above those of the record that a balance keeps: without more, 7e-5 of the pulse in elastic walls
 STEP_DT = 1e-3  # s, where no balance is found
 _FEWEST = 80  # of such steps in a beat
 _REPEATS = 3.0  # of their tolerance: what beats need not repeat better than where they take more than two

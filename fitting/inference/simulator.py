@@ -23,6 +23,7 @@ Array = np.ndarray
 
 TIME_IS_OVER = "the time limit is over before the search was complete; allow more time."
 
+HARMONICS_BEYOND = 8  # above those of the record that a balance keeps: without more, 7e-5 of the pulse in elastic walls
 _BEATS = 30  # without repeating, after which a hypothesis has broken down
 _SHORTER = 2  # times that the step is halved where the model as given breaks down
 
@@ -104,10 +105,12 @@ class Simulator:
         return replace(half, settings=replace(half.settings, element_length=self.settings.element_length / 2.0))
 
     def coefficients(
-        self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None
-    ) -> Array:
+        self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
+        alike: bool = False,
+    ) -> Array:  # fmt: skip
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps.
 
+        alike : all of a batch are found in the same way, so that their small differences are derivatives.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline. Where some of a
         batch have a balance, those that have none and break down in time are NaN instead.
         """
@@ -115,7 +118,7 @@ class Simulator:
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
         X = self._balanced(network, parameters, runs, inflow, B)
         left = np.isnan(X).any(axis=(1, 2))
-        if left.all():
+        if left.all() or (alike and left.any()):
             X = self._in_time(network, parameters, runs, inflow)
         else:
             for i in np.flatnonzero(left):
