@@ -205,7 +205,7 @@ class Outcome(Shown):
     "effect at place", where the verdict is ``none``. sites : whitened RMS of each site, predicted from the others.
     gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
     "network". parity : largest difference of the rebuilt FMU from the direct solver, of a channel's pulse: under the
-    record's inflow, or, of a bench, under the network's own.
+    record's inflow, or, of a bench, under the network's own; None where that moves nothing.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
 

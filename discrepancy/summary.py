@@ -141,6 +141,11 @@ def fmu_warnings(shown: Shown) -> tuple[str, ...]:
     """What to know of the delivered FMU."""
     if shown.failure is not None:
         return (f"model.fmu does not run with its network's own inflow: {shown.failure}",)
+    if shown.archive is not None and shown.parity is None:
+        return (
+            "model.fmu was not compared with the direct solver, because its network's own inflow moves nothing; give "
+            "its [inlet] a Q_max above 0 or a curve.",
+        )
     if shown.parity is not None and not shown.parity <= _PARITY:
         return (
             f"model.fmu differs from the direct solver by {shown.parity:.1g} of a channel's pulse (more than "

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from fitting.inference.network import STEP_DT as STEP_DT
+
 # of the forward models: harmonics and steps of the simulations, and the width of the prior of an effect's size
 from fitting.inference.simulator import HARMONICS_BEYOND as HARMONICS_BEYOND
-from fitting.inference.network import STEP_DT as STEP_DT
 from fitting.inference.terms import PRIOR_WIDTH as PRIOR_WIDTH
 
 # --- the record ---

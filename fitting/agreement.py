@@ -115,8 +115,7 @@ def compare_loops(waveforms: Mapping[str, Waveform]) -> tuple[LoopArea, ...]:
     sites = [name.removesuffix(".R") for name in waveforms if name.endswith(".R")]
     pairs = {site: (waveforms[f"{site}.P"], waveforms[f"{site}.R"]) for site in sites if f"{site}.P" in waveforms}
     return tuple(
-        LoopArea(site, _loss(P.measured, R.measured), _loss(P.simulated, R.simulated))
-        for site, (P, R) in pairs.items()
+        LoopArea(site, _loss(P.measured, R.measured), _loss(P.simulated, R.simulated)) for site, (P, R) in pairs.items()
     )
 
 

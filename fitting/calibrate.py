@@ -148,8 +148,9 @@ def calibrate(
     """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from a record of it.
 
     beats : a record with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
-    settings : of the solver: the elements' length, and dt, default 1 ms, where no balance is found. x0 : (p,) where the search begins, default 0, the network's own values
-    (:mod:`fitting.starts` tries many). progress : called with a fraction of the work and a label.
+    settings : of the solver: the elements' length, and dt, default 1 ms, where no balance is found. x0 : (p,) where the
+    search begins, default 0, the network's own values (:mod:`fitting.starts` tries many). progress : called with a
+    fraction of the work and a label.
     Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
     inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
     this inflow where the search begins.

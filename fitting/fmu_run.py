@@ -164,8 +164,8 @@ def _from_periodic(run: Callable[[int, Mapping[str, float | str]], dict[str, Arr
 def _corrected(table: Mapping[str, Array], mean: float, Q: float, shots: list[tuple[float, float]]) -> float:
     """The next Q after a run that began with Q, which is added to the ``shots`` (Q, D).
 
-    After the first run, D = e_4 (λ - 1) with e_m = λ^m e_0 the distance of the mean pressure P in beat m from its limit;
-    λ is the ratio of two drifts, and P rises with Q in proportion.
+    The distance of the mean pressure P in beat m from its limit is λ^m e_0, so that λ is the ratio of two drifts. After
+    the first run e_0 follows from the last of them, and Q from P ~ Q.
     """
     P = np.mean([x.mean(axis=1) for name, x in table.items() if name.endswith(".P")], axis=0)[: BEATS[0]]
     before, drift = np.diff(P)[-2:]

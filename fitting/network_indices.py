@@ -19,7 +19,7 @@ from .threads import single_threaded
 
 Array = np.ndarray
 
-_TOLERANCE = 1e-6  # of the periodic beat, as in the calibration's fine stage
+_TOLERANCE = 1e-6  # of the periodic beat
 
 
 @single_threaded

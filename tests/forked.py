@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from fitting.records.beats import Beats
-from solver import Inlet, Junction, Network, Reflection, Segment, Settings, Site, simulate_periodic
+from solver import Inlet, Junction, Network, Reflection, Segment, Settings, Site, beat_harmonics, simulate_periodic
 
 Array = np.ndarray
 
@@ -43,6 +43,14 @@ def clean(amplitude: float = 1.0) -> dict[str, Array]:
     """One beat of the inflow and of every channel, N samples."""
     beat = simulate_periodic(NETWORK, lambda t: amplitude * inflow(t), T, settings=SETTINGS, tolerance=1e-7)
     return {name: beat[name][:-1] for name in ("inlet.Q", *CHANNELS)}
+
+
+@cache
+def exact(amplitude: float = 1.0, network: Network = NETWORK) -> dict[str, Array]:
+    """The same by harmonic balance, without an error of steps."""
+    X = beat_harmonics(network, CHANNELS, N // 2 - 1, lambda t: amplitude * inflow(t), T, tolerance=1e-10, more=N)[0]
+    waves = dict(zip(CHANNELS, np.fft.irfft(X, N, axis=0, norm="forward").T, strict=True))
+    return {"inlet.Q": amplitude * inflow(np.arange(N) * (T / N)), **waves}
 
 
 def record(waves: dict[str, Array], beats: int = 5, noise: float = 0.0, seed: int = 0, period: float = T) -> Beats:

@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from checked import bench_set
 from fmpy import read_model_description
 from scipy.stats import kstest
 from truth.hide import Effect
 from truth.records import Case, Made, make, write
 
+from build_fmu import build
 from discrepancy import report, workflow
 from discrepancy.asked import Asked
 from discrepancy.journal import Journal, parted
@@ -32,7 +34,7 @@ from discrepancy.summary import Shown, fmu_warnings, global_p, sentence, summary
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from discrepancy.workflow import discover
-from fitting.bench import on_bench
+from fitting.bench import bench_network, on_bench
 from fitting.fmu_run import RunFailed
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term
@@ -232,6 +234,17 @@ def test_the_fmu_of_a_bench_is_run(study: Study) -> None:
     assert "differs from the direct solver by" in fmu_warnings(Shown(run, run, parity=other))[0]
     assert fmu_warnings(Shown(run, run, parity=1e-9)) == fmu_warnings(Shown(run, run)) == ()
     assert "does not run with its network's own inflow: why" in fmu_warnings(Shown(run, run, failure="why"))[0]
+
+
+def test_an_fmu_at_rest_is_not_compared(tmp_path: Path) -> None:
+    """One artery closed at its inlet, under no inflow: it and any other artery stay at rest, and nothing is told."""
+    network = bench_network("AA", bench_set())
+    fmu = build(network, tmp_path)
+    assert own_parity(fmu, network) is None
+    assert own_parity(fmu, bench_network("AA", bench_set(E=1e6))) is None
+    run = Run(np.zeros((1, 1)), {}, Gap((1.0, 1.0), {}))
+    (said,) = fmu_warnings(Shown(run, run, network=network, archive=b""))
+    assert said.startswith("model.fmu was not compared with the direct solver, because its network's own inflow moves")
 
 
 def test_report_and_figures_are_there(study: Study) -> None:

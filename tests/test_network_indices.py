@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from forked import CHANNELS, NETWORK, SETTINGS, T, clean, record
+from forked import CHANNELS, NETWORK, SETTINGS, T, exact, record
 from rich.console import Console
 
 from fitting.calibrate import Calibration, calibrate
@@ -29,7 +29,7 @@ START = NETWORK.with_parameters({f"{s.name}.E": 1.2 * s.E for s in NETWORK.segme
 @cache
 def calibrated() -> tuple[Calibration, Beats, dict[str, dict[str, Estimate]]]:
     channels = [name for name in CHANNELS if name != "C.R"]
-    beats = record({name: clean()[name] for name in ("inlet.Q", *channels)}, 15, 0.01, 1)
+    beats = record({name: exact()[name] for name in ("inlet.Q", *channels)}, 15, 0.01, 1)
     found = calibrate(beats, START, ["all.E", "A.E", "all.phi0", "B.R0", "C.outlet.R_t"], settings=SETTINGS)
     return found, beats, network_indices(found, START, beats, SETTINGS)
 
@@ -86,8 +86,8 @@ def test_truth_and_measured_loss() -> None:
     loss_measured is there where the record has P and R: not at C.
     """
     calibration, beats, found = calibrated()
-    exact = calibrate(record(clean()), NETWORK, ["all.E"], settings=SETTINGS)
-    truth = network_indices(exact, NETWORK, record(clean()), SETTINGS)
+    own = calibrate(record(exact()), NETWORK, ["all.E"], settings=SETTINGS)
+    truth = network_indices(own, NETWORK, record(exact()), SETTINGS)
     for site, values in found.items():
         for name, estimate in values.items():
             assert estimate.ci95[0] <= truth[site][name].value <= estimate.ci95[1], (site, name)
@@ -122,6 +122,6 @@ def test_refused_in_one_sentence() -> None:
         network_indices(calibration, calibration.parameter_set().apply(START), beats, SETTINGS)
     with pytest.raises(ValueError, match=r"network fork: its laws \(regression, quadratic\) are not those of the cal"):
         network_indices(calibration, replace(START, elastic_law="regression"), beats, SETTINGS)
-    dry = record({name: clean()[name] for name in CHANNELS})
+    dry = record({name: exact()[name] for name in CHANNELS})
     with pytest.raises(ValueError, match=r"inlet\.Q"):
         network_indices(calibration, START, dry, SETTINGS)
