@@ -33,6 +33,7 @@ Array = np.ndarray
 BEATS = (5, 10, 20, 40, 60)  # of the runs that are tried, until the last two beats agree
 PERIODIC = 1e-4  # largest relative change of an output between them
 _SHOTS = 4  # runs of the fewest beats by which the start is corrected
+_SLOW = 0.3, 0.99  # λ of what fills so slowly that five beats leave 1e-3 of it, and more
 _START = ("network.start", "inlet.Q_mean", "inlet.T")
 
 
@@ -173,8 +174,8 @@ def _corrected(table: Mapping[str, Array], mean: float, Q: float, shots: list[tu
         (Q_0, drift_0), span = shots[-1], abs(mean)
         change = 0.0 if drift == drift_0 else -drift * (Q - Q_0) / (drift - drift_0)
     else:
-        ratio, span = float(np.clip(drift / before, 0.1, 0.99)), 0.5 * abs(mean)
-        change = Q / P[-1] * drift / (1.0 - ratio) / ratio ** (len(P) - 1)
+        ratio, span = float(np.clip(drift / before if before else 0.0, *_SLOW)), 0.5 * abs(mean)
+        change = Q / (P[-1] or 1.0) * drift / (1.0 - ratio) / ratio ** (len(P) - 1)
     shots.append((Q, float(drift)))
     return float(np.clip(Q + change, mean - span, mean + span))
 
