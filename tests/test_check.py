@@ -155,8 +155,8 @@ def test_runs_until_periodic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     """A Windkessel of 1.2 s, of whose transient two thirds are left after a beat: three runs of five beats, the second
     and third from a corrected start; from rest it would be 75 beats in runs of 5, 10, 20 and 40.
 
-    The pressure's mean is the solver's to 2e-5 of its pulse, 1e-5 measured. Its waves differ by 2.6e-3 in steps of 4 ms, these,
-    6.5e-4 in 2 ms and 1.4e-4 in 1 ms: between steps the FMU's inflow is linear.
+    The pressure's mean is the solver's to 2e-5 of its pulse, 1e-5 measured. Its waves differ by 2.6e-3 in the steps of
+    4 ms that are taken here, 6.5e-4 in 2 ms, 1.4e-4 in 1 ms: between steps the FMU's inflow is linear.
     """
     network, settings = slow_network(), Settings(dt=4e-3, element_length=0.1)
     beat = simulate_periodic(network, inflow, settings=settings, tolerance=1e-6)
