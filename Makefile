@@ -57,6 +57,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/wall_fits.py
+	$(BIN)/python benchmarks/elastic_laws.py
 	$(BIN)/python benchmarks/records.py
 	$(BIN)/python benchmarks/schemes.py
 

@@ -31,6 +31,7 @@ from fitting.records.beats import Beats
 from fitting.records.record import Record, read_record
 from fitting.records.virtual import measured
 from fitting.wall import bootstrap, fit
+from fitting.wall_model import model
 from solver import load, simulate_periodic
 
 SITES = ("AA", "PD", "MD", "DD", "BT", "CA", "FA")
@@ -56,11 +57,12 @@ def site_rows(folder: Path, times: int) -> list[Row]:
     first = entries[0]
     record = read_record(first.record)
     beats = align(record)
-    fitted = fit(beats, first.site, first.h)
+    fitted, given = fit(beats, first.site, first.h), model("monotone", "regression")
     return [
         Row("one site: read", 1e3 * best(lambda: read_record(first.record), times), "ms"),
         Row("one site: period and beats", 1e3 * best(lambda: align(record), times), "ms"),
         Row("one site: fit with the γ-loop", 1e3 * best(lambda: fit(beats, first.site, first.h), times), "ms", 20.0),
+        Row("one site: with the law given", 1e3 * best(lambda: fit(beats, first.site, first.h, given), times), "ms"),
         Row("one site: bootstrap, 200 replicates", best(lambda: bootstrap(fitted, beats), 1), "s"),
         Row("77 recordings, one model", best(lambda: fit_cohort(entries, ("monotone",)), -(-times // 3)), "s", 3.0),
         Row(f"77 recordings, {len(MODELS)} models", best(lambda: fit_cohort(entries), -(-times // 6)), "s"),

@@ -23,6 +23,7 @@ from solver.units import INFLOW
 
 from . import thresholds
 from .name import name
+from .other_law import other_law
 from .verdict import Naming
 
 _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer, a beat does not serve
@@ -69,7 +70,9 @@ def prepare(
             problem: Forward = whole
             warnings += seam_said(fitted, whole.signals, whole.felt)
         else:
-            problem = bench(fitted, network, bench_site(record, network))
+            site = bench_site(record, network)
+            problem = bench(fitted, network, site)
+            warnings += other_law(fitted, network, site)
         sensors = problem.signals if problem.site else (*problem.signals, INFLOW)
         terms = candidates(network, sensors, problem.site)
         return Study(network, fitted, kept, problem, terms, warnings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,7 +38,12 @@ app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich
 _ERRORS = (ValueError, NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right
 
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
-Law = Annotated[str, typer.Option(help="Elastic law: regression (the paper's fit) or beta (the paper's network).")]
+Law = Annotated[
+    str | None,
+    typer.Option(
+        help="Elastic law: beta (the paper's network) or regression (the paper's fit); default: both, weighed."
+    ),
+]
 
 
 @app.command("fit")
@@ -51,7 +57,7 @@ def fit_command(
     wall: Annotated[
         str, typer.Option("--model", help="linear, nonlinear, extended, monotone or 'extended monotone'.")
     ] = "monotone",
-    law: Law = "regression",
+    law: Law = None,
     eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
     period: Period = None,
     lag: Annotated[bool, typer.Option("--lag", help="Fit a time lag between P and R, too.")] = False,
@@ -76,7 +82,7 @@ def fit_command(
         if replicates < 0:
             raise ValueError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
         beats = align(read_record(record, Reading.asked(mapped, decimal)), _seconds(period, "--period"))
-        chosen = model(wall, law)
+        chosen = wall if law is None else model(wall, law)
         options: dict[str, Any] = {
             "R0": None if R0 is None else parse_quantity(R0, "m", "--R0"),
             "eta": eta,
@@ -89,6 +95,7 @@ def fit_command(
             bootstrap(kept, beats, replicates, progress=lambda f: progress(f, "bootstrap")) if replicates > 0 else {}
         )
         found = indices(kept, beats)
+        notes = [*_fit_notes(kept), *_objection(kept, beats, options)]
         parameters = _with_indices(kept.parameter_set(), plain(found))
         drawn = _drawn(fits, beats) if figure is not None else b""
         # all that can fail has been made: now it is written
@@ -103,7 +110,7 @@ def fit_command(
     elif not quiet:
         show(*_fit_tables(fits, kept, found, checked))
     if not quiet:
-        say_notes(_fit_notes(kept), aside=as_json)
+        say_notes(notes, aside=as_json)
         say_written(out, figure, bench, aside=as_json)
 
 
@@ -143,7 +150,7 @@ def cohort_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
-    law: Law = "regression",
+    law: Law = None,
     jobs: Annotated[int, typer.Option(help="Processes that fit at the same time.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that fits, tcp://…:8786.")] = None,
     as_json: Json = False,
@@ -273,12 +280,20 @@ def _seconds(text: str | None, name: str) -> float | None:
 
 def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFit]:
     """The linear model beside another one, where it has a fit."""
-    if kept.model.name == "linear":
-        return []
-    try:
-        return [fit(beats, kept.site, kept.h, model("linear", kept.model.elastic), **options)]
-    except NoFit:
-        return []
+    with suppress(NoFit):
+        if kept.model.name != "linear":
+            return [fit(beats, kept.site, kept.h, model("linear", kept.model.elastic), **options)]
+    return []
+
+
+def _objection(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[str]:
+    """A sentence where the record speaks against the law that was given."""
+    with suppress(NoFit):
+        if kept.evidence is None:
+            best = fit(beats, kept.site, kept.h, kept.model.name, **options)
+            if best.evidence is not None and best.evidence.decided and best.model.elastic != kept.model.elastic:
+                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record speaks for {best.law}."]
+    return []
 
 
 def _drawn(fits: list[WallFit], beats: Beats) -> bytes:
@@ -308,9 +323,15 @@ def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> 
 def _fit_tables(
     fits: list[WallFit], kept: WallFit, found: dict[str, Estimate], checked: dict[str, tuple[float, float]]
 ) -> list[RenderableType]:
-    from .pages.tables import fits_table, indices_table, sensitivity_table
+    from .pages.tables import fits_table, headline, indices_table, sensitivity_table
 
-    return [fits_table(fits, kept), sensitivity_table(kept, checked), indices_table(kept.site, found)]
+    columns = [*fits, *kept.others]
+    return [
+        headline(kept, found["E_inc"]),
+        fits_table(columns, kept),
+        sensitivity_table(kept, checked),
+        indices_table(kept.site, found),
+    ]
 
 
 def _fit_notes(kept: WallFit) -> list[str]:

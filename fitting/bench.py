@@ -29,7 +29,8 @@ def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Networ
         key.removeprefix(f"{site}."): own.values[key].value for key in own.values if key.startswith(f"{site}.")
     }
     network = Network(f"bench_{site}", (Segment(site, LENGTH, **wall),), Inlet(site), outlets=(Pressure(site),))
-    return own.apply(on_bench(network, site, T, f"the parameter set {parameters.name}"))
+    law = parameters.provenance.get("elastic_law", {}).get("sentence", "")
+    return own.apply(on_bench(network, site, T, ", ".join(filter(None, [f"the parameter set {parameters.name}", law]))))
 
 
 def on_bench(network: Network, site: str, T: float | None = None, source: str = "") -> Network:

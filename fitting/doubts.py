@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2, norm
 
+from .elastic_law import MISFIT
 from .inference.loop import Loop
 from .wall_fit import WallFit
 from .wall_model import relative_viscosity
@@ -12,7 +13,6 @@ from .wall_model import relative_viscosity
 COLLINEAR = 300.0  # condition number of the columns above which the fit warns
 USUAL_E = (5e4, 5e7)  # Pa, of arteries, generously
 MISSED = 1e-5  # of the pulse: the residual of a noise-free loop above which the fit warns
-MISFIT = 1e-3  # probability of a larger χ² below which the model does not describe the loop
 LOOSE, LOOSE_WITH_LAG = 0.1, 0.04  # of φ0: at a larger standard deviation the problem is not linear within the interval
 NEAR_THE_TURN = 0.25  # of φ0: where the quadratic law's viscosity falls to this, second order is not enough
 NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a sentence
@@ -20,8 +20,15 @@ NOISE_BIAS = 1e-3  # of a value: a smaller bias by the noise of R is not worth a
 
 def doubts(fitted: WallFit) -> tuple[str, ...]:
     """The sentences that apply to a fit, each starting with its site."""
-    checks = (_unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
+    checks = (_law, _unusual, _viscosity, _collinear, _noise_of_R, _misfit, _undetermined, _loose)
     return tuple(f"{fitted.site}: {text}" for check in checks if (text := check(fitted)))
+
+
+def _law(fitted: WallFit) -> str:
+    if fitted.evidence is None or fitted.evidence.decided:
+        return ""
+    E = " and ".join(f"{1e-6 * f.values['E']:.4g} MPa by the {f.model.elastic} law" for _, f in fitted.laws)
+    return f"E is {E}, which the data cannot tell apart; E_inc hardly depends on the law."
 
 
 def _unusual(fitted: WallFit) -> str:

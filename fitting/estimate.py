@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from scipy.optimize import brentq
+from scipy.special import stdtr, stdtrit
+
 from solver.legible import rounded
 from solver.units import readable
+
+_IMPROBABLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -32,3 +38,21 @@ class Estimate:
     def plain(self) -> dict[str, Any]:
         """Ready for JSON."""
         return {"value": self.value, "unit": self.unit, "ci95": list(self.ci95)}
+
+
+def mixture(parts: Sequence[tuple[float, float, float, float]]) -> tuple[float, float]:
+    """95 % interval of a mixture of Student's t: of each probability, centre, standard deviation, degrees of freedom.
+
+    A part that is a number (standard deviation 0) or improbable (below 1e-6) is left to the first one.
+    """
+    first = parts[0]
+    told = [part for part in parts if part[0] > _IMPROBABLE and part[2] > 0.0] or [first]
+    ends = [tuple(m + stdtrit(n, q) * sd for _, m, sd, n in told) for q in (0.025, 0.975)]
+    if len(told) == 1:
+        return float(ends[0][0]), float(ends[1][0])
+    total = sum(p for p, *_ in told)
+    low, high = (
+        brentq(lambda x, q=q: sum(p * stdtr(n, (x - m) / sd) for p, m, sd, n in told) / total - q, min(e), max(e))
+        for q, e in zip((0.025, 0.975), ends, strict=True)
+    )
+    return float(low), float(high)

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from solver.legible import rounded
 from solver.network import Segment
 from solver.quantity import quantities
 from solver.units import readable
 from solver.wall import Wall
 
-from .estimate import Estimate
-from .inference.unknown import quantile
+from .estimate import Estimate, mixture
 from .records.beats import Beats
 from .records.spectral import coefficients
 from .wall import without_lag
@@ -34,6 +34,14 @@ _ABOVE_NOISE = 3.0  # standard deviations: harmonics of a measured loop that cou
 def read_in(unit: str) -> tuple[str, float]:
     """The unit that an index is read in, and its factor from SI; one in Pa is a modulus."""
     return readable(unit, "MPa" if unit == "Pa" else None)
+
+
+def modulus(estimate: Estimate) -> str:
+    """ "0.29108 MPa (0.29089 to 0.29127)"."""
+    unit, factor = read_in(estimate.unit)
+    half = 0.5 * factor * (estimate.ci95[1] - estimate.ci95[0])
+    value, low, high = (rounded(factor * x, half) for x in (estimate.value, *estimate.ci95))
+    return f"{value} {unit} ({low} to {high})"
 
 
 def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estimate]:
@@ -53,11 +61,29 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
     ====================  ====================================================================================
 
     Intervals follow from the fit's covariance by the delta method (derivatives by central differences), with the loop
-    and its mean pressure as they are; that of loss_measured from the noise of the harmonics.
+    and its mean pressure as they are, averaged over the elastic laws that were fitted; that of loss_measured from the
+    noise of the harmonics.
     Raises ValueError if the beats lack the site's channels, or the fitted wall cannot carry their mean pressure.
     Sources: D. H. Bergel, J. Physiol. 156 (1961) 445; J. C. Bramwell and A. V. Hill, Proc. R. Soc. B 93 (1922) 298.
     """
     P_mean = float(beats.mean(f"{fit.site}.P").mean())
+    told = [(p, *_with_sd(law, P_mean, rho), law.dof) for p, law in fit.laws]
+    of_law = {
+        name: Estimate(float(told[0][1][i]), unit, mixture([(p, float(x[i]), float(sd[i]), n) for p, x, sd, n in told]))
+        for i, (name, unit) in enumerate(OF_LAW)
+    }
+    return of_law | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
+
+
+def E_inc(fit: WallFit) -> Estimate:
+    """The incremental elastic modulus of :func:`indices`, at the mean pressure of the loop that was fitted."""
+    P_mean = float(fit.loop.P.mean())
+    told = [(p, *_with_sd(law, P_mean, 1.0), law.dof) for p, law in fit.laws]
+    return Estimate(float(told[0][1][0]), "Pa", mixture([(p, float(x[0]), float(sd[0]), n) for p, x, sd, n in told]))
+
+
+def _with_sd(fit: WallFit, P_mean: float, rho: float) -> tuple[Array, Array]:
+    """The indices of ``OF_LAW`` by one law, and their standard deviations."""
     made = _of_law(fit, P_mean, rho)
     value = made(fit.values)
     if not np.isfinite(value).all():
@@ -65,8 +91,7 @@ def indices(fit: WallFit, beats: Beats, rho: float = 1060.0) -> dict[str, Estima
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
     slope = _slope(fit, made)
-    half = quantile(fit.dof) * np.sqrt(np.einsum("ip,pq,iq->i", slope, fit.covariance, slope))
-    return estimates(value, half) | {"loss_measured": measured_estimate(without_lag(beats, fit), fit.site)}
+    return value, np.sqrt(np.einsum("ip,pq,iq->i", slope, fit.covariance, slope))
 
 
 # name, unit of the indices that the wall law has

@@ -13,6 +13,7 @@ from solver.notebook.tables import table
 from solver.quantity import quantities
 from solver.units import printed
 
+from .indices import E_inc
 from .pages.figures import loop_figure
 from .pages.tables import SHOWN
 from .records.beats import Beats
@@ -23,15 +24,18 @@ from .wall_model import PARAMETERS, UNITS
 def html(fitted: WallFit) -> str:
     """Every parameter in the unit that people read, what else tells how good the fit is, and its warnings."""
     rows = [_row(fitted, name) for name in PARAMETERS if name in fitted.model.free or fitted.values[name]]
+    stiffness = E_inc(fitted)
+    low, high = (1e-6 * end for end in stiffness.ci95)
+    rows.insert(0, ("E_inc, MPa", rounded(1e-6 * stiffness.value, 0.5 * (high - low)), interval(low, high)))
     given = quantities(Segment)["h"]
     rows.append((f"h, {given.display}", number(1e3 * fitted.h, 4), "given"))
     quality = (
-        f"φ0/E {number(1e3 * fitted.relaxation_time[0], 4)} ms; R² {fitted.r2:.6f}; "
-        f"χ²/dof {number(fitted.chi2 / fitted.dof)}; condition number {fitted.condition:.0f}"
+        f"φ0 R0/R {number(1e-3 * fitted.phi_1D, 4)} kPa·s; φ0/E {number(1e3 * fitted.relaxation_time[0], 4)} ms; "
+        f"R² {fitted.r2:.6f}; χ²/dof {number(fitted.chi2 / fitted.dof)}; condition number {fitted.condition:.0f}"
     )
     of = f"{fitted.n_beats} beats of {number(fitted.loop.T, 4)} s, {Path(fitted.source).name}"
-    title = f"Wall of {fitted.site}, model {fitted.model.name}: {of}"
-    return table(title, ("parameter", "value", "95 % interval"), rows, (quality, *fitted.warnings))
+    title = f"Wall of {fitted.site}, model {fitted.model.name}, {fitted.model.elastic} law: {of}"
+    return table(title, ("parameter", "value", "95 % interval"), rows, (quality, fitted.law, *fitted.warnings))
 
 
 def columns(fitted: WallFit) -> Mapping[str, Sequence[Any]]:

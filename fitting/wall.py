@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from solver.laws import ELASTIC_LAWS
 from solver.network import Network, Segment
 from solver.quantity import quantities
 
@@ -26,6 +27,7 @@ from .records.beats import Beats
 from .threads import single_threaded
 from .wall_fit import WallFit
 from .wall_model import WallModel, columns, evaluate, model, parameters_of
+from .weighing import evidence, weighing_model
 
 Array = np.ndarray
 
@@ -46,18 +48,55 @@ def fit(
 ) -> WallFit:
     """The wall at ``site`` from its channels P and R.
 
+    wall : a model, or the name of one (:func:`~fitting.wall_model.model`), which is fitted with every elastic law: the
+    most probable law is the result, the others and the evidence stand beside it (:mod:`fitting.weighing`).
     h : measured wall thickness [m]. R0 : measured unstressed radius [m]; fitted if not given. eta : Poisson's ratio.
     lag_free : fit a delay of P against R beside the wall; the loop hardly tells it from φ0.
     Raises ValueError if the channels are missing or do not pulsate, or no wall describes the loop (NoFit).
     """
-    chosen = model(wall) if isinstance(wall, str) else wall
     quantities(Segment)["h"].check(f"{site}.h", h)
     quantities(Network)["eta"].check("eta", eta)
     if R0 is not None:
         quantities(Segment)["R0"].check(f"{site}.R0", R0)
-        chosen = chosen.without("R0")
     loop = mean_loop(beats, site)
     _check_thickness(site, float(loop.R.mean()), h)
+    by = partial(_fitted, beats, site, loop, h=h, eta=eta, R0=R0, lag_free=lag_free)
+    kept = _by_evidence(by, wall) if isinstance(wall, str) else by(wall)
+    return replace(kept, warnings=(*(f"{site}: {text}" for text in beats.warnings), *doubts(kept)))
+
+
+def _by_evidence(by: Callable[[WallModel], WallFit], name: str) -> WallFit:
+    """The wall by the most probable elastic law, the others beside it."""
+    fits, refused = _by_laws(by, name)
+    if not fits:
+        raise list(refused.values())[-1]
+    weights, without = (fits, refused) if weighing_model(name) == name else _by_laws(by, weighing_model(name))
+    if not any(f.model.elastic in (w.model.elastic for w in weights) for f in fits):
+        weights, without = fits, refused
+    found = evidence([w for w in weights if w.model.elastic not in refused], tuple(without | refused))
+    told = [replace(f, evidence=found) for f in fits if f.model.elastic in found.of]
+    kept = next(f for f in told if f.model.elastic == found.kept)
+    return replace(kept, others=tuple(f for f in told if f is not kept))
+
+
+def _by_laws(by: Callable[[WallModel], WallFit], name: str) -> tuple[list[WallFit], dict[str, NoFit]]:
+    """The fits of a model, a law each, and why there is none of a law."""
+    fits: list[WallFit] = []
+    refused: dict[str, NoFit] = {}
+    for law in ELASTIC_LAWS:
+        try:
+            fits.append(by(model(name, law)))
+        except NoFit as error:
+            refused[law] = error
+    return fits, refused
+
+
+def _fitted(
+    beats: Beats, site: str, loop: Loop, chosen: WallModel, *, h: float, eta: float, R0: float | None, lag_free: bool
+) -> WallFit:
+    """The wall by one model. Raises NoFit if no wall describes the loop."""
+    if R0 is not None:
+        chosen = chosen.without("R0")
     start_lag = _start_lag(chosen, loop) if lag_free else None
     timed = loop.earlier(start_lag or 0.0)
     filtered = spectral.gamma_loop(timed.P, timed.R, timed.T, partial(columns, chosen))
@@ -68,8 +107,7 @@ def fit(
     except NoFit as error:
         hint = "".join(f" Note that {text}" for text in beats.warnings[:1])
         raise NoFit(f"{beats.source}: site {site}: {error}{hint}") from None
-    fitted = _result(beats, site, chosen, timed, filtered, solution, ignored)
-    return replace(fitted, warnings=(*(f"{site}: {text}" for text in beats.warnings), *doubts(fitted)))
+    return _result(beats, site, chosen, timed, filtered, solution, ignored)
 
 
 def without_lag(beats: Beats, fitted: WallFit) -> Beats:

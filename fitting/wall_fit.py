@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from solver.notebook.shown import Shown
 from solver.wall import Wall
 
 from . import wall_model
+from .elastic_law import LawEvidence
+from .estimate import mixture
 from .inference.errors_in_variables import Solution
 from .inference.loop import Loop
 from .inference.unknown import quantile
@@ -38,7 +40,8 @@ class WallFit(Shown):
     larger, the covariance has been scaled up by chi2/dof. by_lag : relative change of E, R0 … for 1 ms by which P is
     delayed, if the lag was not free. ignored_noise : the values that ordinary least squares gives, without regard to
     the noise of R. filtered : the γ-loop. loop : the mean beats that were fitted, without the lag. solution : how.
-    n_beats, source, sha256, told : of the record. warnings : what to know, one sentence each.
+    n_beats, source, sha256, told : of the record. warnings : what to know, one sentence each. evidence : of the elastic
+    laws, None if the law was given. others : the fits by the other laws.
 
     As data frame: a row for each parameter, with its 95 % interval, in SI.
     """
@@ -60,6 +63,8 @@ class WallFit(Shown):
     sha256: str
     warnings: tuple[str, ...] = ()
     told: Mapping[str, Any] = field(default_factory=dict)
+    evidence: LawEvidence | None = None
+    others: tuple[WallFit, ...] = ()
 
     @property
     def h(self) -> float:
@@ -88,10 +93,31 @@ class WallFit(Shown):
         i = self.model.free.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
+    @property
+    def laws(self) -> list[tuple[float, WallFit]]:
+        """The fits by all laws, this one first, each with its probability."""
+        if self.evidence is None:
+            return [(1.0, self)]
+        return [(self.evidence.probability[f.model.elastic], f) for f in (self, *self.others)]
+
+    @property
+    def alone(self) -> WallFit:
+        """This fit with its law taken for the true one."""
+        return replace(self, evidence=None, others=())
+
+    def half(self, name: str) -> float:
+        """Half the 95 % interval of a parameter if the law is the true one, by Student's t."""
+        return quantile(self.dof) * self.sd(name)
+
     def ci95(self, name: str) -> tuple[float, float]:
-        """95 % interval of a parameter, by Student's t."""
-        half = quantile(self.dof) * self.sd(name)
-        return self.values[name] - half, self.values[name] + half
+        """95 % interval of a parameter: by Student's t, averaged over the laws by their probability."""
+        return mixture([(p, f.values[name], f.sd(name), f.dof) for p, f in self.laws])
+
+    @property
+    def phi_1D(self) -> float:
+        """φ [Pa·s] of P_v = Γ/(A0 √A) ∂A/∂t with Γ = √π φ h/(2 (1 - η²)), the usual form in 1D models: φ0 R0/R at the
+        mean radius (J. Alastruey et al., J. Biomech. 44 (2011) 2250)."""
+        return self.values["phi0"] * self.values["R0"] / float(self.loop.R.mean())
 
     @property
     def relaxation_time(self) -> tuple[float, float]:
@@ -129,6 +155,7 @@ class WallFit(Shown):
             {"network.eta": Value(self.eta, "1"), f"{self.site}.h": Value(self.h, "m"), **fitted},
             {"network.elastic_law": self.model.elastic, "network.viscous_law": self.model.viscous},
             {
+                "elastic_law": self._of_laws,
                 "record": self.source,
                 "sha256": self.sha256,
                 **({"columns": dict(self.told)} if self.told else {}),
@@ -136,6 +163,7 @@ class WallFit(Shown):
                 "free": list(self.model.free),
                 "beats": self.n_beats,
                 **({"lag_of_P": {"value": self.lag[0], "unit": "s", "sd": self.lag[1]}} if self.lag[0] else {}),
+                "phi0_in_1D_literature": {"value": self.phi_1D, "unit": "Pa.s"},
                 "period": {"value": self.loop.T, "unit": "s"},
                 "gamma": {"value": self.filtered.gamma, "unit": "m"},
                 "kept_harmonics": list(self.filtered.kept),
@@ -145,6 +173,19 @@ class WallFit(Shown):
                 "software": software(),
             },
         )
+
+    @property
+    def law(self) -> str:
+        """Which elastic law, and by how much: a sentence without its end."""
+        return f"elastic law {self.model.elastic}, as given" if self.evidence is None else str(self.evidence)
+
+    @property
+    def _of_laws(self) -> dict[str, Any]:
+        """The law and its evidence, and the wall by the other laws, for the provenance of a set."""
+        if self.evidence is None:
+            return {"sentence": self.law}
+        by = {f.model.elastic: {n: {"value": f.values[n], "sd": f.sd(n)} for n in f.model.free} for f in self.others}
+        return {**self.evidence.plain, "by_the_others": by}
 
     # --- in a notebook --------------------------------------------------------------------------------------------
 

@@ -54,8 +54,8 @@ _LINEAR = ("E", "R0", "phi0")
 _NONLINEAR = (*_LINEAR, "phiNL")
 
 
-def model(name: str, elastic: str = "regression") -> WallModel:
-    """One of the models below with one of the elastic laws. Raises ValueError for an unknown name.
+def model(name: str, elastic: str) -> WallModel:
+    """One of the models below with an elastic law, ``beta`` or ``regression``. Raises ValueError for an unknown name.
 
     ``linear``: E, R0, φ0. ``nonlinear``: and φ_NL as in the paper (quadratic). ``extended``: and E_NL.
     ``monotone``: φ_NL in the monotone form φ0 (e^{2rε̇} - 1)/(2r), which has no negative viscosity.

@@ -24,6 +24,7 @@ RUNS = {
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
     "wall_fits": (["--seeds", "2"], "CA"),
+    "elastic_laws": (["--seeds", "2"], "CA of the sheep"),
     "records": (["--samples", "20000", "--channels", "3"], "fit one site"),
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),

@@ -51,7 +51,16 @@ def test_fit_writes_set_figure_and_bench(folder: Path) -> None:
                "--out", folder / "AA.json", "--figure", folder / "AA.png",
                "--bench", folder / "bench.toml")  # fmt: skip
     assert done.exit_code == 0, done.output
-    for text in ("monotone (kept)", "χ²/dof", "1 ms late", "bootstrap", "wave velocity", "distensibility"):
+    for text in (
+        "E_inc = 1.5",
+        "elastic law regression: ln evidence leads by",
+        "regression (kept)",
+        "χ²/dof",
+        "1 ms late",
+        "bootstrap",
+        "wave velocity",
+        "distensibility",
+    ):
         assert text in done.output
     found = read_set(folder / "AA.json")
     low, high = found.values["AA.E"].ci95 or (0.0, 0.0)
@@ -77,14 +86,15 @@ def test_check_on_the_bench(folder: Path) -> None:
     assert "worst channel AA.R" in done.output
     report = json.loads((folder / "check" / "check.json").read_text())
     assert report["channels"]["AA.R"]["whitened"] == pytest.approx(1.0, abs=0.15)
-    assert "<img" in (folder / "check" / "check.html").read_text()
+    page = (folder / "check" / "check.html").read_text()
+    assert "<img" in page and "E_inc = 1.6" in page and "elastic law regression: ln evidence leads by" in page
 
 
 def test_other_models_and_options(folder: Path) -> None:
     """Linear: two models are not shown twice; R0 given; a free lag is reported; β-law in the set."""
     done = run("fit", folder / "AA.csv", "--site", "AA", "--h", "0.38 mm", "--model", "linear", "--bootstrap", 0)
     assert done.exit_code == 0
-    assert "linear (kept)" in done.output
+    assert "(kept)" in done.output and "monotone" not in done.output
     assert "does not describe the loop" in done.output
     done = run("fit", folder / "AA.csv", "--site", "AA", "--h", "0.38 mm", "--R0", "9.48 mm", "--lag", "--bootstrap", 0,
                "--period", "472.4 ms")  # fmt: skip

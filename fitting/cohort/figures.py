@@ -61,7 +61,10 @@ def _radius(cohort: Cohort, claim: Claim | None) -> Figure:
 
 def _stiffness(cohort: Cohort) -> Figure:
     figure, axes = _figure(cohort, "Stiffness and viscosity", 2)
-    bars = (("E", 1e-6, ORANGE, "Young's modulus $E$, MPa"), ("phi0", 1e-3, GREEN, r"viscosity $\phi_0$, kPa·s"))
+    bars = (
+        ("E_inc", 1e-6, ORANGE, "incremental modulus $E_{inc}$, MPa"),
+        ("phi0", 1e-3, GREEN, r"viscosity $\phi_0$, kPa·s"),
+    )
     for ax, (quantity, factor, colour, label) in zip(axes, bars, strict=True):
         _bars(ax, cohort, quantity, factor, colour, "mean ± sd")
         ax.set_ylabel(label)
@@ -113,7 +116,7 @@ def _bend(cohort: Cohort, claim: Claim) -> Figure:
 def _figure(cohort: Cohort, title: str, n: int) -> tuple[Figure, Sequence[Axes]]:
     figure = Figure(figsize=(5.2 * n, 3.8), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06))
     axes = list(figure.subplots(1, n, squeeze=False)[0])
-    figure.suptitle(f"{title}\n{cohort.label}; {cohort.main} model", fontsize=10)
+    figure.suptitle(f"{title}\n{cohort.label}; {cohort.main} model, {cohort.elastic} law", fontsize=10)
     for ax in axes:
         ax.set_xticks(range(len(cohort.sites)), cohort.sites)
         beside = 0.5 * max(0, _FEWEST - len(cohort.sites))  # bars keep their width

@@ -9,16 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
+from solver.laws import ELASTIC_LAWS
+
+from ..elastic_law import LawEvidence
+from ..estimate import mixture
+from ..indices import E_inc
 from ..inference.unknown import quantile
 from ..parameter_set import ParameterSet, Value
 from ..provenance import software
 from ..records.align import align
+from ..records.beats import Beats
 from ..records.columns import Reading
 from ..records.record import read_record
 from ..tasks import done
 from ..wall import fit
 from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS, UNITS, model
+from ..weighing import evidence, weighing_model
 from . import claims as cohort_claims
 from .claims import Cells, Claim
 from .file import Entry, read_cohort
@@ -28,6 +35,7 @@ __all__ = ["Cohort", "Entry", "fit_cohort", "read_cohort"]
 MODELS = ("linear", "nonlinear", "monotone", "extended monotone")
 
 QUANTITIES = {
+    "E_inc": "Pa",
     **UNITS,
     "R0 measured": "m",
     "phi0/E": "s",
@@ -35,16 +43,20 @@ QUANTITIES = {
     "ENL/E": "1",
     "strain": "1",
 }
-"""What a table holds, with units; ``strain`` is the mean strain of the loop."""
+"""What a table holds, with units; E_inc at the mean pressure; ``strain`` is the mean strain of the loop."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """An entry and its fits by model name; a model that does not fit is missing here and among the failures."""
+    """An entry and its fits by model name; a model that does not fit is missing here and among the failures.
+
+    evidence : of the elastic laws in this recording alone, None if the law was given or no law has a fit.
+    """
 
     entry: Entry
     sha256: str
     fits: Mapping[str, WallFit]
+    evidence: LawEvidence | None = None
 
 
 @dataclass(frozen=True)
@@ -75,17 +87,35 @@ class Summary:
 
 @dataclass(frozen=True)
 class Cohort:
-    """The fits of all recordings. models : names, in the order asked for."""
+    """The fits of all recordings by one elastic law.
+
+    models : names, in the order asked for. evidence : of the laws in all recordings together, None if the law was
+    given. others : the same cohort by the other laws.
+    """
 
     models: tuple[str, ...]
     recordings: tuple[Recording, ...]
     failures: tuple[Failure, ...]
+    elastic: str
+    evidence: LawEvidence | None = None
+    others: tuple[Cohort, ...] = ()
+
+    @property
+    def law(self) -> str:
+        """Which elastic law, and by how much: a sentence without its end."""
+        return f"elastic law {self.elastic}, as given" if self.evidence is None else str(self.evidence)
+
+    @property
+    def laws(self) -> list[tuple[float, Cohort]]:
+        """The cohort by all laws, this one first, each with its probability."""
+        if self.evidence is None:
+            return [(1.0, self)]
+        return [(self.evidence.probability[each.elastic], each) for each in (self, *self.others)]
 
     @property
     def main(self) -> str:
-        """The model that results are quoted from: monotone if it could be fitted, else nonlinear, else the first."""
-        fitted = [name for name in self.models if self.fits(name)]
-        return next((name for name in ("monotone", "nonlinear") if name in fitted), fitted[0])
+        """The model that results are quoted from, of those that could be fitted."""
+        return _main([name for name in self.models if self.fits(name)])
 
     @property
     def sites(self) -> tuple[str, ...]:
@@ -161,13 +191,19 @@ class Cohort:
         law = first.model
         values = {"network.eta": Value(first.eta, "1")}
         for site in self.sites:
-            there = [fitted for (_, s), fitted in fits.items() if s == site]
-            if there:
-                values[f"{site}.h"] = _mean([fitted.h for fitted in there], "m")
+            by_law = [(p, [f for (_, s), f in c.fits(name).items() if s == site]) for p, c in self.laws]
+            if by_law[0][1]:
+                told = [(p, there) for p, there in by_law if there]
+                values[f"{site}.h"] = _mean([(p, [fitted.h for fitted in there]) for p, there in told], "m")
                 for key in PARAMETERS:
-                    values[f"{site}.{key}"] = _mean([fitted.values[key] for fitted in there], UNITS[key])
+                    numbers = [(p, [fitted.values[key] for fitted in there]) for p, there in told]
+                    values[f"{site}.{key}"] = _mean(numbers, UNITS[key])
         provenance = {
             "kind": f"means over {self.noun}s",
+            "elastic_law": {"sentence": self.law} if self.evidence is None else self.evidence.plain,
+            "E_inc": {
+                site: {"value": row["E_inc"].mean, "unit": "Pa"} for site, row in self.table(name).items() if row
+            },
             "data": self.data,
             "model": name,
             "free": list(law.free),
@@ -216,7 +252,7 @@ def fit_cohort(
     entries: Sequence[Entry],
     models: Sequence[str] = MODELS,
     *,
-    elastic: str = "regression",
+    elastic: str | None = None,
     eta: float = 0.5,
     reading: Reading | None = None,
     jobs: int | None = 1,
@@ -225,82 +261,121 @@ def fit_cohort(
 ) -> Cohort:
     """Fit every recording by every model; R0 is free in all of them.
 
-    models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio.
+    models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio. Without ``elastic`` every law is
+    fitted, and the one is kept of which all recordings together give most evidence: animals have one kind of wall.
     reading : of every record. jobs, scheduler : who fits (:func:`fitting.tasks.done`). progress : gets the fraction
     done and the recording.
     A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
     model, for no entries, or if no recording could be fitted.
     """
-    names = tuple(dict.fromkeys(models))
+    names, laws = tuple(dict.fromkeys(models)), tuple(ELASTIC_LAWS) if elastic is None else (elastic,)
     for name in names:
-        model(name, elastic)
+        model(name, laws[0])
     if not names or not entries:
         raise ValueError("a cohort needs at least one recording and one model; give them.")
-    tasks = [_Task(entry, names, elastic, eta, reading) for entry in entries]
-    found: list[_Found | None] = [None] * len(tasks)
+    tasks = [_Task(entry, names, laws, eta, reading) for entry in entries]
+    found: list[dict[str, _Found]] = [{} for _ in tasks]
     if progress:
         progress(0.0, f"{entries[0].animal} {entries[0].site}")
     for n, (i, each) in enumerate(done(_fit, tasks, jobs, scheduler), 1):
         found[i] = each
         if progress:
             progress(n / len(entries), f"{entries[i].animal} {entries[i].site}")
-    fitted = [each for each in found if each is not None]
-    recordings = tuple(each.recording for each in fitted if each.recording is not None)
-    failures = tuple(failure for each in fitted for failure in each.failures)
-    if not any(recording.fits for recording in recordings):
+    by_law = {law: _cohort(names, [each[law] for each in found], law) for law in laws}
+    first = by_law[laws[0]]
+    if not any(recording.fits for cohort in by_law.values() for recording in cohort.recordings):
         raise ValueError(
-            f"none of the {len(entries)} recordings of the cohort could be fitted; the first: {failures[0].sentence}"
+            f"none of the {len(entries)} recordings of the cohort could be fitted; the first: "
+            f"{first.failures[0].sentence}"
         )
-    return Cohort(names, recordings, failures)
+    told = [each.evidence for each in first.recordings if each.evidence is not None]
+    if not told:
+        return next(cohort for cohort in by_law.values() if any(each.fits for each in cohort.recordings))
+    together = LawEvidence.together(told)
+    others = tuple(cohort for law, cohort in by_law.items() if law in together.of and law != together.kept)
+    return replace(by_law[together.kept], evidence=together, others=others)
+
+
+def _cohort(models: tuple[str, ...], found: Sequence[_Found], elastic: str) -> Cohort:
+    """What was found by one law."""
+    recordings = tuple(each.recording for each in found if each.recording is not None)
+    return Cohort(models, recordings, tuple(failure for each in found for failure in each.failures), elastic)
 
 
 @dataclass(frozen=True)
 class _Task:
-    """A recording, the models by which it is fitted, and how."""
+    """A recording, the models and laws by which it is fitted, and how."""
 
     entry: Entry
     models: tuple[str, ...]
-    elastic: str
+    laws: tuple[str, ...]
     eta: float
     reading: Reading | None
 
 
 @dataclass(frozen=True)
 class _Found:
-    """The fits of a recording, and what went wrong; None if it is the recording itself."""
+    """The fits of a recording by one law, and what went wrong; None if it is the recording itself."""
 
     recording: Recording | None
     failures: tuple[Failure, ...] = ()
 
 
-def _fit(task: _Task) -> _Found:
-    """The fits of one recording."""
+def _fit(task: _Task) -> dict[str, _Found]:
+    """The fits of one recording by elastic law."""
     entry = task.entry
     try:
         beats = align(read_record(entry.record, task.reading))
         beats.site(entry.site)
     except ValueError as error:
-        return _Found(None, (Failure(entry, "", str(error)),))
-    fits, failures = {}, []
+        return dict.fromkeys(task.laws, _Found(None, (Failure(entry, "", str(error)),)))
+    fits: dict[str, dict[str, WallFit]] = {law: {} for law in task.laws}
+    failures: dict[str, list[Failure]] = {law: [] for law in task.laws}
     for name in task.models:
-        try:
-            fits[name] = fit(beats, entry.site, entry.h, model(name, task.elastic), eta=task.eta)
-        except ValueError as error:
-            failures.append(Failure(entry, name, f"{name} model: {error}"))
-    return _Found(Recording(entry, beats.sha256, fits), tuple(failures))
+        for law in task.laws:
+            try:
+                fits[law][name] = fit(beats, entry.site, entry.h, model(name, law), eta=task.eta)
+            except ValueError as error:
+                failures[law].append(Failure(entry, name, f"{name} model: {error}"))
+    told = _evidence(task, beats, fits) if len(fits) > 1 else None
+    return {law: _Found(Recording(entry, beats.sha256, fits[law], told), tuple(failures[law])) for law in task.laws}
+
+
+def _evidence(task: _Task, beats: Beats, fits: Mapping[str, Mapping[str, WallFit]]) -> LawEvidence | None:
+    """Of the laws in one recording, by the model that weighs them; None if no wall describes it."""
+    name = weighing_model(_main(task.models))
+    if name in task.models:
+        weights = [each[name] for each in fits.values() if name in each]
+        return evidence(weights, tuple(law for law, each in fits.items() if name not in each)) if weights else None
+    try:
+        return fit(beats, task.entry.site, task.entry.h, _main(task.models), eta=task.eta).evidence
+    except ValueError:  # it is among the failures already
+        return None
+
+
+def _main(models: Sequence[str]) -> str:
+    """The model that results are quoted from: monotone if it is there, else nonlinear, else the first."""
+    return next((name for name in ("monotone", "nonlinear") if name in models), models[0])
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------
 
 
 def _quantity(fitted: WallFit, name: str) -> float:
+    if name == "E_inc":
+        return E_inc(fitted).value
     if name == "strain":
         return float(fitted.loop.R.mean() / fitted.values["R0"]) - 1.0
     over, _, under = name.partition("/")
     return fitted.values[over] / (fitted.values[under] if under else 1.0)
 
 
-def _mean(values: Sequence[float], unit: str) -> Value:
-    """Their mean; without interval where they do not scatter: given rather than fitted, or one animal."""
-    summary = Summary.of(values)
-    return Value(summary.mean, unit, summary.ci95 if summary.sd > 0.0 else None)
+def _mean(by_law: Sequence[tuple[float, Sequence[float]]], unit: str) -> Value:
+    """The mean of the first law's values, with an interval averaged over the laws by their probability.
+
+    Without interval where values do not scatter: given rather than fitted, or one animal.
+    """
+    told = [(p, Summary.of(values)) for p, values in by_law]
+    first = told[0][1]
+    parts = [(p, each.mean, each.sd / math.sqrt(each.n), each.n - 1.0) for p, each in told if each.n > 1]
+    return Value(first.mean, unit, mixture(parts) if first.sd > 0.0 else None)

@@ -24,6 +24,7 @@ from .fits import QUANTITIES, Cohort, Recording, Summary
 
 # heading, quantity, factor from SI
 _SHOWN = (
+    ("E_inc, MPa", "E_inc", 1e-6),
     ("E, MPa", "E", 1e-6),
     ("φ0, kPa·s", "phi0", 1e-3),
     ("φ0/E, ms", "phi0/E", 1e3),
@@ -35,22 +36,39 @@ _SHOWN = (
 
 def tables(cohort: Cohort) -> list[RenderableType]:
     """Means ± standard deviations of the main model by site, the claims, and what could not be used."""
-    numbers = [right(heading) for heading in ("n", *(heading for heading, _, _ in _SHOWN))]
-    spread = f" ± standard deviation between {cohort.noun}s" if len(cohort.animals) > 1 else ""
-    title = f"{cohort.label}; {cohort.main} model{': mean' if spread else ''}{spread}"
-    means = Table("site", *numbers, title=title)
-    for site, row in cohort.table().items():
-        n = str(row["E"].n) if "E" in row else "0"
-        means.add_row(site, n, *(_cell(row.get(quantity), factor) for _, quantity, factor in _SHOWN))
+    shown = [cohort] if cohort.evidence is None or cohort.evidence.decided else [cohort, *cohort.others]
+    means = [_means(each) for each in shown]
+    means[-1].caption = _sentence(cohort)
     claims = Table("claim", "verdict", "why", title=f"Claims of the paper; {cohort.label}", show_lines=True)
     for claim in cohort.claims():
         claims.add_row(claim.name, claim.verdict, claim.text)
     if not cohort.failures:
-        return [means, claims]
+        return [*means, claims]
     unused = Table(cohort.noun, "site", "why", title="Not used", show_lines=True)
     for failure in cohort.failures:
         unused.add_row(failure.entry.animal, failure.entry.site, failure.sentence)
-    return [means, claims, unused]
+    return [*means, claims, unused]
+
+
+def _means(cohort: Cohort) -> Table:
+    """The numbers of ``_SHOWN`` by site."""
+    numbers = [right(heading) for heading in ("n", *(heading for heading, _, _ in _SHOWN))]
+    spread = f" ± standard deviation between {cohort.noun}s" if len(cohort.animals) > 1 else ""
+    title = f"{cohort.label}; {cohort.main} model, {cohort.elastic} law{': mean' if spread else ''}{spread}"
+    table = Table("site", *numbers, title=title, padding=0)  # eight quantities fit 80 columns
+    for site, row in cohort.table().items():
+        n = str(row["E"].n) if "E" in row else "0"
+        table.add_row(site, n, *(_cell(row.get(quantity), factor) for _, quantity, factor in _SHOWN))
+    return table
+
+
+def _sentence(cohort: Cohort) -> str:
+    """The law of all recordings, and how many of them speak for it by themselves."""
+    alone = [each.evidence for each in cohort.recordings if each.evidence is not None]
+    own = sum(each.decided and each.kept == cohort.elastic for each in alone)
+    against = sum(each.decided and each.kept != cohort.elastic for each in alone)
+    counted = f"; by itself, {own} of {len(alone)} recordings speak for it and {against} against it" if alone else ""
+    return f"{cohort.law[0].upper()}{cohort.law[1:]}{counted}."
 
 
 def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
@@ -79,6 +97,7 @@ def to_json(cohort: Cohort) -> str:
         "animals": cohort.animals,
         "sites": cohort.sites,
         "model": cohort.main,
+        "elastic_law": _law(cohort),
         "units": QUANTITIES,
         "table": {
             name: {site: {q: asdict(s) for q, s in row.items()} for site, row in cohort.table(name).items()}
@@ -116,4 +135,10 @@ def _recording(each: Recording) -> dict[str, Any]:
         }
         for name, fitted in each.fits.items()
     }
-    return {**asdict(each.entry), "sha256": each.sha256, "fits": fits}
+    law = {} if each.evidence is None else {"elastic_law": each.evidence.plain}
+    return {**asdict(each.entry), "sha256": each.sha256, **law, "fits": fits}
+
+
+def _law(cohort: Cohort) -> dict[str, Any]:
+    evidence = {} if cohort.evidence is None else cohort.evidence.plain
+    return {"name": cohort.elastic, **evidence, "sentence": _sentence(cohort)}

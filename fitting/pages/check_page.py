@@ -17,6 +17,8 @@ from solver.units import of_signal, readable
 
 from ..agreement import Agreement, LoopArea
 from ..check import CheckReport
+from ..estimate import Estimate
+from ..indices import modulus
 from ..parameter_set import quantity_of
 from ..result_files import make_folder
 from .page import environment, in_words
@@ -58,6 +60,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
         worst=report.worst.name,
         change=number(report.run["change"], 2),
         values=[_value_row(name, value) for name, value in report.sources["parameter_set"]["values"].items()],
+        stiffness=_stiffness(report.sources["parameter_set"]["provenance"]),
         provenance=told,
         data=data,
     )
@@ -98,6 +101,16 @@ def _value_row(name: str, value: Mapping[str, Any]) -> dict[str, str]:
     low, high = (factor * end for end in value["ci95"] or (value["value"],) * 2)
     ends = interval(low, high) if value["ci95"] else DASH
     return {"name": name, "value": rounded(factor * value["value"], 0.5 * (high - low)), "interval": ends, "unit": unit}
+
+
+def _stiffness(provenance: Mapping[str, Any]) -> str:
+    """E_inc of the set of one site, and its elastic law."""
+    found = provenance.get("indices", {}).get("E_inc")
+    if found is None:
+        return ""
+    law = provenance.get("elastic_law", {}).get("sentence")
+    E_inc = modulus(Estimate(found["value"], found["unit"], tuple(found["ci95"])))
+    return f"E_inc = {E_inc} at the mean pressure" + (f"; {law}" if law else "")
 
 
 # --- figures ------------------------------------------------------------------------------------------------------

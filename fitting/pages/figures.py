@@ -57,7 +57,7 @@ def _loop(ax: Axes, fitted: WallFit, beats: Beats | None) -> None:
     ax.plot(*_closed(1e3 * fitted.loop.R, fitted.loop.P / MMHG), color=BLACK, linewidth=1.0, label="mean beat")
     R_model, P_model = _closed(1e3 * fitted.solution.R, fitted.P_fitted / MMHG)
     ax.plot(R_model, P_model, color=VERMILION, linewidth=1.8, linestyle=(0, (4, 2)), label="model")
-    ax.set_title(_TITLES.get(fitted.model.name, fitted.model.name))
+    ax.set_title(f"{_TITLES.get(fitted.model.name, fitted.model.name)}\n{fitted.model.elastic} law")
     ax.set_xlabel("radius R, mm")
     ax.set_ylabel("pressure P, mmHg")
     ax.text(

@@ -10,10 +10,11 @@ from solver.console import right
 from solver.legible import DASH, interval, number, plus_minus, rounded, shown_in, signed
 from solver.network import Segment
 from solver.quantity import quantities
+from solver.units import MMHG
 
 from ..calibrate import Calibration
 from ..estimate import Estimate
-from ..indices import read_in
+from ..indices import E_inc, modulus, read_in
 from ..parameter_set import quantity_of
 from ..wall_fit import WallFit
 from ..wall_model import PARAMETERS
@@ -32,18 +33,21 @@ _HYPHENATED = {
 }
 
 _FOUR_DIGITS = 0.01  # half of an interval by which a number is rounded to four digits: columns stay narrow
+_PHI = "φ0 goes with the strain rate dR/dt/R0; φ0 R0/R is φ of Γ = √π φ h/(2 (1 - η²)) in P_v = Γ/(A0 √A) dA/dt"
 
 SHOWN = {parameter: _shown(parameter) for parameter in PARAMETERS}
 
 
 def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
-    """Parameters ± half the 95 % interval, one column a model."""
-    models = [right(fitted.model.name + (" (kept)" if fitted is chosen else "")) for fitted in fits]
+    """E_inc and the parameters ± half the 95 % interval by the law of the column, one column a model."""
+    models = [right(f"{f.model.name}\n{f.model.elastic}" + (" (kept)" if f is chosen else "")) for f in fits]
     title = f"Wall of {chosen.site}: {chosen.n_beats} beats of {number(chosen.loop.T, 4)} s, {chosen.source}"
-    table = Table("± half the 95 % interval", *models, title=title)
+    table = Table("± half the 95 % interval", *models, title=title, caption=_PHI)
+    table.add_row("E_inc, MPa", *(_around(E_inc(f.alone), 1e-6) for f in fits))
     for name, (label, factor) in SHOWN.items():
         if any(name in f.model.free or f.values[name] for f in fits):
             table.add_row(label, *(_estimate(f, name, factor) for f in fits))
+    table.add_row("φ0 R0/R, kPa·s", *(number(1e-3 * f.phi_1D, 4) for f in fits))
     table.add_row("φ0/E, ms", *(number(1e3 * f.relaxation_time[0], 4) for f in fits))
     if any(f.lag[0] for f in fits):
         table.add_row("lag of P, ms", *(plus_minus(1e3 * f.lag[0], 2e3 * f.lag[1]) for f in fits))
@@ -55,12 +59,19 @@ def fits_table(fits: Sequence[WallFit], chosen: WallFit) -> Table:
     return table
 
 
+def headline(fitted: WallFit, E_inc: Estimate) -> str:
+    """What does not depend on the law, with its interval; then the law, and by how much."""
+    P = fitted.loop.P.mean() / MMHG
+    return f"{fitted.site}: E_inc = {modulus(E_inc)} at the mean pressure of {number(P, 4)} mmHg; {fitted.law}."
+
+
 def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, float]]) -> Table:
     """Interval and bootstrap; how a time lag, or ignoring the noise of R, would move the value."""
     # in units of the interval: a relative change says nothing of a value near 0
     moved = ("moved by P\n1 ms late", "by ignoring\nnoise of R")
+    told = fitted.model.elastic if fitted.evidence is None or fitted.evidence.decided else "either"
     columns = ("95 % interval", *(["bootstrap"] if bootstrapped else []), *moved)
-    table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}")
+    table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}, {told} law")
     for name in fitted.model.free:
         label, factor = SHOWN[name]
         row = [label, _ends(fitted.ci95(name), factor)]
@@ -113,11 +124,16 @@ def _estimate(fitted: WallFit, name: str, factor: float) -> str:
     value = factor * fitted.values[name]
     if name not in fitted.model.free:
         return f"{number(value, 5)} (given)" if fitted.values[name] else DASH
-    return plus_minus(value, factor * (fitted.ci95(name)[1] - fitted.ci95(name)[0]) / 2.0)
+    return plus_minus(value, factor * fitted.half(name))
 
 
 def _ends(ends: tuple[float, float] | None, factor: float) -> str:
     return DASH if ends is None else interval(factor * ends[0], factor * ends[1])
+
+
+def _around(estimate: Estimate, factor: float) -> str:
+    low, high = estimate.ci95
+    return plus_minus(factor * estimate.value, factor * (high - low) / 2.0)
 
 
 def _plus_minus(estimate: Estimate | None, factor: float) -> str:
