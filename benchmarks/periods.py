@@ -167,19 +167,14 @@ def judge_all(first: int, count: int) -> list[Row]:
     return [judge(seed) for seed in range(first, first + count)]
 
 
-def measure(first: int, count: int, processes: int, progress: Path | None = None) -> list[Row]:
-    """All of them, on some processes; what is done so far is written to a file if one is given."""
-    if processes == 1 and progress is None:
-        return judge_all(first, count)
+def measure(first: int, count: int, processes: int) -> list[Row]:
+    """All of them, on some processes."""
     starts = range(first, first + count, _CHUNK)
     sizes = [min(_CHUNK, first + count - start) for start in starts]
-    rows: list[Row] = []
+    if processes == 1:
+        return [row for start, size in zip(starts, sizes, strict=True) for row in judge_all(start, size)]
     with ProcessPoolExecutor(processes) as pool:
-        for done in pool.map(judge_all, starts, sizes):
-            rows += done
-            if progress is not None:
-                write_whole(progress, json.dumps([asdict(row) for row in rows]) + "\n")
-    return rows
+        return [row for done in pool.map(judge_all, starts, sizes) for row in done]
 
 
 def groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -214,8 +209,10 @@ def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
 ) -> None:
     """Measure and print."""
-    rows = measure(first, recordings, processes, json_file)
+    rows = measure(first, recordings, processes)
     show(rows, Console(width=150))
+    if json_file is not None:
+        write_whole(json_file, json.dumps([asdict(row) for row in rows]) + "\n")
     raise typer.Exit(1 if any(row.silent for row in rows) else 0)
 
 

@@ -35,6 +35,7 @@ _EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a differenc
 _STRAYED = 0.05  # of the period, by which refinement may move it: by more only where beats come at no steady rate
 _ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
 _SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
+_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath
 _OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which every second or third comes off time
 
 
@@ -161,7 +162,7 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     together, count = other.lag * step, round(other.lag / lag)
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(_OFF * lag, _UNTIMELY * as_many)
-    if times > _MUCH and (not timely or one.alike[which] < _SAME * other.alike[which]):
+    if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
         return Found(together, False, T)
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
