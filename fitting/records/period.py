@@ -111,7 +111,10 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
         )
     worst = [float((each.alike / best)[votes].min()) for each in tried]
     lags = [each.lag for each, score in zip(tried, worst, strict=True) if score >= min(_ALIKE, max(worst))]
-    lag = next((lag for lag in lags if _whole(x[votes], lag, candidates)), lags[0])
+    broken = [
+        lag for lag in lags if lag == lags[0] or 0.25 < lag / lags[0] % 1.0 < 0.75
+    ]  # no multiples of the shortest
+    lag = next((lag for lag in broken if _whole(x[votes], lag, candidates)), lags[0])
     T = lag * step
     if 2.0 * T > span * 1.02:
         raise ValueError(
