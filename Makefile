@@ -58,6 +58,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/wall_fits.py
 	$(BIN)/python benchmarks/records.py
+	$(BIN)/python benchmarks/periods.py
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs

@@ -127,8 +127,10 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
 def _tried(x: Array, lags: Array) -> list[_Later]:
     """What follows stretches of the shortest lag after each of the lags, until all channels go on alike after one."""
     found: list[_Later] = []
-    stretches = _Stretches(x, lags[0]) if len(lags) else None
-    for lag in lags if stretches else ():
+    if not len(lags):
+        return found
+    stretches = _Stretches(x, lags[0])
+    for lag in lags:
         found.append(stretches.later(lag))
         if (found[-1].alike >= _ALIKE).all() and _whole(x, found[-1].lag, lags):
             break
@@ -200,7 +202,7 @@ def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Arra
     n = round(_SCREENED / dt)
     length = len(next(iter(channels.values())))
     parts = [slice(i, i + n) for i in range(0, max(1, length - n // 2), max(1, n))]
-    gaps = [sum(np.count_nonzero(np.isnan(x[part])) for x in channels.values()) for part in parts]
+    gaps = [sum(int(np.isnan(x[part]).sum()) for x in channels.values()) for part in parts]
     part = parts[int(np.argmin(gaps))]
     few = max(1, int(_FINE / dt * (1.0 + 1e-9)))
     names, found = [], []
