@@ -146,7 +146,8 @@ def test_a_beat_unlike_the_others_is_named() -> None:
     assert "unlike the others in AA.P" in texts[0]
     P[800:900] -= 0.45 * weak
     given, found = (align(record(time, P=P), period).warnings for period in (0.5, None))
-    assert given == found and re.match(r"beats left out \(1, 4\.\d+ s .*: unlike the others in shape\.", found[-1])
+    left_out = r"beats left out \(1, 4\.\d+ s .*: unlike the others in shape\."
+    assert given == found and any(re.match(left_out, text) for text in found)
 
 
 def test_spikes_are_left_out_and_counted() -> None:

@@ -348,6 +348,30 @@ def test_columns_are_asked_for_in_full(tmp_path: Path) -> None:
     assert sum("see below" in line for line in said) == 2 and "…" not in "".join(said)
 
 
+@pytest.mark.parametrize(
+    ("title", "advice"),
+    [
+        ("Diameter", '--map "Diameter=AA.D [mm]"'),
+        ("Diameter (mm)", '--map "Diameter (mm)=AA.D"'),
+        ("Vessel radius", '--map "Vessel radius=AA.R [mm]"'),
+        ("Aortic flow", '--map "Aortic flow=AA.Q [mL/s]"'),
+        ("Flow (L/min)", '--map "Flow (L/min)=AA.Q"'),
+        ("LV pressure", '--map "LV pressure=AA.P [mmHg]"'),
+        ("channel 3", 'if it is a pressure, say so with --map "channel 3=AA.P [mmHg]"'),
+    ],
+)
+def test_the_option_that_is_proposed_fits_the_column(tmp_path: Path, title: str, advice: str) -> None:
+    """By the unit of the title, or else its words: no mmHg for a diameter."""
+    assert advice in refused(tmp_path, text({"time [s]": TIME, title: R_MM}))
+
+
+@pytest.mark.parametrize(("title", "why"), [("ECG", "if it is none of them"), ("Lead II [mV]", "mV is a unit of none")])
+def test_a_column_of_something_else_is_left_out(tmp_path: Path, title: str, why: str) -> None:
+    """An ECG, or a unit that no channel has: no variable is proposed, but to leave it out."""
+    said = refused(tmp_path, text({"time [s]": TIME, title: R_MM}))
+    assert why in said and f'leave it out with --map "{title}="' in said and "mmHg" not in said
+
+
 def test_discover_writes_no_page_of_a_file_that_it_cannot_read(tmp_path: Path) -> None:
     """Text in place of numbers, or a column without unit: exit code 2, one sentence, no folder."""
     out = tmp_path / "out"

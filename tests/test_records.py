@@ -90,6 +90,21 @@ def test_printed_time_may_be_rounded(tmp_path: Path, decimals: int) -> None:
     assert record.dt == pytest.approx(dt, rel=10.0**-decimals / dt / N**1.5 * 2)  # slope of a line through N points
 
 
+@pytest.mark.parametrize("rate", [200.0, 250.0, 300.0, 400.0])
+@pytest.mark.parametrize("start", [0.0, 0.0123456])
+def test_printed_time_may_be_cut_off(tmp_path: Path, rate: float, start: float) -> None:
+    """Milliseconds cut off, not rounded: 1.010 s as a product of doubles may become 1.009 s. dt as above; with a sample
+    lost at a third, or with another rate after two thirds (1 %), the file is refused."""
+    time = np.floor((start + np.arange(N) / rate) * 1e3) / 1e3
+    lines = ["time [s],AA.P [mmHg]", *(f"{t:.3f},{p:.6f}" for t, p in zip(time, P_MMHG, strict=True))]
+    assert read_record(save(tmp_path, "\n".join(lines))).dt == pytest.approx(1.0 / rate, rel=1e-3 * rate / N**1.5 * 2)
+    lost = lines[: N // 3] + lines[N // 3 + 1 :]
+    assert "the sampling is not uniform" in refusal(tmp_path, "\n".join(lost))
+    slower = start + np.cumsum(np.where(np.arange(N) < 2 * N // 3, 1.0, 1.01)) / rate
+    lines[1:] = [f"{np.floor(t * 1e3) / 1e3:.3f},{p:.6f}" for t, p in zip(slower, P_MMHG, strict=True)]
+    assert "the sampling is not uniform" in refusal(tmp_path, "\n".join(lines))
+
+
 @pytest.mark.parametrize("shortest", [False, True], ids=["all digits", "shortest"])
 def test_time_in_single_precision(tmp_path: Path, shortest: bool) -> None:
     """Steps of 5 ms at 700 s, in units of 61 µs, printed exactly or as NumPy does: dt to 1e-6, no lost sample."""

@@ -106,7 +106,7 @@ def test_times_printed_with_significant_digits(tmp_path: Path) -> None:
         (lines_with(7, ",85.0,9.1"), "line 7, column 'time [s]': the time is missing or not finite"),
         (lines_with(7, "NaN,85.0,9.1"), "line 7, column 'time [s]': the time is missing or not finite"),
         (lines_with(7, "0.020,85.0,9.1"), "line 7, column 'time [s]': the time does not increase (0.02 to 0.02)"),
-        (lines_with(7, "0.026,85.0,9.1"), "line 7, column 'time [s]': the sampling is not uniform: a step of 0.006"),
+        (lines_with(7, "0.027,85.0,9.1"), "line 7, column 'time [s]': the sampling is not uniform: a step of 0.007"),
         (
             lines_with(7, "0.025,8500,9.1"),
             "column 'AA.P [mmHg]': a pressure of 8500 mmHg is outside -750.1 to 7501 mmHg",

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..threads import single_threaded
 from .beats import Beats, require_phases
-from .period import FEWEST, Normal, evaluate, find_period, highest
+from .harmonic_model import Normal, evaluate, highest
+from .period import FEWEST, Found, refined, usual_period
 from .record import Array, Record
 from .rounding import converter_step
 from .spikes import without_spikes
@@ -35,9 +36,9 @@ def align(record: Record, period: float | None = None) -> Beats:
     a channel never measured.
     """
     dt, n = record.dt, len(record.time)
-    T, whole = _found(record) if period is None else _given(period, record)
+    T, whole, said = _found(record) if period is None else _given(period, record)
     if whole is not None:
-        return _cut(record, whole)
+        return _cut(record, whole, said)
     f = dt / T
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
     if N < FEWEST:
@@ -58,7 +59,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     else:
         cut = _resample(record, f, N, n_beats)
     values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, told=record.told)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, None, record.told, said)
     if beats.unsteadiness > _UNSTEADY:
         raise ValueError(
             f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "
@@ -83,7 +84,7 @@ def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record,
     return replace(record, channels={name: each for name, (each, _) in cleaned.items()}), spikes, steps
 
 
-def _cut(record: Record, whole: Whole) -> Beats:
+def _cut(record: Record, whole: Whole, said: tuple[str, ...]) -> Beats:
     """Beats of unequal length. Raises ValueError if fewer than two are left, or a phase was never measured."""
     cut = whole.cut
     samples = np.minimum(cut.starts[cut.serving][:, None] + np.arange(cut.N), len(record.time) - 1)
@@ -93,23 +94,32 @@ def _cut(record: Record, whole: Whole) -> Beats:
         require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
     whole = replace(whole, channels={name: without_gaps(each) for name, each in record.channels.items()})
     shifts = np.zeros(len(cut.serving))
-    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told)
+    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told, said)
 
 
-def _found(record: Record) -> tuple[float, Whole | None]:
-    """The period that is found [s], and the beats if they vary. Raises ValueError if they do and cannot be told."""
-    found = find_period(record.channels, record.dt, record.path)
-    whole = unequal(record.channels, record.dt, found.T)
-    if whole is None and not found.steady:
+def _found(record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:
+    """The period that is found [s], the beats if they vary, and its doubts. Raises ValueError if it cannot be told."""
+    usual = usual_period(record.channels, record.dt, record.path)
+    T, whole = _near(record, usual)
+    return T, whole, usual.said
+
+
+def _near(record: Record, usual: Found) -> tuple[float, Whole | None]:
+    """The strict period near the usual one, or the beats if they vary. Raises ValueError if they cannot be told."""
+    whole = unequal(record.channels, record.dt, usual.T)
+    if whole is not None:
+        return whole.cut.interval * record.dt, whole
+    found = refined(usual, record.channels, record.dt)
+    if not found.steady:
         raise ValueError(
             f"{record.path}: the heart rate is not steady: beats come every {found.T:.3g} s or so, but no period fits "
             "the whole record, and their upstrokes are too unlike or too irregular to cut each by itself; "
             "use a stretch of the record with a steady rate."
         )
-    return found.T, whole
+    return found.T, None
 
 
-def _given(period: float, record: Record) -> tuple[float, Whole | None]:
+def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:
     """The period that was given, or a whole number of beats, unless the record says otherwise; and beats that vary."""
     source, span = record.path, len(record.time) * record.dt
     if not (np.isfinite(period) and period > 0.0):
@@ -120,13 +130,15 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None]:
             "give a shorter one or record at least two whole beats."
         )
     if period < FEWEST * record.dt:
-        return float(period), None  # refused for that
+        return float(period), None, ()  # refused for that
     try:
-        T, whole = _found(record)
+        usual = usual_period(record.channels, record.dt, source)
+        if abs(period / usual.other - 1.0) <= _VAGUE:  # which of the two it is, the record does not say
+            usual = replace(usual, T=float(period))
+        T, whole = _near(record, usual)
     except ValueError:  # too irregular or too short to tell: then the word of the user counts
-        T, whole = float(period), unequal(record.channels, record.dt, period)
-    if whole is not None:
-        T = whole.cut.interval * record.dt
+        whole = unequal(record.channels, record.dt, period)
+        T = float(period) if whole is None else whole.cut.interval * record.dt
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * span / period
@@ -134,10 +146,10 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None]:
         raise ValueError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
+    said: tuple[str, ...] = ()
     if whole is not None and count > 1:
-        said = f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself."
-        whole = replace(whole, said=(said, *whole.said))
-    return float(period), whole
+        said = (f"the given period of {period:.4g} s holds {count} beats; they vary, so that each was cut by itself.",)
+    return float(period), whole, said
 
 
 def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array]:

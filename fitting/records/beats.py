@@ -31,7 +31,7 @@ class Beats:
     source, sha256, told : of the record. T : period [s]. shifts : (n_beats,) [s], how much later than the strict period
     each beat came before it was moved back (0 where none was moved). spikes : single samples left out, by channel.
     steps : of the channels' converters, in SI. whole : the record that beats of unequal length were cut from, each at
-    the end of diastole; without, phase 0 is the record's first sample.
+    the end of diastole; without, phase 0 is the record's first sample. said : what is doubtful of the period.
     """
 
     source: str
@@ -43,6 +43,7 @@ class Beats:
     steps: Mapping[str, float] = field(default_factory=dict)
     whole: Whole | None = None
     told: Mapping[str, Any] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
 
     @property
     def n_beats(self) -> int:
@@ -75,7 +76,7 @@ class Beats:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting an interval, one sentence each."""
-        found = []
+        found = list(self.said)
         if self.n_beats < FEWEST_BEATS:
             found.append(
                 f"{self.n_beats} beats say little about the noise; record at least {FEWEST_BEATS} for honest intervals."

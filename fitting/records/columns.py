@@ -166,18 +166,43 @@ def _chosen(column: Column, target: tuple[str, str], titles: Sequence[str], plac
         short = title if title else "column"
         if name != name_and_unit(title)[0]:
             refuse(place, None, title, f"{name!r} is no variable of a network; allowed are {CHANNELS}, such as AA.P")
-        refuse(
-            place,
-            None,
-            title,
-            f"no such channel; allowed are {CHANNELS}: rename it, say which it is with "
-            f'--map "{short}=AA.P [mmHg]", or leave it out with --map "{short}="',
-        )
+        refuse(place, None, title, f"no such channel; allowed are {CHANNELS}: {_advice(name, unit, short)}")
     if column.problem:
         refuse(place, None, title, f'{column.problem}; leave it out: --map "{title}=", or export it alike')
     scale = _factor(kind, name, unit, title, titles, place)
     site, _, letter = name.rpartition(".")
     return Chosen(column, f"{site}.R" if letter == "D" else name, kind, scale)
+
+
+def _advice(name: str, unit: str, title: str) -> str:
+    """What to say of a column whose name is no variable: an option that fits its unit, or else the words of its title.
+
+    A unit that none of them has, and a title such as ECG, is that of something else.
+    """
+    units = [letter for letter, kind in KINDS.items() if unit and factor(unit, kind) is not None]
+    words = [letter for letter, spelled in _WORDS.items() if spelled.search(name)]
+    drop = f'leave it out with --map "{title}="'
+    if unit and not units:
+        return f"{unit} is a unit of none of them; {drop}"
+    if not unit and _OTHER.search(name):
+        return f"if it is none of them, {drop}"
+    letter = next((each for each in words if not unit or each in units), units[0] if units else "P")
+    target = f"AA.{letter}" if unit else f"AA.{letter} [{KINDS[letter].example}]"
+    noun = KINDS[letter].noun
+    which = "say which it is with" if words else f"if it is a {noun}, say so with"
+    return f'rename it, {which} --map "{title}={target}", or {drop}'
+
+
+_WORDS = {
+    letter: re.compile(rf"(?<![a-z])({spelled})", re.IGNORECASE)
+    for letter, spelled in (
+        ("D", "diam|durchmesser|d(?![a-z])"),
+        ("R", "radi|r(?![a-z])"),
+        ("Q", "flow|fluss|débit|debit|q(?![a-z])"),
+        ("P", "press|druck|abp|cath|p(?![a-z])"),
+    )
+}
+_OTHER = re.compile(r"(?<![a-z])(ecg|ekg|eeg|emg|resp|temp|trigger|marker|spo2|etco2|index|sample)", re.IGNORECASE)
 
 
 def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str], place: Place) -> float:

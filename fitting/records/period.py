@@ -1,117 +1,220 @@
-"""The period of a record: found by autocorrelation, refined by Gauss–Newton on a harmonic model.
+"""The period of a record: the shortest lag after which all channels go on alike.
 
-Everything here counts in samples and cycles: ``f`` is cycles per sample, dt/T, and the model of a channel is
-
-    m_j = Re Σ_k c_k e^{2πi k f j},  k = 0..K,  j = 0..n-1.
+A stretch of one lag L, in all channels, is compared with what follows it one, two and three lags later, where they fit
+best together. Every channel counts in units of itself, none for another: if a single one goes on otherwise after L than
+after 2 L or 3 L, then L is a part of a beat. Stretches may come early or late, so that a heart whose rate varies has a
+period, too; a strict one is refined in :mod:`fitting.records.harmonic_model`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial import Legendre
-from scipy.linalg import cho_factor, cho_solve
+
+from .harmonic_model import refine
+from .upstrokes import without_extremes, without_gaps
 
 Array = np.ndarray
 
 SHORTEST, LONGEST = 0.1, 1.0 / 0.3  # periods that are looked for [s]: heart rates of 10 and 0.3 Hz
 FEWEST = 8  # samples a beat
-_SCREENED = 64.0  # [s] of each channel that the search looks at
+_SCREENED = 64.0  # [s] of the record that the search looks at
 _FINE = 5e-3  # [s], the time step of the search
 _WANDER = 0.25  # [Hz]; slower than any heart
-_LEAST = 0.6  # correlation from beat to beat; with less there is no beat
-_SLACK = 0.04  # by which the correlation one beat on may stay behind the one several beats on
-_ORDINARY = (0.02, 0.98)  # quantiles: what lies beyond them by the distance between them is a spike
+_LEAST = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
+_ALIKE = np.sqrt(0.75)  # correlation, over the best, from which three quarters of the power go on alike: a lag to judge
+_SAME = np.sqrt(0.9)  # and nine tenths: beats that alternate, if they do; less is another part of a beat
+_HALF = np.sqrt(0.5)  # and half of it, of stretches as long as the lag, which hold parts of two beats
+_UNLIKE, _CHANCE = 2.0, 3.0  # times the usual difference, and standard deviations of a sign test, from which every
+# second or third beat differs
+_NEARLY = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
+_MUCH = 10.0  # and from which the part of a beat is not taken for one
+_EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a difference that a shift by half a sample makes
 _STRAYED = 0.05  # of the period, by which refinement may move it: by more only where beats come at no steady rate
-_ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends the search
-_MANY = 200.0  # beats
-MOST = 128  # harmonics of a model; what lies above is left to the residual
+_ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
+_SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
+_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath
+_OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which every second or third comes off time
 
 
 @dataclass(frozen=True)
 class Found:
-    """A period [s], the channel it was found in, and the correlation from beat to beat there.
+    """A period [s], and what makes it doubtful, in sentences.
 
     steady : refined to a strict period of the whole record; else no such period is near, and T is a usual distance of
-    beats.
+    beats. other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
     """
 
     T: float
-    channel: str
-    correlation: float
     steady: bool
+    other: float = np.nan
+    said: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Later:
+    """How n stretches go on some time later.
+
+    alike : (m,) the usual correlation, weighted by power. unlike : (m, n) the power by which they differ over the mean
+    power. shift : (n,) samples after which they fit best. power : (n,) of the stretches.
+    """
+
+    alike: Array
+    unlike: Array
+    shift: Array
+    power: Array
+
+    @property
+    def lag(self) -> float:
+        """The usual shift."""
+        return float(np.median(self.shift))
 
 
 def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
-    """The period of the channel that repeats best, to a few thousandths, then refined on that channel if it is strict.
+    """The period of all channels together, refined if it is strict.
 
     Where the rate drifts, the refinement counts the beats of one stretch in another, and ends far from all of them.
 
     Raises ValueError if nothing repeats, or not twice.
     """
+    usual = usual_period(channels, dt, source)
+    return refined(usual, channels, dt)
+
+
+def refined(usual: Found, channels: Mapping[str, Array], dt: float) -> Found:
+    """With a strict period of the whole record, if one is near."""
+    T = dt / refine(list(channels.values()), dt / usual.T)
+    steady = abs(T / usual.T - 1.0) <= _STRAYED
+    return Found(T if steady else usual.T, steady, usual.other, usual.said)
+
+
+def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
+    """The period to some thousandths, steady or not. Raises ValueError as :func:`find_period`."""
     span = len(next(iter(channels.values()))) * dt
     if span < 2.0 * SHORTEST:
         raise ValueError(
             f"{source}: {span:.3g} s of record cannot hold two beats of {SHORTEST:g} s, the shortest; check the unit "
             f"of its time column, or record longer."
         )
-    screened = {name: _search(_excerpt(values, dt), dt) for name, values in channels.items()}
-    best = max(screened, key=lambda name: screened[name][1])
-    T, correlation = screened[best]
-    if correlation < _LEAST:
+    names, x, step = _screened(channels, dt)
+    candidates = _candidates(x, step)
+    tried = _tried(x, candidates)
+    best = np.max([each.alike for each in tried], axis=0) if tried else np.zeros(len(names))
+    votes = best >= _LEAST
+    if not votes.any():
         raise ValueError(
             f"{source}: no periodicity found between {SHORTEST:g} and {LONGEST:.2g} s in {span:.4g} s of record "
-            f"(best correlation {max(correlation, 0.0):.2f}, in {best}); record at least two whole beats of "
+            f"(best correlation {best.max():.2f}, in {names[int(best.argmax())]}); record at least two whole beats of "
             f"{FEWEST} samples or more each, or give the period."
         )
+    worst = [float((each.alike / best)[votes].min()) for each in tried]
+    lags = [each.lag for each, score in zip(tried, worst, strict=True) if score >= min(_ALIKE, max(worst))]
+    broken = [
+        lag for lag in lags if lag == lags[0] or 0.25 < lag / lags[0] % 1.0 < 0.75
+    ]  # no multiples of the shortest
+    lag = next((lag for lag in broken if _whole(x[votes], lag, candidates)), lags[0])
+    T = lag * step
     if 2.0 * T > span * 1.02:
         raise ValueError(
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
             f"record at least two whole beats of {FEWEST} samples or more each."
         )
-    refined = dt / refine(channels[best], dt / T)
-    steady = abs(refined / T - 1.0) <= _STRAYED
-    return Found(refined if steady else T, best, correlation, steady)
+    return _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
 
 
-def _excerpt(values: Array, dt: float) -> Array:
-    """The stretch of at most _SCREENED seconds with the fewest gaps."""
+def _tried(x: Array, lags: Array) -> list[_Later]:
+    """What follows stretches of the shortest lag after each of the lags, until all channels go on alike after one."""
+    found: list[_Later] = []
+    if not len(lags):
+        return found
+    stretches = _Stretches(x, lags[0])
+    for lag in lags:
+        found.append(stretches.later(lag))
+        if (found[-1].alike >= _ALIKE).all() and _whole(x, found[-1].lag, lags):
+            break
+    return found
+
+
+def _whole(x: Array, lag: float, candidates: Array) -> bool:
+    """Whether stretches as long as the lag go on alike, too: two thirds of a beat of three upstrokes do not."""
+    one, *more = _around(x, lag, candidates)
+    return all((one.alike >= _HALF * each.alike).all() for each in more)
+
+
+def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
+    """What follows stretches of one lag [samples], in the middle of the record, after it and after up to four of it."""
+    most = round(_STRETCHES * 0.45 * lag)
+    start = max(0, (x.shape[1] - most) // 2)
+    stretches = _Stretches(x[:, start : start + most], lag)
+    later = [each for each in candidates if 1.5 < each / lag < 4.5 and stretches.hold(each / lag + 2.0)]
+    return [stretches.later(each) for each in (lag, *later)]
+
+
+def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> Found:
+    """The period that this lag [samples] is, or two to four of it, by whether what comes every lag differs in turn.
+
+    If it differs in its timing, too, or much, it is a part of a beat. Else a part of a beat cannot be told from a heart
+    that alternates: a whole beat is assumed, and that is said.
+    """
+    T, (one, *more) = lag * step, _around(x, lag, candidates)
+    differ = [(*_differ(one, each), each) for each in more]
+    most = max((times for times, _, _ in differ), default=0.0)
+    times, which, other = next((each for each in differ if each[0] >= most / _NEARLY), (0.0, 0, one))
+    if times < _UNLIKE:
+        return Found(T, False)
+    together, count = other.lag * step, round(other.lag / lag)
+    next_one, as_many = (_change(one, beats) for beats in (1, count))
+    timely = next_one <= max(_OFF * lag, _UNTIMELY * as_many)
+    if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
+        return Found(together, False, T)
+    far = {2: "second", 3: "third", 4: "fourth"}[count]
+    said = (
+        f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
+        f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
+        "its period."
+    )
+    return Found(T, False, together, (said,))
+
+
+def _change(one: _Later, beats: int) -> float:
+    """By how many samples the shift of a stretch usually differs from that some beats later; stretches are half a beat
+    apart."""
+    later = 2 * beats
+    change = np.abs(one.shift[later:] - one.shift[:-later])[None]
+    power = np.minimum(one.power[later:], one.power[:-later])[None]
+    return float(_weighted_median(change, power)[0]) if change.size else 0.0
+
+
+def _differ(one: _Later, other: _Later) -> tuple[float, int]:
+    """How many times as much stretches differ from the next as from the other, at most, and in which channel; 0 where
+    that is no more often so than by chance."""
+    n = min(one.unlike.shape[1], other.unlike.shape[1])
+    a, b = one.unlike[:, :n], other.unlike[:, :n]
+    often = (2.0 * (a > b).mean(axis=1) - 1.0) * np.sqrt(n) >= min(_CHANCE, 0.99 * np.sqrt(n))
+    times = np.where(often, np.median(a, axis=1) / np.maximum(np.median(b, axis=1), _FINEST), 0.0)
+    return float(times.max()), int(times.argmax())
+
+
+def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Array, float]:
+    """The channels that were measured, x : (m, n) without wander, gaps and spikes, of size 1; and its time step [s]."""
     n = round(_SCREENED / dt)
-    starts = range(0, max(1, len(values) - n // 2), max(1, n))
-    return max((values[i : i + n] for i in starts), key=lambda piece: np.count_nonzero(~np.isnan(piece)))
-
-
-def _search(values: Array, dt: float) -> tuple[float, float]:
-    """The shortest lag at which the values repeat about as well as they ever do [s], and the correlation there."""
-    there = ~np.isnan(values)
-    if np.count_nonzero(there) < max(2 * FEWEST, 0.5 * len(values)):
-        return 0.0, -1.0
-    index = np.arange(len(values))
-    x = np.interp(index, index[there], values[there])
-    low, high = np.quantile(x, _ORDINARY)  # a few spikes must not hide the beat
-    x = np.clip(x, low - (high - low), high + (high - low))
-    few = max(1, int(_FINE / dt))
-    x = x[: len(x) // few * few].reshape(-1, few).mean(axis=1)
-    step = few * dt
-    x = _without_wander(x, step)
-    lags = min(int(LONGEST / step) + 2, int(0.75 * len(x)))
-    r = _correlation(x, lags)
-    falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
-    first = max(int(SHORTEST / step * 0.97), int(falls[0]) if len(falls) else lags, 1)
-    if first >= lags - 2:
-        return 0.0, -1.0
-    peaks = first + 1 + np.flatnonzero((r[first + 1 : -1] >= r[first:-2]) & (r[first + 1 : -1] > r[first + 2 :]))
-    if len(peaks) == 0:
-        return 0.0, -1.0
-    lag, height = _vertex(r, peaks)
-    enough = height.max() - max(_SLACK, 1.0 - height.max())
-    shortest = lag[np.flatnonzero(height >= enough)[0]]
-    near = np.flatnonzero((lag >= shortest) & (lag <= 1.2 * shortest))
-    at = near[height[near].argmax()]
-    return float(lag[at] * step), float(height[at])
+    length = len(next(iter(channels.values())))
+    parts = [slice(i, i + n) for i in range(0, max(1, length - n // 2), max(1, n))]
+    gaps = [sum(int(np.isnan(x[part]).sum()) for x in channels.values()) for part in parts]
+    part = parts[int(np.argmin(gaps))]
+    few = max(1, int(_FINE / dt * (1.0 + 1e-9)))
+    names, found = [], []
+    for name, values in channels.items():
+        there = ~np.isnan(values[part])
+        if np.count_nonzero(there) < max(2 * FEWEST, 0.5 * len(there)):
+            continue
+        x = without_extremes(without_gaps(values[part]))
+        x = _without_wander(x[: len(x) // few * few].reshape(-1, few).mean(axis=1), few * dt)
+        names.append(name)
+        found.append(x / max(float(x.std()), np.finfo(float).tiny))
+    return names, np.array(found), few * dt
 
 
 def _without_wander(x: Array, step: float) -> Array:
@@ -124,6 +227,17 @@ def _without_wander(x: Array, step: float) -> Array:
         spectrum[np.fft.rfftfreq(len(x), step) < _WANDER] = 0.0
         x = np.fft.irfft(spectrum, len(x))
     return x
+
+
+def _candidates(x: Array, step: float) -> Array:
+    """Lags [samples] at which the mean correlation of the channels is the highest near by, in order."""
+    count = min(int(LONGEST / step) + 2, int(0.75 * x.shape[1]))
+    r = np.mean([_correlation(each, count) for each in x], axis=0)
+    falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
+    first = max(int(SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
+    lags = np.arange(first + 1, len(r) - 1)
+    highest = [r[int(lag * (1.0 - _ELASTIC)) : int(lag * (1.0 + _ELASTIC)) + 1].max() for lag in lags]
+    return _vertex(r, lags[(r[lags] == highest) & (r[lags] > 0.0)])
 
 
 def _correlation(x: Array, lags: int) -> Array:
@@ -141,147 +255,78 @@ def _correlation(x: Array, lags: int) -> Array:
     return np.where(spread > floor, (products - head * tail / count) / np.sqrt(np.maximum(spread, floor)), 0.0)
 
 
-def _vertex(r: Array, peaks: Array) -> tuple[Array, Array]:
-    """Place and height of the parabola through each peak and its neighbours."""
+def _vertex(r: Array, peaks: Array) -> Array:
+    """Place of the parabola through each peak and its neighbours."""
     left, middle, right = r[peaks - 1], r[peaks], r[peaks + 1]
     bend = left - 2.0 * middle + right
-    offset = np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    return peaks + offset, middle - 0.25 * (left - right) * offset
+    return np.asarray(peaks + np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0))
 
 
-# --- the harmonic model -------------------------------------------------------------------------------------------
+class _Stretches:
+    """Stretches of one length [samples] of x : (m, n), half of it apart, to be compared with what follows them."""
+
+    def __init__(self, x: Array, length: float) -> None:
+        self.h = max(1.0, length / _SAMPLES)
+        self.y, self.w = _resampled(x, self.h), round(length / self.h)
+        self.windows = np.lib.stride_tricks.sliding_window_view(self.y, self.w, axis=1)
+        means = self.windows.mean(axis=2)
+        self.powers = np.maximum(np.einsum("ctj,ctj->ct", self.windows, self.windows) - self.w * means**2, _EXACT)
+        self.means = means
+
+    def later(self, lag: float) -> _Later:
+        """What follows them some lag later [samples]."""
+        there, reach = round(lag / self.h), round(_ELASTIC * lag / self.h)
+        last = self.powers.shape[1] - 1 - there - reach
+        if last < self.w:  # as far as the record is long
+            last = max(0, self.powers.shape[1] - 1 - there)
+        t = np.arange(0, last + 1, max(self.w // 2, -(-last // _STRETCHES)))
+        shifts = there + np.arange(-reach, reach + 1)
+        after = self.y[:, np.minimum(t[:, None] + np.arange(shifts[0], shifts[-1] + self.w), self.y.shape[1] - 1)]
+        first = self.windows[:, t] - self.means[:, t, None]
+        own = self.powers[:, t]
+        other = self.powers[:, np.minimum(t[:, None] + shifts, self.powers.shape[1] - 1)]
+        products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, self.w, axis=2), first[..., None])
+        r = products[..., 0] / np.sqrt(own[..., None] * other)
+        joint = np.einsum("cts,ct->ts", r, np.sqrt(own / own.mean(axis=1, keepdims=True)))
+        best = joint.argmax(axis=1)
+        other = other[:, np.arange(len(t)), best]
+        offset, r = _peak(joint, r, best)
+        size = np.sqrt(own * other)
+        unlike = (own + other - 2.0 * r * size) / (2.0 * own.mean(axis=1, keepdims=True))
+        shift = (shifts[best] + offset) * self.h
+        return _Later(_weighted_median(r, size), unlike, shift, (own / own.mean(axis=1, keepdims=True)).sum(axis=0))
+
+    def hold(self, lengths: float) -> bool:
+        """Whether the record is so many of their lengths long."""
+        return self.y.shape[1] >= lengths * self.w
 
 
-def _block(n: int) -> int:
-    """Samples in a block: about √n, so that the fewest phasors are computed."""
-    return 1 << round(np.log2(max(n, 2)) / 2)
+def _weighted_median(r: Array, weights: Array) -> Array:
+    """Along the last axis."""
+    order = np.argsort(r, axis=1)
+    total = np.cumsum(np.take_along_axis(weights, order, axis=1), axis=1)
+    middle = (total < 0.5 * total[:, -1:]).sum(axis=1)
+    return np.take_along_axis(r, np.take_along_axis(order, middle[:, None], axis=1), axis=1)[:, 0]
 
 
-@lru_cache(maxsize=8)  # the channels of a record share them
-def _phasors(f: float, count: int, stride: int, orders: int) -> Array:
-    """e^{-2πi k f stride b}, b = 0..count-1, k = 0..orders-1; cycles are reduced first to keep their digits."""
-    cycles = (np.arange(count) * (stride * f)) % 1.0
-    return np.exp(-2j * np.pi * (np.outer(cycles, np.arange(orders)) % 1.0))
+def _peak(joint: Array, r: Array, best: Array) -> tuple[Array, Array]:
+    """Where between the shifts the parabola through the joint correlation, (t, s), is highest, and r there : (c, t)."""
+    row, last = np.arange(len(best)), joint.shape[1] - 1
+    if last < 2:
+        return np.zeros(len(best)), r[:, row, best]
+    k = np.clip(best, 1, last - 1)
+    left, middle, right = joint[row, k - 1], joint[row, k], joint[row, k + 1]
+    bend = left - 2.0 * middle + right
+    offset = np.where((bend < 0.0) & (k == best), 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0)
+    left, middle, right = r[:, row, k - 1], r[:, row, k], r[:, row, k + 1]
+    there = middle + 0.5 * offset * (right - left) + 0.5 * offset**2 * (left - 2.0 * middle + right)
+    return offset, np.where(k == best, there, r[:, row, best])
 
 
-def sums(x: Array, f: float, orders: int) -> Array:
-    """Σ_j x_j e^{-2πi k f j}, k = 0..orders-1 : (orders,) complex."""
-    block = _block(len(x))
-    blocks = -(-len(x) // block)
-    table = np.zeros(blocks * block)
-    table[: len(x)] = x
-    inner = _phasors(f, block, 1, orders)
-    both = table.reshape(blocks, block) @ np.hstack([inner.real, inner.imag])
-    partial = both[:, :orders] + 1j * both[:, orders:]
-    return np.einsum("bk,bk->k", _phasors(f, blocks, block, orders), partial)
-
-
-def evaluate(c: Array, f: float, n: int) -> Array:
-    """m_j = Re Σ_k c_k e^{2πi k f j} at n samples : (n,)."""
-    block = _block(n)
-    orders, blocks = len(c), -(-n // block)
-    outer = c * _phasors(f, blocks, block, orders).conj()
-    inner = _phasors(f, block, 1, orders).conj().T
-    return (np.hstack([outer.real, -outer.imag]) @ np.vstack([inner.real, inner.imag])).ravel()[:n]
-
-
-def highest(f: float, n: int, measured: int) -> int:
-    """The highest harmonic that n samples, of which some are ``measured``, tell from its alias."""
-    K = int(0.5 / f - 0.5 / max(1.0, n * f))  # distance to the alias: a whole turn over the record
-    return max(1, min(K, MOST, measured // 4))
-
-
-@dataclass(frozen=True)
-class Normal:
-    """The normal equations of the harmonic model for one set of measured samples: Hermitian, Toeplitz, factored."""
-
-    f: float
-    K: int
-    factor: tuple[Array, bool]
-
-    @classmethod
-    def of(cls, there: Array | None, f: float, K: int, n: int) -> Normal:
-        """there : (n,) 1 where measured, 0 in gaps; None without gaps. One set serves all channels without gaps."""
-        s = sums(np.ones(n) if there is None else there, f, 2 * K + 1)
-        index = np.arange(2 * K + 1)
-        lag = index[:, None] - index[None, :]
-        matrix = np.where(lag >= 0, s[np.abs(lag)], s[np.abs(lag)].conj())
-        matrix[index, index] += 1e-13 * s[0].real  # gaps may leave a combination barely determined
-        return cls(f, K, cho_factor(matrix))
-
-    def solve(self, x: Array) -> Array:
-        """c_k, k = 0..K, by least squares; x : (n,), zero in gaps."""
-        b = sums(x, self.f, self.K + 1)
-        X = cho_solve(self.factor, np.concatenate([b[:0:-1].conj(), b]))[self.K :]
-        return np.concatenate([X[:1].real, 2.0 * X[1:]])
-
-
-def refine(values: Array, f: float) -> float:
-    """f by Gauss–Newton on growing stretches: each tells the period well enough not to lose count in the next."""
-    n = len(values)
-    low, high = np.nanquantile(values, _ORDINARY)
-    there = np.abs(np.nan_to_num(values, nan=np.inf) - 0.5 * (low + high)) <= 1.5 * (high - low)  # no gaps, no spikes
-    filled = np.where(there, values - values[there].mean(), 0.0)
-    length = min(n, int(6.0 / f) + 1)
-    while True:
-        if np.count_nonzero(there[:length]) > 0.5 * length or length == n:
-            f = _gauss_newton(filled[:length], there[:length], f)
-        if length == n:
-            return f
-        length = min(n, 3 * length)
-
-
-def _gauss_newton(x: Array, there: Array, f: float) -> float:
-    """The f of the least-squares fit of harmonics, drift and period to one stretch; x : (n,), zero in gaps."""
-    n = len(x)
-    gaps = None if there.all() else there.astype(float)
-    measured = int(there.sum())
-    index = np.arange(n) - (n - 1) / 2.0
-    drift = _drift(n, f) * there
-    last = np.inf
-    for _ in range(25):
-        K = highest(f, n, measured)
-        model = _Stretch(Normal.of(gaps, f, K, n), there, drift)
-        residual, c = model.without(x)
-        noise = 2.0 * (residual @ residual) / measured**2  # of |c_k|²; harmonics below it say nothing on the period
-        trusted = np.maximum(0.0, 1.0 - 4.0 * noise / np.maximum(np.abs(c) ** 2, np.finfo(float).tiny))
-        slope = evaluate(2j * np.pi * np.arange(K + 1) * trusted * c, f, n)
-        g = model.without(index * slope * there)[0]  # what the other coefficients explain is not the period's
-        size = g @ g
-        if not size > 0.0:
-            return f
-        step = float(np.clip(residual @ g / size, -0.1 / n, 0.1 / n))
-        f += step
-        doubt = np.sqrt(residual @ residual / (measured * size))  # standard deviation of f
-        if abs(step) < max(4e-16 * f, _ENOUGH * doubt) or (abs(step) < 1e-9 * f and abs(step) > 0.3 * last):
-            return f  # rounding has the last word where there is no noise
-        last = abs(step)
-    return f
-
-
-def _drift(n: int, f: float) -> Array:
-    """Polynomials of degree 1 to 3 over a stretch : (3, n); none for many beats, whose period no drift can feign."""
-    degrees = range(1, 4) if n * f < _MANY else range(0)
-    return np.array([Legendre.basis(d)(np.linspace(-1.0, 1.0, n)) for d in degrees]).reshape(len(degrees), n)
-
-
-class _Stretch:
-    """Least squares on harmonics and drift together: the harmonics are taken out of the drift first."""
-
-    def __init__(self, normal: Normal, there: Array, drift: Array) -> None:
-        self.normal, self.there = normal, there
-        self.coefficients = [normal.solve(each) for each in drift]
-        self.left = np.array([each - self._model(c) for each, c in zip(drift, self.coefficients, strict=True)])
-
-    def _model(self, c: Array) -> Array:
-        return evaluate(c, self.normal.f, len(self.there)) * self.there
-
-    def without(self, x: Array) -> tuple[Array, Array]:
-        """x less harmonics and drift, and the harmonics."""
-        c = self.normal.solve(x)
-        residual = x - self._model(c)
-        if len(self.left):
-            amounts = np.linalg.solve(self.left @ self.left.T, self.left @ residual)
-            residual = residual - amounts @ self.left
-            c = c - amounts @ np.array(self.coefficients)
-        return residual, c
+def _resampled(x: Array, h: float) -> Array:
+    """Means of x : (m, n) over intervals of h samples, h >= 1."""
+    n = x.shape[1]
+    total = np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
+    edges = np.arange(int(n / h) + 1) * h
+    whole = np.minimum(edges.astype(int), n - 1)
+    return np.asarray(np.diff(total[:, whole] + (edges - whole) * x[:, whole], axis=1) / h)

@@ -17,9 +17,11 @@ _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4
 def uniform(given: Array, factor: float, title: str, place: Place) -> Array:
     """The uniform time axis [s] behind printed times: the straight line through them.
 
-    A printed time may be off by its rounding: half a unit of its last decimal, or of the last of its significant digits
-    (%.6g), or of single precision, if all of them are such numbers. Never by a quarter of a step: a lost sample bends
-    the line by half a step at least.
+    A printed time may be off by a unit of its last decimal, or of the last of its significant digits (%.6g): rounded it
+    is off by half of one, cut off by a whole one, and a product such as 7 * 0.005 may lie on either side of a digit. Or
+    by the rounding of single precision, if all are such numbers. Never by a quarter of a step where one is half as long
+    again as the others: a lost sample bends the line by half a step. The unit must be less than half a step, else such
+    a step tells nothing.
     """
     n = len(given)
     bad = np.flatnonzero(~np.isfinite(given))
@@ -42,18 +44,19 @@ def uniform(given: Array, factor: float, title: str, place: Place) -> Array:
     dt = (given - given[0]) @ index / (index @ index)
     line = given[0] + np.mean(given - given[0]) + dt * index
     decimal = _last_decimal(given)
-    rounding = 0.75 * decimal + 1e-6 * dt + _DOUBLE * np.abs(given).max()
+    rounding = decimal + 1e-6 * dt + _DOUBLE * np.abs(given).max()
     worst = np.abs(given - line).max()
     if worst > rounding:
-        rounding = max(rounding, 0.75 * _last_digit(given))
+        rounding = max(rounding, _last_digit(given))
     if worst > rounding and _single(given):
         rounding += _SINGLE * np.abs(given).max()
-    if not dt > 0.0 or worst > min(rounding, 0.25 * dt):
+    whole = rounding < 0.5 * dt and step.max() < 1.5 * dt  # no sample lost
+    if not dt > 0.0 or worst > min(rounding, 0.5 * dt if whole else 0.25 * dt):
         usual = float(np.median(step))
         off = np.abs(step - usual)
         first = np.flatnonzero(off > min(max(1.01 * decimal, 2.0 * rounding), 0.999 * off.max()))
         at = int(first[0]) if len(first) else int(off.argmax())
-        advice = "print the time with more decimals, " if 2.0 * decimal > dt else ""
+        advice = "print the time with more decimals, " if 2.0 * decimal >= dt else ""
         refuse(
             place,
             at + 1,

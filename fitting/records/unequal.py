@@ -27,9 +27,8 @@ _UNLIKE = 0.35  # of the pulse, by which a beat may differ
 _USUAL = 6.0  # times as much as beats usually do
 _ORDINARY = (0.05, 0.95)  # quantiles: spikes are beyond them
 _MISSING = 3  # odd beats in a row that do not end a stretch
-_ONE = 1.5  # intervals: a period that is shorter holds one beat; one of two upstrokes is longer, as is one of two beats
-_RUNS = 0.7  # of the usual intervals that must be followed by another, or each is a part of a beat
-_SAME = 0.1  # of a beat, by which a period may differ from a whole number of intervals
+_ONE = 1.5  # intervals: a period that is shorter is that of single beats
+_SAME = 0.1  # of a beat, by which a strict period may differ from the usual interval
 _END = 0.06  # of a beat: its end, from which it goes on
 _FEWEST = 4  # upstrokes
 _NAMED = 3
@@ -101,7 +100,7 @@ class Whole:
 
 
 def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
-    """The beats if their intervals or pulses differ, or T [s] is not their length but near it or several; else None."""
+    """The beats, T [s] long or near it, if their intervals or pulses differ; else None."""
     found = find_upstrokes(channels, T / dt)
     if found is None or len(found.at) < _FEWEST or np.median(found.likeness) < _ALIKE:
         return None
@@ -110,15 +109,10 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
     intervals = intervals / passed
     beats = T / dt / usual
-    one = 1.0 / _ONE < beats < _ONE  # whatever its length: upstrokes tell that better where the rate drifts
-    several = round(beats) > 1 and abs(beats / round(beats) - 1.0) < _SAME
-    if not (one or several):
+    if not 1.0 / _ONE < beats < _ONE:  # whatever its length: upstrokes tell that better where the rate drifts
         return None
     x = without_gaps(channels[found.channel])
     near = np.abs(intervals - usual) <= _NEAR * usual
-    seen = near & (passed == 1.0)
-    if several and (seen[1:] & seen[:-1]).sum() < _RUNS * near.sum():  # one beat of two upstrokes: they alternate
-        return None
     if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)

@@ -9,14 +9,17 @@ import numpy as np
 
 Array = np.ndarray
 
-_NEAREST = 0.4  # of the period: two upstrokes are no closer
-_RISE = 0.4  # of the usual upstroke's steepness, from which a rise is an upstroke
+_NEAREST = 0.6  # of the period: two beats are no closer
 _WIDE = 0.08  # of the period: means on either side whose difference is the rise; the one after a notch is shorter
 _SMOOTH = 0.04  # of the period, over which samples are averaged before slopes are taken
 _BEFORE, _AFTER = 0.12, 0.28  # of the period: the part of a beat that tells its time
-_SEARCHED = 0.08  # of the period, by which an upstroke may come earlier or later than its steepest sample says
+_END = 0.73  # of the period after an upstroke: the part that tells one beat from half of another
+_RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
+_SEARCHED = 0.08  # of the period, by which an upstroke may come earlier or later than the mean beat says
 _FLAT = 0.1  # of the steepest slope: where the foot is
 _FEWEST = 3  # upstrokes
+_ORDINARY = (0.02, 0.98)  # quantiles: the usual range
+_PASSES = 6  # at most, that find the length of a beat
 _SURE = 0.7  # of the usual likeness: what is less alike is an artefact
 
 
@@ -30,23 +33,34 @@ class Upstrokes:
 
 
 def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | None:
-    """The upstrokes of the channel whose upstrokes are most alike; length : samples a beat, or a multiple of it.
+    """The upstrokes, one a beat, of the channel whose upstrokes are most alike; length : samples a beat.
 
     None if no channel has three.
     """
-    found = [each for name, x in channels.items() if (each := _of(name, x, length)) is not None]
+    x = {name: without_gaps(values) for name, values in channels.items()}
+    ordinary = np.array([without_extremes(each) for each in x.values()])
+    tried: dict[float, Array] = {}
+    while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
+        tried[length] = marks = _beats(ordinary, length)
+        if len(marks) < _FEWEST:
+            return None
+        length = float(np.median(np.diff(marks)))
+    lengths = list(tried)
+    length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
+    marks = tried[length]
+    found = [each for name in x if (each := _of(name, x[name], np.isnan(channels[name]), marks, length)) is not None]
     return max(found, key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)), default=None)
 
 
-def _of(name: str, values: Array, length: float) -> Upstrokes | None:
-    x = without_gaps(values)
-    at = _steepest(x, length)
-    if len(at) < _FEWEST:
+def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes | None:
+    """A channel's upstrokes, one at each of the marks."""
+    before, after, most, end = (max(2, round(part * length)) for part in (_BEFORE, _AFTER, _SEARCHED, _END))
+    inside = marks[(marks >= before) & (marks < len(x) - end)]
+    if len(inside) < _FEWEST:
         return None
-    length = float(np.median(np.diff(at)))  # a multiple no longer
-    at = _steepest(x, length)
-    before, after, most = (max(2, round(part * length)) for part in (_BEFORE, _AFTER, _SEARCHED))
-    at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
+    mean = np.mean([x[p - before : p + end] for p in inside], axis=0)
+    at = (marks + int(_rise(mean, length).argmax()) - before).astype(float)
+    at = at[(at >= before + most) & (at < len(x) - after - most)]
     if len(at) < _FEWEST:
         return None
     for _ in range(2):
@@ -54,26 +68,53 @@ def _of(name: str, values: Array, length: float) -> Upstrokes | None:
         moved = [_best(x, round(p), windows.mean(axis=0), before, after, most) for p in at]
         at = np.clip([p for p, _ in moved], before + most, len(x) - after - most - 1)
     likeness = np.array([each for _, each in moved])
-    gaps = np.concatenate([[0], np.cumsum(np.isnan(values))])
+    lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = (likeness >= _SURE * np.median(likeness)) & (gaps[around + after] == gaps[around - before])
+    sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
     return Upstrokes(name, at[sure], likeness[sure]) if sure.sum() >= _FEWEST else None
 
 
-def _steepest(x: Array, length: float) -> Array:
-    """Samples about which x rises most, one a beat."""
-    half = max(1, round(_WIDE * length))
-    total = np.concatenate([[0.0], np.cumsum(x)])
-    j = np.arange(half, len(x) - half)
-    rise = total[j + half] - 2.0 * total[j] + total[j - half]
-    block = max(1, round(length))
-    blocks = [rise[i : i + block].max() for i in range(0, max(1, len(rise) - block + 1), block)] if len(rise) else []
-    if not blocks:
-        return np.zeros(0, int)
+def _beats(x: Array, length: float) -> Array:
+    """Samples at which all channels (m, n) together resemble their mean beat, one a beat.
+
+    A beat has one such place, however many upstrokes. The mean beat is begun with the one whose rise is the usual one.
+    """
     from scipy.signal import find_peaks  # takes half a second
 
-    peaks, _ = find_peaks(rise, height=_RISE * float(np.median(blocks)), distance=max(1, round(_NEAREST * length)))
-    return np.asarray(peaks + half)
+    before, end, block = (max(2, round(part * length)) for part in (_BEFORE, _END, 1.0))
+    x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
+    rise = np.sum([np.maximum(_rise(each, length), 0.0) for each in x], axis=0)
+    starts = range(0, max(1, x.shape[1] - block + 1), block)
+    tops = sorted((float(rise[i : i + block].max()), i + int(rise[i : i + block].argmax())) for i in starts)
+    at = np.array([tops[len(tops) // 2][1]])
+    padded = np.pad(x, ((0, 0), (before, end)), mode="edge")
+    for _ in range(3):
+        windows = padded[:, at[:, None] + np.arange(before + end)]
+        alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
+        usual = np.median([alike[i : i + block].max() for i in starts])
+        at, _ = find_peaks(alike, height=_RESEMBLING * usual, distance=max(1, round(_NEAREST * length)))
+        if not len(at):
+            break
+    return np.asarray(at)
+
+
+def _rise(x: Array, length: float) -> Array:
+    """By how much the mean after a sample is higher than that before it : (n,)."""
+    half = max(1, round(_WIDE * length))
+    total = np.concatenate([[0.0], np.cumsum(np.pad(x, half, mode="edge"))])
+    j = np.arange(half, half + len(x))
+    return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
+
+
+def _alike(x: Array, beat: Array) -> Array:
+    """The correlation of a beat with each stretch of x that is as long."""
+    from scipy.signal import fftconvolve
+
+    w, beat = len(beat), beat - beat.mean()
+    total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
+    power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
+    size = np.sqrt(np.maximum(power, 1e-9 * w) * max(float(beat @ beat), np.finfo(float).tiny))
+    return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
 
 
 def _best(x: Array, p: int, template: Array, before: int, after: int, most: int) -> tuple[float, float]:
@@ -115,3 +156,9 @@ def without_gaps(x: Array) -> Array:
         return x
     index = np.arange(len(x))
     return np.interp(index, index[there], x[there])
+
+
+def without_extremes(x: Array) -> Array:
+    """x with what lies beyond its usual range by as much brought to there: a few spikes must not hide the beat."""
+    low, high = np.quantile(x, _ORDINARY)
+    return np.clip(x, low - (high - low), high + (high - low))
