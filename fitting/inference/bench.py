@@ -54,6 +54,7 @@ class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
     loop : the mean beats; K : harmonics above the noise; n_beats : behind them. error : (N//2 + 1,) [Pa] of the law.
+    highest : half the sampling rate [Hz].
     """
 
     kind = "bench"
@@ -66,6 +67,7 @@ class Bench(Forward):
     K: int
     n_beats: int
     error: Array = field(default_factory=lambda: np.zeros(1))
+    highest: float = np.inf
 
     @cached_property
     def artery(self) -> Network:
@@ -106,11 +108,8 @@ class Bench(Forward):
         """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
         for begin in (start, None):
             with suppress(NoFit):
-                return self._allowed(fit(self, terms, begin, known))
+                return allowed(self.network, fit(self, terms, begin, known), self.highest)
         return None
-
-    def _allowed(self, found: Fit) -> Fit | None:
-        return found if allowed(self.network, found) else None
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         found: list[Fit | None] = []
@@ -118,7 +117,7 @@ class Bench(Forward):
             (runs or Runs()).check()
             found.append(None)
             with suppress(NoFit, np.linalg.LinAlgError):
-                found[-1] = self._allowed(_searched(self, f.member))
+                found[-1] = allowed(self.network, _searched(self, f.member), self.highest)
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
@@ -234,7 +233,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
         highest.append(int(above[-1]) if len(above) else 1)
     # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
     K = min(_MOST_HARMONICS, max(1, min(highest)))
-    return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats)
+    return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats, highest=0.5 * beats.N / beats.T)
 
 
 # --- the search -------------------------------------------------------------------------------------------------------

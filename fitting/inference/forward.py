@@ -162,6 +162,11 @@ class Forward(Protocol):
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
 
+    def answer(self, wave: Array, fit: Fit) -> Array | None:
+        """(K+1, m) what inference holds that the sensors of a hypothesis show under a wave that drives it, to compare
+        with the FMU's; None where a wave drives nothing there, or the simulation breaks down."""
+        return None
+
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
         """(K+1, m) coefficients of the mean of some beats, as a beat that repeats has them."""
         return mean_beat(beats, self.signals, K)

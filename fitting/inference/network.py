@@ -19,7 +19,7 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.felt import Felt
-from ..records.inflow import inflow
+from ..records.inflow import Inflow, inflow
 from ..records.noise import (
     MAX_HARMONICS,
     Target,
@@ -130,6 +130,15 @@ class NetworkProblem(Forward):
         full[0] -= offset
         full[: self.K + 1] /= shown
         return np.fft.irfft(full, beats.N, norm="forward")
+
+    def answer(self, wave: Array, fit: Fit) -> Array | None:
+        X = np.fft.rfft(wave, norm="forward")
+        X[-1] *= 1.0 if len(wave) % 2 else 0.5
+        shown, offset = meter(fit.member, len(X), self.simulator.T)
+        X *= shown  # as the flow meter shows it, which is what drives hypotheses
+        X[0] += offset
+        drive = Inflow(self.simulator.T, X, np.ones(len(X), bool))
+        return replace(self, simulator=replace(self.simulator, drive=drive)).observe([fit.member])[0]
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
@@ -354,7 +363,7 @@ class NetworkProblem(Forward):
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
-        return found if allowed(self.network, found) else None
+        return allowed(self.network, found, 0.5 * self.beats.N / self.beats.T)
 
 
 def network_problem(
