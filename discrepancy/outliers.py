@@ -58,8 +58,9 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     limits = {} if none.terms else standing_out(none.unknowns, none.x)
     if not limits:
         return
-    held = _held(none, limits)
-    kept = [n.fit for n in (*found.nones, *found.ranked) if not (n.individual and _beyond(n.fit, limits))]
+    kinds = {u.group: limits[u.name] for u in none.unknowns if u.name in limits}
+    held = _held(none, kinds)
+    kept = [n.fit for n in (*found.nones, *found.ranked) if not (n.individual and _beyond(n.fit, kinds))]
     yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
     odd = _odd(none, limits)
     asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
@@ -74,10 +75,15 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
 
 
 def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
-    """The unknowns that stand out, farthest first, and of their kinds others that are far: what all have in common may
-    have moved for them."""
+    """The unknowns that stand out, farthest first, and of their kinds others that are far, or all where they are few:
+    what all have in common may have moved instead."""
+    groups = [u.group for u in none.unknowns]
     kinds = {u.group for u in none.unknowns if u.name in limits}
-    far = [i for i, u in enumerate(none.unknowns) if u.group in kinds and abs(none.x[i]) > at.BEYOND]
+    far = [
+        i
+        for i, (group, x) in enumerate(zip(groups, none.x, strict=True))
+        if group in kinds and (abs(x) > at.BEYOND or groups.count(group) <= _FEWEST)
+    ]
     return sorted(far, key=lambda i: (none.unknowns[i].name not in limits, -abs(none.x[i])))
 
 
@@ -125,11 +131,11 @@ def _owner(unknown: Unknown) -> str:
     return unknown.variables[0].partition(".")[0]
 
 
-def _held(fit: Fit, limits: dict[str, float]) -> Fit:
-    """A fit with these numbers where one of their kind may be."""
-    unknowns = tuple(u.within(limits[u.name]) if u.name in limits else u for u in fit.unknowns)
+def _held(fit: Fit, kinds: Mapping[str, float]) -> Fit:
+    """A fit with all numbers of some kinds where one of these may be: else another one would stand out instead."""
+    unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in fit.unknowns)
     return replace(fit, unknowns=unknowns, x=np.clip(fit.x, *bounds(unknowns)))
 
 
-def _beyond(fit: Fit, limits: dict[str, float]) -> bool:
-    return any(abs(x) > limits.get(u.name, np.inf) for u, x in zip(fit.unknowns, fit.x, strict=True))
+def _beyond(fit: Fit, kinds: Mapping[str, float]) -> bool:
+    return any(abs(x) > kinds.get(u.group, np.inf) for u, x in zip(fit.unknowns, fit.x, strict=True))

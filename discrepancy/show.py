@@ -117,11 +117,9 @@ def _pulsation(part: Beats, name: str, K: int) -> Array:
 
 def _noise(study: Study, part: Beats, K: int) -> Array:
     """(K+1, m) variance of the coefficients of the mean of some beats, by the noise that the fitted ones show."""
-    names = study.problem.signals
-    S = np.einsum("kii->ki", study.fitted.covariance(names)).real[: K + 1]
-    noise = S * (study.fitted.n_beats / part.n_beats)
+    noise = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
     if part is not study.fitted:
-        noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, names))
+        noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, study.problem.signals))
     return np.maximum(noise, 1e-300)
 
 

@@ -104,8 +104,7 @@ class Bench(Forward):
                 known = min(known, last.cost)
         return found
 
-    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:
-        """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
+    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start, or nothing
         for begin in (start, None):
             with suppress(NoFit):
                 return allowed(self.network, fit(self, terms, begin, known), self.highest)
@@ -213,6 +212,11 @@ class Bench(Forward):
         omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
         return Seen(wall, self.loop.T, *(chain(moved, name, omega) for name in self.signals))
 
+    @property
+    def noise(self) -> Array:
+        error = np.stack([self.error, 0.0 * self.error], axis=1)
+        return (np.einsum("kii->ki", self.loop.noise).real - error**2)[: self.K + 1]
+
     def covariance(self, beats: Beats) -> Array:
         """(N//2 + 1, 2, 2) of the sensors."""
         return beats.covariance(self.signals)
@@ -222,12 +226,9 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
     """The bench of a record. Raises ValueError if P or R of the site is missing."""
     loop = mean_loop(beats, site)
     signals = (f"{site}.P", f"{site}.R")
-    own = loop.noise
-    pulse = [np.ptp(loop.P), np.ptp(loop.R)]
-    noise = loop.noise.copy()
-    highest = []
+    own, noise, highest = loop.noise, loop.noise.copy(), []
     for i, x in enumerate((loop.P, loop.R)):
-        noise[:, i, i] += (_FLOOR * pulse[i]) ** 2 / loop.N
+        noise[:, i, i] += (_FLOOR * np.ptp(x)) ** 2 / loop.N
         X = np.abs(spectral.coefficients(x)) ** 2
         above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
         highest.append(int(above[-1]) if len(above) else 1)

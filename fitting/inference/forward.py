@@ -174,5 +174,9 @@ class Forward(Protocol):
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
 
+    @property
+    def noise(self) -> Array:
+        """(K+1, m) variance of the mean beats by the sensors alone, which gaps are counted in."""
+
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""
