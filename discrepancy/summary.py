@@ -96,7 +96,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         kind=study.problem.kind,
         effects=effects,
         members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
-        reason=None if naming.verdict == "partial" else remarks,
+        reason=None if naming.verdict in ("partial", "none") else remarks,
         remains=remarks if naming.verdict == "partial" else None,
         separating_measurement=separating_measurement(naming),
         located=located.located,
