@@ -4,7 +4,8 @@
    animal has of its own under priors; a second effect beside the best where one alone leaves something, on a bench
    every two (:mod:`discrepancy.couples`).
 2. Walls that differ (:mod:`discrepancy.walls`), where more than the model without effect is needed: every artery with
-   deviations of its own, whose spread the record tells; the same again.
+   deviations of its own, whose spread the record tells; the same again. A number that stands out from its kind is no
+   deviation (:mod:`discrepancy.outliers`).
 3. All are compared by evidence (:mod:`discrepancy.weigh`), exact and with an error of the model beside them.
 4. The class holds all that the data cannot rule out (:mod:`discrepancy.verdict`). One effect is named only if the class
    has one member; of two together the best pair is, with the class beside it. Where more than noise remains beside the
@@ -26,6 +27,7 @@ from .compare import Compared, hopeless, rewirings
 from .couples import coupled
 from .further import further
 from .intervals import profiled
+from .outliers import set_apart
 from .verdict import Naming, decided
 from .walls import with_own_walls
 from .weigh import scores, shortlist
@@ -54,7 +56,16 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
 
 def _stages(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | None) -> Iterator[Compared]:
-    """What is known after every stage."""
+    """What is known after every stage; at last, with what stands out in the animal's walls."""
+    found = None
+    for found in _searched(problem, terms, runs, walls):
+        yield found
+    if found is not None:
+        yield from set_apart(found, runs)
+
+
+def _searched(problem: Forward, terms: tuple[Term, ...], runs: Runs, walls: str | None) -> Iterator[Compared]:
+    """What is known after every stage of the search for effects."""
     own = problem.individual()
     if own is problem or walls == COMMON:
         for found in _with_common_walls(problem, terms, runs):

@@ -197,6 +197,21 @@ class Round:
 
 
 @dataclass(frozen=True)
+class Agreement:
+    """The FMU beside the model that inference compared, with the same numbers and under the same wave.
+
+    difference : the largest of a Fourier coefficient, of its channel's pulse; where that is. fmu, inferred : the gap
+    that each leaves on (fitted, held-out) beats.
+    """
+
+    difference: float
+    channel: str
+    harmonic: int
+    fmu: tuple[float, float]
+    inferred: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Outcome(Shown):
     """Everything that verdict.json and report.html say.
 
@@ -206,6 +221,7 @@ class Outcome(Shown):
     gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
     "network". parity : largest difference of the rebuilt FMU from the direct solver, of a channel's pulse: under the
     record's inflow, or, of a bench, under the network's own; None where that moves nothing.
+    agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
 
@@ -239,6 +255,7 @@ class Outcome(Shown):
     gap_before: tuple[float, float] | None = None
     gap_after: tuple[float, float] | None = None
     parity: float | None = None
+    agreement: Agreement | None = None
     p_value: float | None = None
     network_before: Network | None = None
     network_after: Network | None = None
@@ -304,6 +321,10 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         }
         return {"kind": w.kind, "spread": spread, "arteries": arteries}
 
+    def against(a: Agreement) -> dict[str, Any]:
+        at = {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic}
+        return {**at, "gap": {"fmu": gap(a.fmu), "inferred": gap(a.inferred)}}
+
     channels = {
         c.name: {"before": c.gap_before[1], "after": None if c.gap_after is None else c.gap_after[1]}
         for c in outcome.channels
@@ -335,6 +356,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "held_out_sites": dict(outcome.sites),
         "smallest_detectable": {name: asdict(least) for name, least in outcome.smallest.items()},
         "fmu_against_solver": outcome.parity,
+        "fmu_against_inference": None if outcome.agreement is None else against(outcome.agreement),
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
         "warnings": list(outcome.warnings),
         "notes": list(outcome.notes),

@@ -6,6 +6,7 @@ was, not only the one noisy sensor. What is left is divided by the sensors' own 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
+from fitting.records.beats import Beats
 from fitting.records.noise import check_flow_driven
 from fitting.records.spectral import shift
 from solver import Settings, simulate, simulate_periodic
@@ -68,22 +70,63 @@ def free_run(fmu: Path, study: Study, fit: Fit, wave: Array, starts: Mapping[str
 
 def compared(study: Study, fit: Fit, X: Array) -> Run:
     """The run of coefficients X : (n, m) as the FMU gives them."""
-    problem, names = study.problem, study.problem.signals
-    K = min(problem.K, len(X) - 1)
-    X = sensed(study, fit, X[: K + 1])
+    names = study.problem.signals
+    X = sensed(study, fit, X[: min(study.problem.K, len(X) - 1) + 1])
     beats = {name: np.fft.irfft(x, study.fitted.N, norm="forward") for name, x in zip(names, X.T, strict=True)}
-    S = np.einsum("kii->ki", study.fitted.covariance(names)).real[: K + 1]
-    parts = []
+    return Run(X, beats, gap(study, X))
+
+
+def gap(study: Study, X: Array) -> Gap:
+    """What coefficients X : (K+1, m) as sensors show them leave of the record."""
+    K = len(X) - 1
+    weight, each = _weights(K), []
     for part in (study.fitted, study.held_out):
-        noise = S * (study.fitted.n_beats / part.n_beats)
-        if part is not study.fitted:
-            noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, names))
-        parts.append(np.abs(X - problem.repeated(part, study.fitted, K)) ** 2 / np.maximum(noise, 1e-300))
-    weight = np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
-    each = [np.sqrt((weight * p).sum(axis=0) / weight.sum()) for p in parts]
-    total = tuple(float(np.sqrt(np.mean(e**2))) for e in each)
-    by_channel = {n: (float(each[0][i]), float(each[1][i])) for i, n in enumerate(names)}
-    return Run(X, beats, Gap((total[0], total[1]), by_channel))
+        power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2 / _noise(study, part, K)
+        each.append(np.sqrt((weight * power).sum(axis=0) / weight.sum()))
+    fitted, held_out = (float(np.sqrt(np.mean(e**2))) for e in each)
+    by_channel = {n: (float(each[0][i]), float(each[1][i])) for i, n in enumerate(study.problem.signals)}
+    return Gap((fitted, held_out), by_channel)
+
+
+def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:
+    """By how much χ² of the held-out beats falls from one run to another, and the standard deviation of that.
+
+    With the coefficients b and a of the runs and y of the mean of n beats, Σ w (|b - y|² - |a - y|²)/S is linear in y:
+    its noise is that of 2 Σ w Re((a - b)* y)/S, whose scatter from beat to beat is seen. Means, which drift, have that
+    of :func:`compared`.
+    """
+    names, K = study.problem.signals, len(before.X) - 1
+    S, w = _noise(study, study.held_out, K), _weights(K)
+    y = study.problem.repeated(study.held_out, study.fitted, K)
+    value = float((w * (np.abs(before.X - y) ** 2 - np.abs(after.X - y) ** 2) / S).sum())
+    slope = 2.0 * w * (after.X - before.X) / S
+    scatter, free = 0.0, 0
+    for part in (study.fitted, study.held_out):
+        each = sum(_pulsation(part, name, K) @ slope[1:, i].conj() for i, name in enumerate(names)).real
+        scatter += float(((each - each.mean()) ** 2).sum())
+        free += len(each) - 1
+    variance = scatter / free / study.held_out.n_beats + float((np.abs(slope[0]) ** 2 * S[0]).sum())
+    return value, math.sqrt(variance)
+
+
+def _pulsation(part: Beats, name: str, K: int) -> Array:
+    """(n_beats, K) coefficients 1 … K of the beats of a channel, with the mean beat in gaps."""
+    beats = part.values[name]
+    whole = np.where(np.isnan(beats), part.mean(name), beats)
+    return np.fft.rfft(whole, norm="forward")[:, 1 : K + 1]
+
+
+def _noise(study: Study, part: Beats, K: int) -> Array:
+    """(K+1, m) variance of the coefficients of the mean of some beats, by the noise that the fitted ones show."""
+    noise = study.problem.noise[: K + 1] * (study.fitted.n_beats / part.n_beats)
+    if part is not study.fitted:
+        noise[0] = np.maximum(noise[0], mean_wander(part, study.fitted, study.problem.signals))
+    return np.maximum(noise, 1e-300)
+
+
+def _weights(K: int) -> Array:
+    """(K+1, 1) of real and of complex coefficients."""
+    return np.where(np.arange(K + 1) == 0, 1.0, 2.0)[:, None]
 
 
 def sensed(study: Study, fit: Fit, X: Array) -> Array:

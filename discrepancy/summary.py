@@ -19,10 +19,11 @@ from solver.units import INFLOW
 
 from . import thresholds
 from .animal import odd_ones, walls_of
+from .confirm import change
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
-from .outcome import Absorbed, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
+from .outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
@@ -42,7 +43,8 @@ _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more
 class Shown:
     """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
     (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
-    from the direct solver (``parity``) or why that could not be told (``failure``), and the rounds."""
+    from the direct solver (``parity``) or why that could not be told (``failure``), and the rounds. agreement : of the
+    last of these FMUs with what was inferred."""
 
     given: Run
     before: Run
@@ -52,6 +54,7 @@ class Shown:
     parity: float | None = None
     failure: str | None = None
     rounds: tuple[Round, ...] = ()
+    agreement: Agreement | None = None
 
 
 def unusable(
@@ -93,7 +96,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         kind=study.problem.kind,
         effects=effects,
         members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
-        reason=None if naming.verdict == "partial" else remarks,
+        reason=None if naming.verdict in ("partial", "none") else remarks,
         remains=remarks if naming.verdict == "partial" else None,
         separating_measurement=separating_measurement(naming),
         located=located.located,
@@ -110,13 +113,19 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         gap_before=before.gap.total,
         gap_after=after.gap.total if after else None,
         parity=shown.parity,
+        agreement=shown.agreement,
         network_before=study.network,
         network_after=shown.network,
         p_value=global_p(study, naming, located.p_value),
         warnings=(*study.warnings, *fmu_warnings(shown), *([_BENT] if bent else [])),
-        notes=() if bent else tuple(odd_ones(walls, study.network)),
+        notes=(*_not_named(naming), *(() if bent else odd_ones(walls, study.network))),
         provenance=_provenance(record, model, study, shown.given),
     )
+
+
+def _not_named(naming: Naming) -> tuple[str, ...]:
+    """Why nothing is said to be missing although something was found."""
+    return (f"{plain(naming.reason)}.",) if naming.verdict == "none" and naming.reason else ()
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:
@@ -138,6 +147,20 @@ def global_p(study: Study, naming: Naming, of_map: float) -> float:
 
 
 def fmu_warnings(shown: Shown) -> tuple[str, ...]:
+    """What to know of the FMUs that ran, and of the delivered one."""
+    a = shown.agreement
+    if a is not None and not a.difference <= _PARITY:
+        return (
+            f"error of the program: with the same numbers and under the same inflow the FMU leaves a gap of "
+            f"{a.fmu[1]:.3g} times the noise of held-out beats, and the model that effects were sought with "
+            f"{a.inferred[1]:.3g}: {a.channel} differs by {a.difference:.1g} of its pulse at harmonic {a.harmonic} "
+            f"(more than {_PARITY:g}); do not rely on this study; report this.",
+            *_of_delivered(shown),
+        )
+    return _of_delivered(shown)
+
+
+def _of_delivered(shown: Shown) -> tuple[str, ...]:
     """What to know of the delivered FMU."""
     if shown.failure is not None:
         return (f"model.fmu does not run with its network's own inflow: {shown.failure}",)
@@ -198,11 +221,7 @@ def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, afte
 
 
 def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
-    gap = (
-        f"the gap to held-out beats falls from {before.total[1]:.3g} to {after.total[1]:.3g} times the noise"
-        if after
-        else ""
-    )
+    gap = f"the gap to held-out beats {change(before, after)} times the noise" if after else ""
     others = len(naming.members) - 1
     more = f"; {others} other candidate{'s' if others > 1 else ''} cannot be ruled out" if others > 0 else ""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)

@@ -39,10 +39,12 @@ from solver.network import Network, to_dict
 from solver.units import INFLOW
 
 from .asked import TIME_LIMIT, Asked
+from .confirm import agreement, confirmed
 from .intervals import stated
 from .journal import Journal
 from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round, verdict_json
+from .outliers import animal_without
 from .places import entry
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
@@ -191,13 +193,18 @@ class _Work:
         best = naming.best.fit if added else naming.base.fit
         self.progress(0.75, "running the model with this subject's walls")
         wave = study.problem.wave(study.fitted, best)
-        base = naming.base.fit
+        base = animal_without(study.problem, best) if added else None
+        base = naming.base.fit if base is None else base
         # a flow meter that is found to lie drove the model before
         drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
         before = self._free(fmu, "before", base, drove, _moved(self.network, base), study)
-        shown = Shown(given, before)
+        shown = Shown(given, before, agreement=agreement(study, base, drove, before))
         if added:
-            shown = self._add(study, naming, wave, shown)
+            extended = self._add(study, naming, wave, shown)
+            naming = confirmed(study, naming, before, extended.after)
+            shown = extended if naming.verdict in ADDED else shown
+        else:
+            naming = confirmed(study, naming, before, None)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         return summary(self.record, self.model, self.study, naming, shown), shown.archive
 
@@ -273,7 +280,8 @@ class _Work:
             except (RunFailed, NonPhysicalState, ValueError) as error:
                 failure = str(error)
         rounds = self._rounds(study, naming, shown.before, after)
-        return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds)
+        alike = agreement(study, best, wave, after)
+        return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.

@@ -49,6 +49,16 @@ class Sensor(Effect):
         """What is added to the mean; ``values`` by the keys of a search."""
         return 0.0
 
+    def frequency(self, values: Mapping[str, float]) -> float:
+        """The lowest frequency [Hz] that a fault is named by; 0 where it is named by none. ``values`` as in
+        :meth:`transfer`.
+
+        Beyond half the sampling rate it is none that a record shows: a flow with a kink, whose coefficients fall as
+        1/k², has those of 1 + (πk/N)²/3 + … times that when it is sampled N times a beat, as if by a sensor without
+        damping that rings at √3/π = 0.55 of the sampling rate.
+        """
+        return 0.0
+
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
         """The catalogue's numbers of those of a search."""
         return dict(values)
@@ -150,6 +160,12 @@ class CatheterResonance(Sensor):
 
     def transfer(self, values: Values, omega: Array) -> Array:
         return 1.0 / (1.0 + 1j * omega * values["slow"] - omega**2 * values["resonance"])
+
+    def frequency(self, values: Mapping[str, float]) -> float:
+        """Of the slower pole: 1/(a + √(a² - 4b)) · 2 where the sensor is overdamped, else 1/√b, over 2π."""
+        a, b = values["slow"], values["resonance"]
+        per = 0.5 * (a + math.sqrt(a * a - 4.0 * b)) if a * a > 4.0 * b else math.sqrt(b)
+        return math.inf if per == 0.0 else 1.0 / (2.0 * math.pi * per)
 
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
         """f_n [Hz] and ζ; of a sensor that is only slow, ζ = 50 stands for the overdamped limit."""

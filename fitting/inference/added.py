@@ -34,13 +34,20 @@ def extended(network: Network, fit: Fit) -> Network:
     return replace(network, channels=tuple(Channel(name, terms) for name, terms in channels.items()))
 
 
-def allowed(network: Network, fit: Fit) -> bool:
-    """Whether a network may have the values of a hypothesis: some go by the values of others."""
+def allowed(network: Network, fit: Fit, highest: float) -> Fit | None:
+    """A hypothesis; None if a network may not have its values, some of which go by the values of others, or if a record
+    cannot show it: a sensor that is named by a frequency above ``highest`` [Hz], half the sampling rate."""
     try:
         extended(network, fit)
     except ValueError:
-        return False
-    return True
+        return None
+    within = (_frequency(t, fit.x[_places(fit, t)]) <= highest for t in fit.terms if t.is_sensor)
+    return fit if all(within) else None
+
+
+def _frequency(term: Term, x: Array) -> float:
+    """The frequency [Hz] that a channel's effect is named by at x : (q,)."""
+    return _sensor(term).frequency(_searched(term, x))
 
 
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:
@@ -56,8 +63,12 @@ def _places(fit: Fit, term: Term) -> list[int]:
 
 def _as_terms(term: Term, x: Array) -> dict[str, float]:
     """The catalogue's parameters of a channel's effect at x : (q,)."""
-    moved = values(term.unknowns, x, {})
-    return _sensor(term).as_terms({name.rpartition(".")[2]: float(value) for name, value in moved.items()})
+    return _sensor(term).as_terms(_searched(term, x))
+
+
+def _searched(term: Term, x: Array) -> dict[str, float]:
+    """The numbers of a search for a channel's effect at x : (q,)."""
+    return {name.rpartition(".")[2]: float(value) for name, value in values(term.unknowns, x, {}).items()}
 
 
 def _sensor(term: Term) -> Sensor:

@@ -54,6 +54,7 @@ class Bench(Forward):
     """A bench record of one site and the network whose wall it is compared with.
 
     loop : the mean beats; K : harmonics above the noise; n_beats : behind them. error : (N//2 + 1,) [Pa] of the law.
+    highest : half the sampling rate [Hz].
     """
 
     kind = "bench"
@@ -66,6 +67,7 @@ class Bench(Forward):
     K: int
     n_beats: int
     error: Array = field(default_factory=lambda: np.zeros(1))
+    highest: float = np.inf
 
     @cached_property
     def artery(self) -> Network:
@@ -102,15 +104,11 @@ class Bench(Forward):
                 known = min(known, last.cost)
         return found
 
-    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:
-        """The fit from where a simpler one ended, or else from nothing; None if no wall of this kind has the loop."""
+    def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start, or nothing
         for begin in (start, None):
             with suppress(NoFit):
-                return self._allowed(fit(self, terms, begin, known))
+                return allowed(self.network, fit(self, terms, begin, known), self.highest)
         return None
-
-    def _allowed(self, found: Fit) -> Fit | None:
-        return found if allowed(self.network, found) else None
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         found: list[Fit | None] = []
@@ -118,7 +116,7 @@ class Bench(Forward):
             (runs or Runs()).check()
             found.append(None)
             with suppress(NoFit, np.linalg.LinAlgError):
-                found[-1] = self._allowed(_searched(self, f.member))
+                found[-1] = allowed(self.network, _searched(self, f.member), self.highest)
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
@@ -214,6 +212,11 @@ class Bench(Forward):
         omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
         return Seen(wall, self.loop.T, *(chain(moved, name, omega) for name in self.signals))
 
+    @property
+    def noise(self) -> Array:
+        error = np.stack([self.error, 0.0 * self.error], axis=1)
+        return (np.einsum("kii->ki", self.loop.noise).real - error**2)[: self.K + 1]
+
     def covariance(self, beats: Beats) -> Array:
         """(N//2 + 1, 2, 2) of the sensors."""
         return beats.covariance(self.signals)
@@ -223,18 +226,15 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
     """The bench of a record. Raises ValueError if P or R of the site is missing."""
     loop = mean_loop(beats, site)
     signals = (f"{site}.P", f"{site}.R")
-    own = loop.noise
-    pulse = [np.ptp(loop.P), np.ptp(loop.R)]
-    noise = loop.noise.copy()
-    highest = []
+    own, noise, highest = loop.noise, loop.noise.copy(), []
     for i, x in enumerate((loop.P, loop.R)):
-        noise[:, i, i] += (_FLOOR * pulse[i]) ** 2 / loop.N
+        noise[:, i, i] += (_FLOOR * np.ptp(x)) ** 2 / loop.N
         X = np.abs(spectral.coefficients(x)) ** 2
         above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
         highest.append(int(above[-1]) if len(above) else 1)
     # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
     K = min(_MOST_HARMONICS, max(1, min(highest)))
-    return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats)
+    return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats, highest=0.5 * beats.N / beats.T)
 
 
 # --- the search -------------------------------------------------------------------------------------------------------

@@ -162,12 +162,21 @@ class Forward(Protocol):
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
 
+    def answer(self, wave: Array, fit: Fit) -> Array | None:
+        """(K+1, m) what inference holds that the sensors of a hypothesis show under a wave that drives it, to compare
+        with the FMU's; None where a wave drives nothing there, or the simulation breaks down."""
+        return None
+
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
         """(K+1, m) coefficients of the mean of some beats, as a beat that repeats has them."""
         return mean_beat(beats, self.signals, K)
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
+
+    @property
+    def noise(self) -> Array:
+        """(K+1, m) variance of the mean beats by the sensors alone, which gaps are counted in."""
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""

@@ -28,6 +28,7 @@ from ..records.noise import (
     harmonics_above_noise,
     inflow_noise,
     pulses,
+    sensor_noise,
     solver_error,
     target,
 )
@@ -38,7 +39,7 @@ from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .jackknife import Rest
 from .misfit import Block
-from .observation import meter, of_other_beats, sense
+from .observation import meter, of_other_beats, sense, shown
 from .parts import placed
 from .prior import Calibrated, of_animal, possible
 from .search import Search, bounded_step, relax, search
@@ -121,14 +122,18 @@ class NetworkProblem(Forward):
         Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
         if X is None:
             return Q
-        shown, offset = meter(fit.member, self.K + 1, self.simulator.T)
+        gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
         S = inflow_noise(beats, self.signals, self.response, self.felt)
         full = np.fft.rfft(Q, norm="forward")
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset
-        full[: self.K + 1] /= shown
+        full[: self.K + 1] /= gain
         return np.fft.irfft(full, beats.N, norm="forward")
+
+    def answer(self, wave: Array, fit: Fit) -> Array | None:
+        drive = shown(fit.member, wave, self.simulator.T)
+        return replace(self, simulator=replace(self.simulator, drive=drive)).observe([fit.member])[0]
 
     def repeated(self, beats: Beats, fitted: Beats, K: int) -> Array:
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
@@ -136,6 +141,10 @@ class NetworkProblem(Forward):
     def driven(self, wave: Array) -> Drive:
         """The inflow; a run begins at rest: best where the flow is least."""
         return Drive(INFLOW, int(np.argmin(np.abs(wave))))
+
+    @property
+    def noise(self) -> Array:
+        return sensor_noise(self.beats, self.signals, self.response, self.felt)
 
     def covariance(self, beats: Beats) -> Array:
         """(K+1, m, m) of sensors, inflow and solver."""
@@ -353,7 +362,7 @@ class NetworkProblem(Forward):
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
-        return found if allowed(self.network, found) else None
+        return allowed(self.network, found, 0.5 * self.beats.N / self.beats.T)
 
 
 def network_problem(

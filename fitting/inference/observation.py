@@ -69,6 +69,16 @@ def driven(shown: Inflow, members: Sequence[Member]) -> Inflow:
     return shown.true(np.array(H), np.array(offset)[:, None])
 
 
+def shown(member: Member, wave: Array, T: float) -> Inflow:
+    """What the flow meter of a hypothesis shows of the flow (N,): the inverse of :func:`driven`."""
+    X = np.fft.rfft(wave, norm="forward")
+    X[-1] *= 1.0 if len(wave) % 2 else 0.5  # the Nyquist coefficient is its own conjugate
+    H, offset = meter(member, len(X), T)
+    X *= H
+    X[0] += offset
+    return Inflow(T, X, np.ones(len(X), bool))
+
+
 def mean_wander(part: Beats, other: Beats, names: Sequence[str]) -> Array:
     """Variance (m,) by which the mean of one part of a record may be off that of the other: what means drift a beat.
 

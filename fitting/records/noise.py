@@ -105,12 +105,7 @@ def target(
     the mean beat, and what is not known of it enters the covariance.
     """
     K = len(solver_error) - 1
-    moved = _change(beats, names, response, felt)
-    share = noise_share(beats, names, moved, len(response))
-    # what is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
-    # inflow as measured: a covariance that can be pooled and shrunk. The noise of the inflow then comes back, times H
-    values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
-    steady = replace(beats, values={INFLOW: beats.values[INFLOW], **values})
+    share, steady = _steady(beats, names, response, felt)
     H = response[: K + 1]
     one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
     gain = np.concatenate([one, -(share[: K + 1, None] * H)[..., None]], axis=2)
@@ -127,6 +122,28 @@ def target(
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
     return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
+
+
+def _steady(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> tuple[Array, Beats]:
+    """The share of the inflow's change that is noise, and beats without the change of channels that is not.
+
+    What is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
+    inflow as measured: a covariance that can be pooled and shrunk.
+    """
+    moved = _change(beats, names, response, felt)
+    share = noise_share(beats, names, moved, len(response))
+    values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
+    return share, replace(beats, values={INFLOW: beats.values[INFLOW], **values})
+
+
+def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
+    """Variance (n, m) of the mean beats' coefficients by the channels' own noise, and by what is not known of the seam;
+    response : (n, m)."""
+    S = np.einsum("kii->ki", _steady(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
+    if felt is None:
+        return S
+    seam, doubt = (np.abs(coefficients(x)[:, : len(S)].T) ** 2 for x in (felt.seam, felt.doubt))
+    return np.asarray(S + SEAM_ERROR**2 * seam + doubt)
 
 
 def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:

@@ -1,0 +1,70 @@
+"""What free runs of the FMUs leave of a name: nothing is named that does not shrink the gap to held-out beats.
+
+And whether the FMU is the model that inference compared: one model has one gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.inference.fit import Fit
+
+from . import thresholds as at
+from .outcome import ADDED, Agreement
+from .show import Gap, Run, fall, gap
+from .study import Study
+from .verdict import Naming
+
+Array = np.ndarray
+
+
+def confirmed(study: Study, naming: Naming, before: Run, after: Run | None) -> Naming:
+    """The naming, if the runs bear it out; else without a name, the reason made of the numbers."""
+    if naming.verdict not in (*ADDED, "unknown"):
+        return naming
+    left = before.gap.total[1]
+    if left <= at.NO_GAP:
+        found = f"{naming.best.label} was found but not named" if after else "no effect was named"
+        reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
+        return _without(naming, "none", reason)
+    if after is None:
+        return naming
+    fallen, sd = fall(study, before, after)
+    if fallen > at.FALL * sd:
+        return naming
+    reason = (
+        f"{naming.best.label} comes nearest, but with it the gap of the FMU to held-out beats "
+        f"{change(before.gap, after.gap)} times the noise (chi2 falls by {fallen:.3g} ± {sd:.2g}), no more than chance"
+    )
+    return _without(naming, "unknown", reason)
+
+
+def change(before: Gap, after: Gap) -> str:
+    """How the gap to held-out beats changes, in words that follow the numbers."""
+    first, last = (f"{each.total[1]:.3g}" for each in (before, after))
+    if first == last:
+        return f"stays at {first}"
+    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
+
+
+def _without(naming: Naming, verdict: str, reason: str) -> Naming:
+    """Without a name, as sure as the name was not, and no surer than not."""
+    doubt = 1.0 - naming.confidence if naming.verdict in ADDED else naming.confidence
+    return replace(naming, verdict=verdict, members=(), confidence=min(doubt, at.INCOMPLETE), reason=reason)
+
+
+def agreement(study: Study, fit: Fit, wave: Array, run: Run) -> Agreement | None:
+    """An FMU's run beside what inference holds of the same hypothesis under the same wave; None where it holds nothing.
+
+    Both solve the same equations, by steps in time and by harmonic balance.
+    """
+    X = study.problem.answer(wave, fit)
+    if X is None:
+        return None
+    X = X[: len(run.X)]
+    pulse = np.array([np.ptp(study.fitted.mean(name)) for name in study.problem.signals])
+    apart = np.abs(run.X - X) / pulse
+    k, i = (int(n) for n in np.unravel_index(int(apart.argmax()), apart.shape))
+    return Agreement(float(apart[k, i]), study.problem.signals[i], k, run.gap.total, gap(study, X).total)

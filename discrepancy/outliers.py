@@ -1,0 +1,141 @@
+"""Numbers that stand out from the others of their kind: no deviation of this animal, but something that is missing.
+
+Left free, one far number widens the spread that all of its kind share, and hides in it: among walls that differ, an
+artery of 2.2 times the modulus left noise as "this animal's own", nine stated spreads from the others. So where nothing
+else is missing, such a number is held where one of its kind may be, and effects where it acts must explain the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.misfit import settled
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term
+from fitting.inference.unknown import Unknown, bounds
+
+from . import thresholds as at
+from .compare import Compared
+
+Array = np.ndarray
+
+_MOST = 3  # one number in so many of a kind may stand out
+_FEWEST = 3  # others that tell a spread
+_TRIED = 3  # effects in place of each
+
+
+def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
+    """How far [stated spreads] each number that stands out could be and still be one of its kind, by its unknown.
+
+    Of a kind the r farthest stand out if the r-th is beyond the limit that the rest set, whatever the r - 1 do
+    (B. Rosner, Technometrics 25 (1983) 165): two do not hide each other.
+    """
+    kinds: dict[str, list[int]] = {}
+    for i, u in enumerate(unknowns):
+        if u.group and not u.stated:
+            kinds.setdefault(u.group, []).append(i)
+    found = {}
+    for same in kinds.values():
+        order = sorted(same, key=lambda i: -abs(x[i]))
+        for r in range(max(1, len(order) // _MOST), 0, -1):
+            rest = x[order[r:]] if len(order) - r >= _FEWEST else np.zeros(1)
+            limit = max(at.OUTLIER, at.OUTLIER_OF_OTHERS * float(np.sqrt(np.mean(rest**2))))
+            if abs(x[order[r - 1]]) > limit:
+                found.update({unknowns[i].name: limit for i in order[:r]})
+                break
+    return found
+
+
+def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
+    """Where the animal without effect is the best, with what stands out in it held, and then with the effects that do
+    most nearly what those numbers do."""
+    none = found.best.fit
+    limits = {} if none.terms else standing_out(none.unknowns, none.x)
+    if not limits:
+        return
+    kinds = {u.group: limits[u.name] for u in none.unknowns if u.name in limits}
+    held = _held(none, kinds)
+    kept = [n.fit for n in (*found.nones, *found.ranked) if not (n.individual and _beyond(n.fit, kinds))]
+    yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
+    odd = _odd(none, limits)
+    asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
+    columns = found.problem.columns(none, asked, runs)
+    instead = [_instead(none, i, asked, columns) for i in odd]
+    hypotheses = [[one] for some in instead for one in some]
+    if len(instead) > 1 and all(instead[:2]):
+        hypotheses.append([instead[0][0], instead[1][0]])
+    base, *fits = found.problem.refine([held, *(_with(held, each) for each in hypotheses)], runs)
+    new = [settled(held) if base is None else base, *(f for f in fits if f is not None)]
+    yield Compared.of(found.problem, [*kept, *new], found.columns, found.terms)
+
+
+def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
+    """The unknowns that stand out, farthest first, and of their kinds others that are far, or all where they are few:
+    what all have in common may have moved instead."""
+    groups = [u.group for u in none.unknowns]
+    kinds = {u.group for u in none.unknowns if u.name in limits}
+    far = [
+        i
+        for i, (group, x) in enumerate(zip(groups, none.x, strict=True))
+        if group in kinds and (abs(x) > at.BEYOND or groups.count(group) <= _FEWEST)
+    ]
+    return sorted(far, key=lambda i: (none.unknowns[i].name not in limits, -abs(none.x[i])))
+
+
+def animal_without(problem: Forward, fit: Fit) -> Fit | None:
+    """The animal of a hypothesis in which a number stood out, like the others there; None where none did.
+
+    Without the effect, an animal that is odd elsewhere may come as near to the record, and is not what is missing.
+    """
+    own = {u.name: u for u in problem.individual().deviations}
+    if not any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns):
+        return None
+    mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
+    unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)
+    return replace(fit, terms=(), unknowns=unknowns, x=fit.x[mine], J=fit.J[:, mine])
+
+
+Instead = tuple[Term, int, Array]  # an effect, the number that it stands for, and where its search begins
+
+
+def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[Instead]:
+    """The effects that do most nearly what the unknown i does, each as large as that is."""
+    found = []
+    moved = none.J[:, i] * none.x[i]
+    for t in terms:
+        if t.place == _owner(none.unknowns[i]) and columns.get(t.label, moved[:, None][:, :0]).shape[1] == len(
+            t.unknowns
+        ):
+            x = np.linalg.lstsq(columns[t.label], moved, rcond=None)[0]
+            left = float(np.linalg.norm(moved - columns[t.label] @ x))
+            found.append((left, (t, i, np.clip(x, *bounds(t.unknowns)))))
+    return [each for _, each in sorted(found, key=lambda f: f[0])[:_TRIED]]
+
+
+def _with(held: Fit, effects: Sequence[Instead]) -> Fit:
+    """A fit with effects in place of numbers that stand out."""
+    x = held.x.copy()
+    x[[i for _, i, _ in effects]] = 0.0
+    terms = tuple(t for t, _, _ in effects)
+    unknowns = (*held.unknowns, *(u for t in terms for u in t.unknowns))
+    return replace(held, terms=terms, unknowns=unknowns, x=np.concatenate([x, *(own for _, _, own in effects)]))
+
+
+def _owner(unknown: Unknown) -> str:
+    """The artery whose number, or whose outlet's, an unknown moves."""
+    return unknown.variables[0].partition(".")[0]
+
+
+def _held(fit: Fit, kinds: Mapping[str, float]) -> Fit:
+    """A fit with all numbers of some kinds where one of these may be: else another one would stand out instead."""
+    unknowns = tuple(u.within(kinds[u.group]) if u.group in kinds else u for u in fit.unknowns)
+    return replace(fit, unknowns=unknowns, x=np.clip(fit.x, *bounds(unknowns)))
+
+
+def _beyond(fit: Fit, kinds: Mapping[str, float]) -> bool:
+    return any(abs(x) > kinds.get(u.group, np.inf) for u, x in zip(fit.unknowns, fit.x, strict=True))
