@@ -14,6 +14,7 @@ from ..parameter_set import ParameterSet, Value
 from ..provenance import software
 from ..records.align import align
 from ..records.columns import Reading
+from ..records.plausible import Artery, check_plausible
 from ..records.record import read_record
 from ..tasks import done
 from ..wall import fit
@@ -219,6 +220,7 @@ def fit_cohort(
     elastic: str = "regression",
     eta: float = 0.5,
     reading: Reading | None = None,
+    as_measured: bool = False,
     jobs: int | None = 1,
     scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -226,8 +228,8 @@ def fit_cohort(
     """Fit every recording by every model; R0 is free in all of them.
 
     models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio.
-    reading : of every record. jobs, scheduler : who fits (:func:`fitting.tasks.done`). progress : gets the fraction
-    done and the recording.
+    reading : of every record. as_measured : values that no artery has are taken as they are. jobs, scheduler : who
+    fits (:func:`fitting.tasks.done`). progress : gets the fraction done and the recording.
     A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
     model, for no entries, or if no recording could be fitted.
     """
@@ -236,7 +238,7 @@ def fit_cohort(
         model(name, elastic)
     if not names or not entries:
         raise ValueError("a cohort needs at least one recording and one model; give them.")
-    tasks = [_Task(entry, names, elastic, eta, reading) for entry in entries]
+    tasks = [_Task(entry, names, elastic, eta, reading, as_measured) for entry in entries]
     found: list[_Found | None] = [None] * len(tasks)
     if progress:
         progress(0.0, f"{entries[0].animal} {entries[0].site}")
@@ -263,6 +265,7 @@ class _Task:
     elastic: str
     eta: float
     reading: Reading | None
+    as_measured: bool
 
 
 @dataclass(frozen=True)
@@ -277,7 +280,10 @@ def _fit(task: _Task) -> _Found:
     """The fits of one recording."""
     entry = task.entry
     try:
-        beats = align(read_record(entry.record, task.reading))
+        record = read_record(entry.record, task.reading)
+        if not task.as_measured:
+            check_plausible(record, {entry.site: Artery(entry.R0, entry.h)})
+        beats = align(record)
         beats.site(entry.site)
     except ValueError as error:
         return _Found(None, (Failure(entry, "", str(error)),))
