@@ -76,7 +76,6 @@ def fit_command(
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
         _check_destinations(out, figure, bench, parameters=out)
-        check_new(bench, force=force)
         if figure is not None and figure.suffix.lower() != ".png":
             raise ValueError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
@@ -102,6 +101,7 @@ def fit_command(
         files: dict[Any, str | bytes] = {}
         if bench is not None:
             files[bench] = dumps(bench_network(site, parameters, beats.T))
+            check_new({bench: files[bench]}, force)
         if out is not None:
             files[out] = set_content(parameters, out)
         if figure is not None:

@@ -127,8 +127,9 @@ def export_csv(
         model = read_network(find_network(network))
         path = out or Path(f"{model.name}.csv")
         check_destinations(path)
-        check_new(path, force=force)
-        write_whole(path, to_sheet(model))
+        table = to_sheet(model)
+        check_new({path: table}, force)
+        write_whole(path, table)
     if as_json:
         put(_plain(model) | {"written": [str(path)]})
     else:

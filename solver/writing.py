@@ -102,11 +102,12 @@ def check_destinations(*paths: Path | None, folders: bool = False) -> None:
             raise _unwritable(path, error) from None
 
 
-def check_new(*paths: Path | None, force: bool) -> None:
-    """Raise ValueError if a file that people edit is there already. force : it may be replaced."""
-    for path in paths:
-        if path is not None and path.is_file() and not force:
-            raise ValueError(f"{path}: is there already and may have been edited; give another name, or --force.")
+def check_new(files: Mapping[Path, Content], force: bool) -> None:
+    """Raise ValueError if a file that people edit is there with another content. force : it may be replaced."""
+    for path, content in files.items():
+        if not force and path.is_file():
+            if path.read_bytes() != (content.encode("utf-8") if isinstance(content, str) else content):
+                raise ValueError(f"{path}: is there already and may have been edited; give another name, or --force.")
 
 
 def _check_regular(path: Path) -> None:

@@ -173,6 +173,7 @@ def test_edited_files_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inpu
         assert (tmp_path / file).read_text() == "edited"
         assert run(*line, "--force").exit_code == 0
         assert (tmp_path / file).read_text() != "edited"
+        assert run(*line).exit_code == 0  # what it would write is there
 
 
 def test_study_and_discover_do_not_mix(tmp_path: Path, inputs: Path) -> None:

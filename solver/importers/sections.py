@@ -94,7 +94,7 @@ def write(sections: Sections, path: Path, comment: str = "", force: bool = False
         files[table] = "\n".join([f"time [s],{signal} [{unit}]", *rows]) + "\n"
         inlet[signal] = table.name
     files[path] = comment + text({**sections, "inlet": inlet})
-    check_new(*files, force=force)
+    check_new(files, force)
     write_all(files)
     return list(reversed(files))
 
