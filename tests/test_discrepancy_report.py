@@ -209,7 +209,7 @@ def test_nothing_is_written_if_something_fails(tmp_path: Path, sheep: Network) -
         write_report(replace(synthetic("none", sheep), verdict="maybe"), tmp_path)
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
-    with pytest.raises(ValueError, match="is a file; give another folder"):
+    with pytest.raises(ValueError, match="is a file, not a folder; give another folder"):
         write_report(synthetic("unusable", sheep), tmp_path / "file")
 
 
