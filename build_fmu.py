@@ -22,7 +22,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 import typer.core
@@ -32,11 +32,13 @@ from fmu_src.models import Model
 from fmu_src.species import SPECIES
 from fmu_src.variable import Variable
 from solver.console import put, say, sentences
-from solver.files import find_network, parse_quantity, read_network, write_whole
+from solver.files import find_network, read_network, write_whole
 from solver.network import Network
-from solver.options import Json, NetworkName, Quiet
+from solver.options import DefaultGroup, Json, NetworkName, Quiet
 from solver.progress import bar
 from solver.scheme.model import Settings
+from solver.text import assignments
+from solver.writing import check_destinations
 
 ROOT = Path(__file__).resolve().parent  # with numpy and all else beside it where pip installed this
 _PACKAGES = ("solver", "fmu_src")  # that an FMU brings
@@ -241,22 +243,8 @@ def _clean_imports() -> Iterator[None]:
                 del sys.modules[name]
 
 
-class _Commands(typer.core.TyperGroup):
-    """A first word that is no command is a network: ``build_fmu.py sheep`` is ``build_fmu.py network sheep``."""
-
-    def parse_args(self, context: Any, words: list[str]) -> list[str]:
-        completing = not words and context.resilient_parsing
-        if not completing and (not words or words[0] not in (*self.commands, "--help")):
-            words = ["network", *words]
-        return super().parse_args(context, words)
-
-    def shell_complete(self, context: Any, incomplete: str) -> list[Any]:
-        network = self.commands["network"].params[0]
-        return [*super().shell_complete(context, incomplete), *network.shell_complete(context, incomplete)]
-
-
 app = typer.Typer(
-    cls=_Commands,
+    cls=DefaultGroup,
     add_completion=False,
     rich_markup_mode=None,
     help="Build FMUs of arteries and of what they are coupled to.",
@@ -288,6 +276,7 @@ def main(
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(ValueError), bar(quiet, "building"):
+        check_destinations(out / "any.fmu", folders=True)
         if inlet not in (None, "flow", "pressure"):
             raise ValueError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
@@ -299,14 +288,8 @@ def main(
 
 def _start_values(table: Iterable[Variable], changes: Sequence[str]) -> dict[str, float | str]:
     """Start values from texts such as "CA.phi0=0 kPa*s". Raises ValueError."""
-    units = {v.name: v.quantity.unit for v in table if v.quantity is not None}
-    starts: dict[str, float | str] = {}
-    for text in changes:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if not equals:
-            raise ValueError(f'{text!r}: not a start value; write --set "NAME=VALUE".')
-        starts[name] = parse_quantity(value, units[name], name) if name in units else value
-    return starts
+    numbers = {v.name: v.quantity for v in table if v.quantity is not None}
+    return assignments(changes, {name: (q.unit, q.display) for name, q in numbers.items()})
 
 
 def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
@@ -321,6 +304,7 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
         quiet: Quiet = False,
     ) -> None:
         with sentences(ValueError), bar(quiet, "building"):
+            check_destinations(out / "any.fmu", folders=True)
             starts = _start_values(model(species).table, change or [])
             target = build_model(model(species, starts), out, execution_tool)
         _report(target, as_json, quiet)
@@ -347,6 +331,7 @@ def system_command(
 ) -> None:
     """Build heart, arteries and body as one system in SSP."""
     with sentences(ValueError), bar(quiet, "building heart, arteries and body"):
+        check_destinations(out / "any.ssp", folders=True)
         target = build_system(read_network(find_network(network)), species, out, execution_tool)
     _report(target, as_json, quiet)
 

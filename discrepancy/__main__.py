@@ -3,42 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer.core import TyperGroup
 
 import discrepancy
-from fitting.record_options import Columns, Decimal, Mapped
+from fitting.record_options import AsMeasured, Columns, Decimal, Mapped
 from fitting.records.columns import Reading
 from solver import NonPhysicalState, NotPeriodic
 from solver.console import complain, put, say, say_notes, say_written, sentences, show
 from solver.exit_codes import ExitCode
-from solver.files import parse_quantity, write_whole
+from solver.files import parse_quantity
 from solver.host_died import HostDied
-from solver.options import Json, Quiet, networks_for
+from solver.options import DefaultGroup, Json, Quiet, networks_for
 from solver.progress import bar
+from solver.writing import check_destinations, write_whole
 
 if TYPE_CHECKING:
     from .outcome import Outcome
     from .sensor_plan import SensorPlan
 
-_STUDY = "discover"
 _ERRORS = (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right
 _PACE = 600.0  # s over which the time left is judged: stages differ in pace
 
 
-class _StudyByDefault(TyperGroup):
-    """A group whose first word may be left out: a record alone is a study."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        if args and args[0] not in self.commands and args[0] != "--help":
-            args = [_STUDY, *args]
-        return super().parse_args(ctx, args)
-
-
 app = typer.Typer(
-    cls=_StudyByDefault,
+    cls=DefaultGroup,
     add_completion=False,
     help=discrepancy.__doc__,
     no_args_is_help=True,
@@ -46,7 +36,7 @@ app = typer.Typer(
 )
 
 
-@app.command(_STUDY)
+@app.command("discover")
 def discover_command(
     record: Annotated[
         Path,
@@ -77,6 +67,7 @@ def discover_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    as_measured: AsMeasured = False,
     jobs: Annotated[
         int | None, typer.Option(help="Processes that simulate; default: one for each core that may be used.")
     ] = None,
@@ -101,7 +92,8 @@ def discover_command(
         progress(0.0, "reading")
         outcome = discover(
             record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit,
-            jobs=cores() if jobs is None else jobs, reading=Reading.asked(mapped, decimal), progress=progress,
+            jobs=cores() if jobs is None else jobs, reading=Reading.asked(mapped, decimal), as_measured=as_measured,
+            progress=progress,
         )  # fmt: skip
     if as_json:
         put(json_text(verdict_json(outcome)))
@@ -110,7 +102,8 @@ def discover_command(
     if not quiet:
         say_notes((*outcome.notes, *outcome.warnings), aside=as_json)
         files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu"))
-        say_written(*files, aside=as_json)
+        if outcome.written:
+            say_written(*files, aside=as_json)
     if outcome.verdict == "unusable":
         if quiet or as_json:
             complain(f"Unusable: {outcome.reason}")
@@ -139,8 +132,7 @@ def isolability_command(
     from .source import read_model
 
     with sentences(*_ERRORS), bar(quiet, pace=_PACE) as progress:
-        if out is not None and not out.parent.is_dir():
-            raise ValueError(f"{out}: cannot be written (no folder {out.parent}); make the folder or give another.")
+        check_destinations(out)
         names = channels.replace(",", " ").split()
         plan = plan_sensors(read_model(network), names, dB, beats, progress)
         text = json_text(plan_json(plan))

@@ -224,6 +224,7 @@ class Outcome(Shown):
     agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
+    written : whether there are files of it.
 
     As data frame: a row for each hypothesis that was refitted, best first.
     """
@@ -263,6 +264,7 @@ class Outcome(Shown):
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
+    written: bool = True
 
     @property
     def closed(self) -> tuple[float, float] | None:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fitting.pages.page import environment, words
-from fitting.result_files import make_folder
-from solver.files import write_whole
 from solver.legible import number
+from solver.writing import write_folder
 
 from . import tables, thresholds, visible
 from .outcome import VERDICTS, Outcome
@@ -25,25 +24,34 @@ _AS_READ = {"gap_as_given": "gap of the file as it is"}
 
 
 def write_report(outcome: Outcome, folder: Path) -> None:
-    """Write ``report.html`` and ``figures/*.png`` into a folder, which is made if it is missing.
+    """Write ``report.html`` and ``figures/*.png`` into a folder, which is made if it is missing: all or none.
 
-    Everything is made before the first file is written; each file is whole or not there, and the page comes last.
     Figures of an earlier report that have no data now are removed.
-    Raises ValueError if the verdict is not one of :data:`discrepancy.outcome.VERDICTS`, or the folder or a file cannot
-    be written.
+    Raises ValueError as :func:`report_files`, or if the folder or a file cannot be written.
     """
-    from .figures import NAMES, figures  # matplotlib takes a second
+    files = report_files(outcome)
+    write_folder(folder, files, gone=set(figure_files()) - set(files))
+
+
+def report_files(outcome: Outcome) -> dict[str, str | bytes]:
+    """The figures and, last, the page, by their names in the folder.
+
+    Raises ValueError if the verdict is not one of :data:`discrepancy.outcome.VERDICTS`.
+    """
+    from .figures import figures  # matplotlib takes a second
 
     if outcome.verdict not in VERDICTS:
         raise ValueError(f"verdict {outcome.verdict!r} is not known; it must be one of {', '.join(VERDICTS)}.")
     drawings = figures(outcome)
-    html = page(outcome, drawings)
-    pictures = make_folder(Path(folder) / "figures")
-    for name, drawn in drawings.items():
-        write_whole(pictures / f"{name}.png", drawn.png)
-    for name in set(NAMES) - set(drawings):
-        (pictures / f"{name}.png").unlink(missing_ok=True)
-    write_whole(Path(folder) / "report.html", html)
+    pictures: dict[str, str | bytes] = {f"figures/{name}.png": drawn.png for name, drawn in drawings.items()}
+    return pictures | {"report.html": page(outcome, drawings)}
+
+
+def figure_files() -> tuple[str, ...]:
+    """The names of all figures that a report may have."""
+    from .figures import NAMES
+
+    return tuple(f"figures/{name}.png" for name in NAMES)
 
 
 def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 
 from fitting.fmu_run import read_fmu, run_module
-from solver.files import find_network, loads, read_network
+from solver.files import find_network, read_network
 from solver.host_died import ended
 from solver.network import Network
 
 
 def read_model(path: str | os.PathLike[str]) -> Network:
     """The network of a TOML file, of a bundled network's name, or of an FMU. Raises ValueError, one sentence."""
-    source = Path(path)
-    if source.suffix.lower() != ".fmu":
-        return read_network(find_network(path))
-    fmu = read_fmu(source)  # its own sentences for what is no FMU of this project
-    try:
-        with zipfile.ZipFile(source) as archive:
-            text = archive.read("resources/network.toml").decode("utf-8")
-    except KeyError:
-        raise ValueError(f"{source}: it carries no network file; build it anew, or give the network file.") from None
-    network = loads(text, f"{source}: network.toml")
+    network = read_network(find_network(path))
+    if Path(path).suffix.lower() != ".fmu":
+        return network
+    starts = read_fmu(path).starts
     for name, value in {**network.parameters(), "network.elastic_law": network.elastic_law}.items():
-        if fmu.starts[name] != value:
+        if starts[name] != value:
             raise ValueError(
-                f"{source}: {name} starts at {fmu.starts[name]} in its description, and is {value} in its network "
-                "file; build it anew, with --set where a value was changed."
+                f"{path}: {name} starts at {starts[name]} in its description, and is {value} in its network file; "
+                "build it anew, with --set where a value was changed."
             )
     return network
 

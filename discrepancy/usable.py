@@ -7,8 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from fitting.records.period import find_period
+from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record
-from solver.units import MMHG
+from fitting.records.sensors import UnusableRecord
+from solver.network import Network
 
 from .study import Study, Unusable
 
@@ -19,11 +21,17 @@ _LATE = 0.08  # of the period, by which a channel may be away from where it fits
 _ALIKE = 0.9  # correlation there, so that the shape is the artery's and the time is wrong
 _MORE_ALIKE = 0.15  # than without the shift
 _SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the model's: a hidden effect stays below
-_PRESSURE = 300.0 * MMHG  # [Pa], of a mean
-_RADIUS = 1.6  # ratio of a mean radius to R0
 _STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
 _DEAD = 0.05  # of the usual pulse of a beat
 _MOSTLY = 0.25  # of the beats
+
+
+def check_sizes(record: Record, network: Network) -> None:
+    """Raise Unusable for a channel whose numbers no artery has."""
+    try:
+        check_plausible(record, arteries(network))
+    except UnusableRecord as error:
+        raise Unusable(str(error)) from None
 
 
 def check_record(record: Record) -> None:
@@ -58,47 +66,6 @@ def check_beats(study: Study) -> None:
                 f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its "
                 f"sensor was dead there; leave these samples empty or leave the channel out."
             )
-
-
-def check_radii(study: Study) -> None:
-    """Raise Unusable if a measured radius is not that of its artery: a wrong unit, a diameter, another animal."""
-    segments = {site.name: study.network.segment(site.segment) for site in study.network.sites}
-    segments |= {s.name: s for s in study.network.segments}
-    for name in study.problem.signals:
-        site, _, kind = name.rpartition(".")
-        if kind == "R":
-            mean, R0 = float(study.fitted.mean(name).mean()), segments[site].R0
-            if not 1.0 / _RADIUS < mean / R0 < _RADIUS:
-                raise Unusable(
-                    f"{study.fitted.source}: the mean of {name} is {1e3 * mean:.3g} mm, and R0 of the model is "
-                    f"{1e3 * R0:.3g} mm: a wrong unit, a diameter, or another artery; check the column and its unit."
-                )
-
-
-def check_pressures(study: Study) -> None:
-    """Raise Unusable if a mean pressure is beyond any artery's: a wrong unit."""
-    for name in study.problem.signals:
-        mean = float(study.fitted.mean(name).mean())
-        if name.endswith(".P") and abs(mean) > _PRESSURE:
-            raise Unusable(
-                f"{study.fitted.source}: the mean of {name} is {mean / MMHG:.4g} mmHg, beyond any artery's: a wrong "
-                f"unit; check the column's title."
-            )
-
-
-def check_stiffness(study: Study) -> None:
-    """Raise Unusable if pressure and radius of a bench are out of all proportion: a wrong unit of the pressure."""
-    if study.site is None:
-        return
-    segment = study.network.segment(study.site)
-    slope = segment.E * segment.h / (1.0 - study.network.eta**2) / segment.R0**2
-    P, R = (float(np.std(study.fitted.mean(f"{study.site}.{kind}"))) for kind in "PR")
-    ratio = P / (slope * R)
-    if not 1.0 / _SIZE["P"] < ratio < _SIZE["P"]:
-        raise Unusable(
-            f"{study.fitted.source}: the pressure of {study.site} rises {ratio:.3g} times as steeply with the radius "
-            f"as in the model: a wrong unit, or another artery; check the columns' units and the network file."
-        )
 
 
 def check_waves(study: Study, simulated: Mapping[str, Array]) -> None:

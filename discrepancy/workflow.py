@@ -1,10 +1,11 @@
 """The loop: find where model and record disagree, name the missing effect, add it, show that the gap shrinks.
 
-Everything is made in ``<out>/.state`` first; the folder gets its files when all of them are there, the verdict last.
+The folder gets its files when all of them are made, the verdict last; ``<out>/.state`` has what is done till then.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
@@ -30,13 +31,14 @@ from fitting.provenance import software
 from fitting.records.columns import Reading
 from fitting.records.record import Record, read_record
 from fitting.records.sensors import UnusableRecord
-from fitting.result_files import json_text, make_folder
+from fitting.result_files import check_unmixed, json_text
 from fitting.threads import single_threaded
 from fitting.workers import Workers
 from solver import NonPhysicalState, Settings
-from solver.files import dumps, write_network, write_whole
+from solver.files import dumps, write_network
 from solver.network import Network, to_dict
 from solver.units import INFLOW
+from solver.writing import check_destinations, make_folder, write_folder
 
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
@@ -50,7 +52,7 @@ from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable, weighted
-from .usable import check_beats, check_pressures, check_radii, check_record, check_stiffness, check_waves
+from .usable import check_beats, check_record, check_sizes, check_waves
 from .verdict import Naming
 
 Array = np.ndarray
@@ -72,12 +74,14 @@ def discover(
     time_limit: float = TIME_LIMIT,
     jobs: int = 1,
     reading: Reading | None = None,
+    as_measured: bool = False,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
     added model.toml and model.fmu.
 
-    record : a file, and ``reading`` which of its columns is what.
+    record : a file, and ``reading`` which of its columns is what. as_measured : values that no artery has are taken as
+    they are.
     model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
     found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
     ``arterial-fmu calibrate``, whose values and covariance stand for the network file's and its spreads.
@@ -87,7 +91,7 @@ def discover(
     ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
     it was.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
-    record that can be read and not be used is a verdict.
+    record that can be read and not be used is a verdict, which replaces no study of another record.
     """
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(period, walls, prior, time_limit, jobs)
@@ -102,6 +106,8 @@ def discover(
     try:
         if isinstance(measured, Unusable):
             raise measured
+        if not as_measured:
+            check_sizes(measured, network)
         check_record(measured)
         journal = Journal(folder, [*_key(measured, network, model, asked), (reading or Reading()).key])
         outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
@@ -113,7 +119,11 @@ def discover(
         provenance={**outcome.provenance, "asked": told},
         warnings=(*(known.doubts(measured) if known and isinstance(measured, Record) else ()), *outcome.warnings),
     )
-    _write(outcome, fmu, folder, progress)
+    if outcome.verdict == "unusable" and _holds_study(folder):
+        kept = f"{folder}: nothing was written; it holds an earlier study of a record that could be used."
+        outcome = replace(outcome, warnings=(*outcome.warnings, kept), written=False)
+    else:
+        _write(outcome, fmu, folder, progress)
     if journal is not None:
         journal.close()
     return outcome
@@ -121,13 +131,15 @@ def discover(
 
 def _check_folder(folder: Path) -> None:
     """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
-    make_folder(folder)
+    check_unmixed(folder, "discover")
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
             raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
     for path in (folder / file for file in _FILES):
         if path.is_dir():
             raise ValueError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
+    check_destinations(*(folder / file for file in _FILES), folders=True)
+    make_folder(folder)
 
 
 def _key(record: Record, network: Network, model: str | os.PathLike[str], asked: Asked) -> list[Any]:
@@ -167,9 +179,6 @@ class _Work:
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
         self.study = prepare(record, self.network, asked.period, runs, None if known is None else known.calibrated)
         check_beats(self.study)
-        check_radii(self.study)
-        check_pressures(self.study)
-        check_stiffness(self.study)
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
@@ -333,39 +342,24 @@ def _moved(network: Network, fit: Fit) -> dict[str, float]:
 
 
 def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
-    """All files of a study; those of an earlier one that this verdict does not have are removed.
+    """All files of a study, the verdict last; those of an earlier one that this verdict does not have are removed.
 
-    All are written to a folder of their own first. Then the earlier verdict is removed, the new files replace the old
-    ones, and the new verdict is written last: a folder with a verdict.json always holds the files that belong to it.
+    A folder with a verdict.json always holds the files that belong to it.
     """
     from . import report  # matplotlib takes a second
 
     progress(0.94, "writing the report")
-    aside = folder / _STATE / "out"
-    try:
-        shutil.rmtree(aside, ignore_errors=True)
-        aside.mkdir(parents=True)
-        if outcome.network_after is not None and fmu is not None:
-            write_whole(aside / "model.toml", dumps(outcome.network_after))
-            write_whole(aside / "model.fmu", fmu)
-        report.write_report(outcome, aside)
-        write_whole(aside / "verdict.json", json_text(verdict_json(outcome)))
-        _move(aside, folder)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
-        with suppress(OSError):  # not empty: the stages of a study
-            aside.parent.rmdir()
+    files: dict[str, str | bytes] = {}
+    if outcome.network_after is not None and fmu is not None:
+        files = {"model.toml": dumps(outcome.network_after), "model.fmu": fmu}
+    files |= report.report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
+    write_folder(folder, files, gone={*report.figure_files(), *_FILES} - set(files))
     progress(1.0, "done")
 
 
-def _move(aside: Path, folder: Path) -> None:
-    """The files of a study to their folder, whole, in the order of _FILES, the verdict last."""
-    from .figures import NAMES
-
-    (folder / "verdict.json").unlink(missing_ok=True)
-    (folder / "figures").mkdir(exist_ok=True)
-    for file in (*(f"figures/{figure}.png" for figure in NAMES), *_FILES):
-        if (aside / file).is_file():
-            write_whole(folder / file, (aside / file).read_bytes())
-        else:
-            (folder / file).unlink(missing_ok=True)
+def _holds_study(folder: Path) -> bool:
+    """Whether a study is in a folder whose record could be used."""
+    try:
+        return bool(json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["verdict"] != "unusable")
+    except (OSError, ValueError, LookupError, TypeError):
+        return (folder / "model.toml").exists()

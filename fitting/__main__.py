@@ -13,21 +13,24 @@ from rich.console import RenderableType
 
 from solver import NonPhysicalState, NotPeriodic
 from solver.console import put, say, say_notes, say_written, sentences, show
-from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
+from solver.files import dumps, find_network, parse_quantity, read_network
 from solver.host_died import HostDied
-from solver.options import Json, NetworkName, Quiet, files_for
+from solver.options import Force, Json, NetworkName, Quiet, files_for
 from solver.progress import PACE, bar
+from solver.text import typed_quantity
+from solver.writing import check_destinations, check_new, write_all
 
 from .bench import bench_network
 from .estimate import Estimate
 from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
-from .parameter_set import ParameterSet, read_set, set_format, set_json, write_set
-from .record_options import Columns, Decimal, Mapped
+from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json, write_set
+from .record_options import AsMeasured, Columns, Decimal, Mapped
 from .records.align import align
 from .records.beats import Beats
 from .records.columns import Reading
+from .records.plausible import Artery, arteries, check_plausible
 from .records.record import read_record
 from .wall import bootstrap, fit
 from .wall_fit import WallFit
@@ -69,7 +72,9 @@ def fit_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    as_measured: AsMeasured = False,
     bench: Annotated[Path | None, typer.Option(help="Write a network file of this site's bench, for build.")] = None,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -81,14 +86,17 @@ def fit_command(
             raise ValueError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
             raise ValueError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
-        beats = align(read_record(record, Reading.asked(mapped, decimal)), _seconds(period, "--period"))
         chosen = wall if law is None else model(wall, law)
         options: dict[str, Any] = {
-            "R0": None if R0 is None else parse_quantity(R0, "m", "--R0"),
+            "R0": None if R0 is None else typed_quantity(R0, "m", "--R0"),
             "eta": eta,
             "lag_free": lag,
         }
-        thickness = parse_quantity(h, "m", "--h")
+        thickness = typed_quantity(h, "m", "--h")
+        measured = read_record(record, Reading.asked(mapped, decimal))
+        if not as_measured:
+            check_plausible(measured, {site: Artery(options["R0"], thickness)})
+        beats = align(measured, _seconds(period, "--period"))
         kept = fit(beats, site, thickness, chosen, **options)
         fits = [*_beside(kept, beats, options), kept]
         checked = (
@@ -97,14 +105,15 @@ def fit_command(
         found = indices(kept, beats)
         notes = [*_fit_notes(kept), *_objection(kept, beats, options)]
         parameters = _with_indices(kept.parameter_set(), plain(found))
-        drawn = _drawn(fits, beats) if figure is not None else b""
-        # all that can fail has been made: now it is written
+        files: dict[Any, str | bytes] = {}
         if bench is not None:
-            write_network(bench_network(site, parameters, beats.T), bench)
+            files[bench] = dumps(bench_network(site, parameters, beats.T))
+            check_new({bench: files[bench]}, force)
         if out is not None:
-            write_set(parameters, out)
+            files[out] = set_content(parameters, out)
         if figure is not None:
-            write_whole(figure, drawn)
+            files[figure] = _drawn(fits, beats)
+        write_all(files)
     if as_json:
         put(set_json(parameters))
     elif not quiet:
@@ -130,6 +139,7 @@ def virtual_command(
     from .cohort.virtual import virtual_cohort, write_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
+        check_destinations(out / "cohort.csv", folders=True)
         progress(0.0, "making virtual animals")
         made = virtual_cohort(seed, animals=animals, dB=dB, exact_means=exact_means)
         write_cohort(made, out, progress)
@@ -150,6 +160,7 @@ def cohort_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    as_measured: AsMeasured = False,
     law: Law = None,
     jobs: Annotated[int, typer.Option(help="Processes that fit at the same time.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that fits, tcp://…:8786.")] = None,
@@ -161,8 +172,17 @@ def cohort_command(
     from .cohort.fits import fit_cohort, read_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
+        check_destinations(out / "cohort.json", folders=True)
         entries, how = read_cohort(cohort), Reading.asked(mapped, decimal)
-        found = fit_cohort(entries, elastic=law, reading=how, jobs=jobs, scheduler=scheduler, progress=progress)
+        found = fit_cohort(
+            entries,
+            elastic=law,
+            reading=how,
+            as_measured=as_measured,
+            jobs=jobs,
+            scheduler=scheduler,
+            progress=progress,
+        )
         written = report.write(found, out)
     if as_json:
         put(report.to_json(found))
@@ -197,6 +217,7 @@ def calibrate_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    as_measured: AsMeasured = False,
     period: Period = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -212,7 +233,10 @@ def calibrate_command(
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
-        beats = align(read_record(record, Reading.asked(mapped, decimal)), _seconds(period, "--period"))
+        measured = read_record(record, Reading.asked(mapped, decimal))
+        if not as_measured:
+            check_plausible(measured, arteries(described))
+        beats = align(measured, _seconds(period, "--period"))
         tried = calibrate_from(
             beats, described, free, starts, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress
         )
@@ -244,6 +268,7 @@ def check_command(
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
+    as_measured: AsMeasured = False,
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: Period = None,
     as_json: Json = False,
@@ -251,14 +276,16 @@ def check_command(
 ) -> None:
     """Run an FMU with a parameter set in a fresh process and compare it with a record."""
     from .check import check
-    from .pages.check_page import write_check  # matplotlib takes a second
+    from .pages.check_page import FILES, write_check  # matplotlib takes a second
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
+        check_destinations(*(out / file for file in FILES), folders=True)
         report = check(
             read_set(parameters),
             fmu,
             read_record(record, Reading.asked(mapped, decimal)),
             period=_seconds(period, "--period"),
+            as_measured=as_measured,
             progress=lambda what: progress(0.0, what),
         )
         page = write_check(report, out)
@@ -311,11 +338,7 @@ def _with_indices(parameters: ParameterSet, found: dict[str, Any]) -> ParameterS
 
 def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> None:
     """Raise ValueError before hours of work if a file cannot be written at the end."""
-    for path in paths:
-        if path is not None and not path.parent.is_dir():
-            raise ValueError(f"{path}: cannot be written (no folder {path.parent}); make the folder or give another.")
-        if path is not None and path.exists() and not path.is_file():
-            raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
+    check_destinations(*paths)
     if parameters is not None:
         set_format(parameters)
 

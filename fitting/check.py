@@ -23,10 +23,11 @@ from solver.units import INFLOW
 
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
 from .bench import own_values
-from .fmu_run import FMU, PERIODIC, Answer, fourier, periodic_answer, read_fmu, steps_per_beat
+from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
 from .records.align import align
 from .records.beats import Beats
+from .records.plausible import Artery, check_plausible
 from .records.record import Record
 from .records.spectral import coefficients
 from .result_files import json_text
@@ -37,6 +38,7 @@ Progress = Callable[[str], None]
 _TRUSTED = 0.75  # of the Nyquist frequency
 _NUDGE = 0.01  # of the driving beat's pulsatile standard deviation: the second run's difference
 _LOUD, _WHITE = 5.0, 1.3  # z of one harmonic, whitened RMS of one channel: below them all, the record is met
+ANOTHER = 3.0  # ratio of R0 or h: animals of a species differ by less, fits of one artery by far less
 _SEED = 11  # phases of the nudge
 
 
@@ -103,15 +105,22 @@ def check(
     record: Record,
     *,
     period: float | None = None,
+    as_measured: bool = False,
     progress: Progress | None = None,
 ) -> CheckReport:
     """Run the FMU with the set as start values, driven by the record, and compare every channel that both have.
 
-    period : of the beat [s], by default found. progress : told what is being done.
+    period : of the beat [s], by default found. as_measured : values that no artery has are taken as they are.
+    progress : told what is being done.
     Raises ValueError, one sentence, if set, FMU and record do not belong together; RunFailed with the FMU's sentence.
     """
     tell = progress or (lambda _: None)
     described = read_fmu(fmu)
+    _check_arteries(parameters, described)
+    if not as_measured:
+        sites = {name.removesuffix(".R0") for name in described.starts if name.endswith(".R0")}
+        numbers = {s: [float(described.starts[f"{s}.{key}"]) for key in ("R0", "h")] for s in sites}
+        check_plausible(record, {site: Artery(*each) for site, each in numbers.items()})
     mode, driver, source, compared, starts = _plan(parameters, described, record)
     tell("aligning the beats")
     beats = align(record, period)
@@ -119,7 +128,10 @@ def check(
     if mode == "bench":
         starts = {**starts, "network.P_0": float(drive[0])}
     tell("running the FMU")
-    answer = periodic_answer(described, driver, drive, beats.T, starts)
+    try:
+        answer = periodic_answer(described, driver, drive, beats.T, starts)
+    except RunFailed as error:
+        raise RunFailed(" ".join((str(error), *_of_another(parameters, described)))) from None
     K = int(_TRUSTED * min(beats.N, steps_per_beat(described, beats.T)) / 2)
     noise = {name: beats.covariance((name, source))[: K + 1] for name in compared}
     response: dict[str, Array] = {}
@@ -185,6 +197,26 @@ def _plan(
     return mode, driver, source, compared, starts
 
 
+def _check_arteries(parameters: ParameterSet, fmu: FMU) -> None:
+    """Raise ValueError if an artery of the set is not that of its name in the FMU: R0 or h are of another."""
+    for name, entry in parameters.values.items():
+        if not name.endswith((".R0", ".h")) or name not in fmu.starts:
+            continue
+        own, value = float(fmu.starts[name]), entry.value
+        if not 1.0 / ANOTHER < value / own < ANOTHER:
+            raise ValueError(
+                f"parameter set {parameters.name}: its {name} is {1e3 * value:.4g} mm, that of the FMU {fmu.name} is "
+                f"{1e3 * own:.4g} mm: the set is of another artery or network; use the FMU that it belongs to."
+            )
+
+
+def _of_another(parameters: ParameterSet, fmu: FMU) -> list[str]:
+    """A sentence if the set was calibrated in a network of another name."""
+    network = parameters.provenance.get("network", fmu.name)
+    said = f"The parameter set {parameters.name} was calibrated in the network {network}, and the FMU is {fmu.name}."
+    return [said] if network != fmu.name else []
+
+
 def _bench_site(fmu: FMU, record: Record) -> str:
     """The site of a bench FMU: one segment, a prescribed pressure at its end, P and R in the record."""
     segments = [name.removesuffix(".L") for name in fmu.parameters if name.endswith(".L")]
@@ -221,7 +253,7 @@ def _warnings(
     answer: Answer,
     starts: Mapping[str, float | str],
 ) -> tuple[str, ...]:
-    found = []
+    found = _of_another(parameters, fmu) if source == INFLOW else []
     if answer.change > PERIODIC:
         found.append(
             f"The FMU is not periodic after {answer.beats} beats: the last differs by {answer.change:.1e} from the one "

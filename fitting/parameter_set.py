@@ -134,8 +134,12 @@ def write_set(parameters: ParameterSet, path: str | os.PathLike[str]) -> None:
 
     Raises ValueError for another suffix or if the file cannot be written.
     """
-    json_format = set_format(Path(path)) == ".json"
-    write_whole(path, set_json(parameters) if json_format else _to_ssv(parameters))
+    write_whole(path, set_content(parameters, path))
+
+
+def set_content(parameters: ParameterSet, path: str | os.PathLike[str]) -> str | bytes:
+    """What a file of that name holds. Raises ValueError for another suffix than .json or .ssv."""
+    return set_json(parameters) if set_format(Path(path)) == ".json" else _to_ssv(parameters)
 
 
 def _find(path: str | os.PathLike[str]) -> Path:

@@ -44,6 +44,9 @@ Mapped = Annotated[
 Decimal = Annotated[
     str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: found.")
 ]
+AsMeasured = Annotated[
+    bool, typer.Option("--as-measured", help="Take values that no artery has as they are: a phantom, a vein.")
+]
 Columns = Annotated[
     bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and end; with --json, too.")
 ]

@@ -1,31 +1,21 @@
-"""Results on disk: the folder they go to, and JSON that every reader takes."""
+"""Results on disk: folders that do not mix, and JSON that every reader takes."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-
-def make_folder(path: str | os.PathLike[str]) -> Path:
-    """The folder, made if it is missing. Raises ValueError if it cannot be made."""
-    folder = Path(path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        file = next((each for each in (folder, *folder.parents) if each.is_file()), None)
-        if file is not None:
-            raise ValueError(f"{folder}: {_what(file, folder)}; give another folder.") from None
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
-    return folder
+_SIGNS = {"study": ("plan.json",), "discover": ("verdict.json", ".state")}  # both have a folder figures
 
 
-def _what(file: Path, folder: Path) -> str:
-    """Why a file is in the way of a folder."""
-    return "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"
+def check_unmixed(folder: Path, command: str) -> None:
+    """Raise ValueError if a folder holds the results of another command, whose files would mix with this one's."""
+    for other, names in _SIGNS.items():
+        if other != command and any((folder / name).exists() for name in names):
+            raise ValueError(f"{folder}: it holds the results of {other}; give {command} another folder (--out).")
 
 
 def json_text(content: Mapping[str, Any], indent: int = 2) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -106,7 +107,7 @@ class Workers:
         with self._lock:
             self.jobs, processes, self._processes = 1, self._processes, []
         for process in processes:
-            process.kill()
+            _kill(process)
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
         for process in processes:
@@ -141,6 +142,7 @@ class Workers:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,  # what goes wrong there is said here
+                    process_group=0,  # so that Ctrl-C comes here alone, and all that it starts can be ended with it
                 )
             except OSError:
                 return
@@ -156,6 +158,14 @@ class Workers:
         process.stdin.flush()
         answer: Answer = pickle.load(process.stdout)
         return answer
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process and those that it started, such as FMUs that run."""
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except (AttributeError, OSError):  # not on this system, or gone
+        process.kill()
 
 
 def serve(tasks: BinaryIO, answers: BinaryIO) -> None:

@@ -28,7 +28,7 @@ from xml.etree import ElementTree
 import typer
 from rich.table import Column, Table
 
-from solver.console import put, say, show
+from solver.console import put, say, sentences, show
 from solver.exit_codes import ExitCode
 from solver.host_died import ended as died
 from solver.options import Json, files_for, one_command
@@ -345,7 +345,7 @@ def main(
     as_json: Json = False,
 ) -> None:
     """Say whether an FMU runs here and what is missing: exit code 0 runs, 1 does not, 2 no FMU of this project."""
-    with bar(False, f"{fmu.name}: one step of it"):
+    with sentences(), bar(False, f"{fmu.name}: one step of it"):
         findings = examine(fmu, python)
     if as_json:
         put({"state": state(findings), "findings": [asdict(finding) for finding in findings]})

@@ -27,9 +27,12 @@ from fmpy.fmi2 import FMU2Slave, fmi2Warning
 from fmpy.model_description import ModelDescription
 
 from solver.console import put, ranges, say_written, sentences
-from solver.files import parse_quantity, read_text, write_whole
+from solver.files import parse_quantity, read_text
+from solver.interrupts import interrupts_later
 from solver.options import Json, Quiet, files_for, one_command
 from solver.progress import bar
+from solver.text import assignments, did_you_mean
+from solver.writing import check_destinations, write_whole
 
 from .drive import DRIVES
 from .ports import is_port
@@ -74,7 +77,7 @@ def run_fmu(
     time = _communication_points(stop_time, step)
     description = _read(fmu)
     variables = {variable.name: variable for variable in description.modelVariables}
-    drive = _drive(variables)
+    drive = _drive(variables, fmu)
     if drive in inputs:
         raise ValueError(f"{drive}: it is an input of its own; give it as inflow.")
     _check_inputs(inputs, variables, fmu)
@@ -90,9 +93,10 @@ def run_fmu(
     held = np.column_stack([np.empty((len(middle), 0)), *columns])
     driven = [variables[name].valueReference for name in shown]
     outputs = {v.name: v.valueReference for v in variables.values() if v.causality == "output" and not is_port(v.name)}
-    with _instantiated(fmu, description) as slave:
+    # the FMU's Python is this one: it would take Ctrl-C within a call for an error of its own
+    with interrupts_later() as due, _instantiated(fmu, description) as slave:
         _initialize(slave, variables, starts, driven, [values[0] for values in shown.values()])
-        table = _steps(slave, time, driven, held, list(outputs.values()), progress)
+        table = _steps(slave, time, driven, held, list(outputs.values()), progress, due)
         slave.terminate()
     return {"time": time, **shown, **{name: table[:, i].copy() for i, name in enumerate(outputs)}}
 
@@ -115,8 +119,13 @@ def _sampled(name: str, u: Input, time: Array) -> Array:
     return values
 
 
-def _drive(variables: Mapping[str, Any]) -> str:
-    """What drives the inlet: inlet.Q, or inlet.P where that is an input."""
+def _drive(variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> str:
+    """What drives the inlet: inlet.Q, or inlet.P where that is an input. Raises ValueError where there is no inlet."""
+    if "inlet.Q" not in variables:
+        raise ValueError(
+            f"{os.fspath(fmu)}: it has no inlet, so it is no FMU of arteries and is not run alone; arterial-fmu build "
+            "system makes a system of heart, arteries and body for simulators that read SSP."
+        )
     pressure = variables.get("inlet.P")
     return "inlet.P" if pressure is not None and pressure.causality == "input" else "inlet.Q"
 
@@ -155,7 +164,8 @@ def _start_values(
     for name, value in starts.items():
         if name not in variables:
             raise ValueError(
-                f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml for the names."
+                f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml"
+                f"{did_you_mean(name, variables)}."
             )
         if variables[name].type == "Enumeration":
             items = {item.name: int(item.value) for item in variables[name].declaredType.items}
@@ -231,14 +241,19 @@ def _steps(
     held: Array,
     outputs: list[int],
     progress: Callable[[float], None] | None,
+    due: Callable[[], None],
 ) -> Array:
-    """The outputs at all times : (n + 1, n_outputs), with the inputs held : (n, n_inputs) in each of the n steps."""
+    """The outputs at all times : (n + 1, n_outputs), with the inputs held : (n, n_inputs) in each of the n steps.
+
+    due : raises what waits for a step to end.
+    """
     table = np.empty((len(time), len(outputs)))
     table[0] = slave.getReal(outputs)
     for i, values in enumerate(held.tolist()):
         slave.setReal(driven, values)
         slave.doStep(time[i], time[i + 1] - time[i])
         table[i + 1] = slave.getReal(outputs)
+        due()
         if progress:
             progress((i + 1) / len(held))
     return table
@@ -258,7 +273,13 @@ def main(
     inputs: Annotated[
         Path | None, typer.Option(help='CSV: "time [s]", then inputs such as "inlet.Q [mL/s]"; linear in between.')
     ] = None,
-    start_values: Annotated[Path | None, typer.Option(help="JSON object of parameters by name, in SI.")] = None,
+    start_values: Annotated[
+        Path | None, typer.Option(help="Parameter set of fit or calibrate (.json), or a JSON object of numbers in SI.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help='A start value, e.g. "CA.phi0=0 kPa*s"; repeatable.'),
+    ] = None,
     stop_time: Annotated[str, typer.Option(help="Run from 0 to this time.")] = "2.5 s",
     step: Annotated[str, typer.Option(help="Communication step.")] = "1 ms",
     out: Annotated[Path, typer.Option(help="CSV of time, inputs and outputs, in SI.")] = Path("result.csv"),
@@ -267,16 +288,20 @@ def main(
 ) -> None:
     """Run an FMU of an arterial network from its start to a stop time; without --inputs its own inflow drives it."""
     with sentences(ValueError, FMUError):
+        check_destinations(out)
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
+        drive = _drive(variables, fmu)
         end = parse_quantity(stop_time, "s", "--stop-time")
+        starts = _read_start_values(start_values, variables) if start_values else {}
+        starts |= assignments(set_ or [], _units(variables))
         known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
         with bar(quiet, f"running {fmu.name}") as progress:
             result = run_fmu(
                 fmu,
-                known.pop(_drive(variables), np.zeros_like if inputs else None),
+                known.pop(drive, np.zeros_like if inputs else None),
                 end,
                 step=parse_quantity(step, "s", "--step"),
-                start_values=_read_start_values(start_values) if start_values else {},
+                start_values=starts,
                 inputs=known,
                 progress=lambda fraction: progress(fraction, fmu.name),
             )
@@ -327,16 +352,39 @@ def _finite(text: str) -> bool:
         return False
 
 
-def _read_start_values(path: Path) -> dict[str, float | str]:
+def _units(variables: Mapping[str, Any]) -> dict[str, tuple[str, str | None]]:
+    """Of every number its unit in SI, and the one that people read it in."""
+    return {name: (v.unit or "1", v.displayUnit) for name, v in variables.items() if v.type == "Real"}
+
+
+def _read_start_values(path: Path, variables: Mapping[str, Any]) -> dict[str, float | str]:
+    """Start values of a parameter set, or of a JSON object. Raises ValueError."""
+    if path.suffix.lower() == ".ssv":
+        raise ValueError(f"{path}: SSV is for simulators that import it; give the parameter set as .json.")
     try:
         values = json.loads(read_text(path))
     except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: not valid JSON ({error}); correct it.") from None
+    if isinstance(values, dict) and isinstance(values.get("values"), dict):
+        values = _of_set(values, path, _units(variables))
     if not isinstance(values, dict) or not all(
         isinstance(value, str | float | int) and not isinstance(value, bool) for value in values.values()
     ):
         raise ValueError(f'{path}: must be a JSON object of numbers and texts, such as {{"CA.phi0": 0}}.')
     return values
+
+
+def _of_set(
+    parameters: Mapping[str, Any], path: Path, units: Mapping[str, tuple[str, str | None]]
+) -> dict[str, float | str]:
+    """The values of a parameter set in SI, and its laws. Raises ValueError for one without number or unit."""
+    found: dict[str, float | str] = dict(parameters.get("texts", {}))
+    for name, entry in parameters["values"].items():
+        if not isinstance(entry, dict) or not {"value", "unit"} <= entry.keys():
+            raise ValueError(f"{path}: {name}: must have a value and a unit; correct it.")
+        unit = units.get(name, (entry["unit"], None))[0]  # a name that the FMU has not is refused with the others
+        found[name] = parse_quantity(f"{entry['value']} {'' if entry['unit'] == '1' else entry['unit']}", unit, name)
+    return found
 
 
 def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[str, Any]) -> None:

@@ -22,7 +22,9 @@ from .scheme.failure import NonPhysicalState
 from .scheme.model import Settings
 from .schemes import AnySettings
 from .simulate import NotPeriodic, Waveforms, simulate, simulate_periodic
+from .text import assignments, typed_quantity
 from .units import MMHG
+from .writing import check_destinations
 
 
 def main(
@@ -57,6 +59,7 @@ def main(
 ) -> None:
     """Simulate a network of arteries and report pressure, flow and radius at its sites."""
     with sentences(ValueError, NonPhysicalState, NotPeriodic):
+        check_destinations(out)
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
         settings = _settings(scheme, seconds, element_length, cell, cfl, ends, slopes)
@@ -89,22 +92,16 @@ def _settings(
             whose = "staggered" if muscl else "muscl"
             raise ValueError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
     if not muscl:
-        return Settings(dt, parse_quantity(element_length or "5 cm", "m", "--element-length"))
-    own, length = MusclSettings(), parse_quantity(cell or "5 mm", "m", "--cell")
+        return Settings(dt, typed_quantity(element_length or "5 cm", "m", "--element-length"))
+    own, length = MusclSettings(), typed_quantity(cell or "5 mm", "m", "--cell")
     return MusclSettings(dt, length, own.cfl if cfl is None else cfl, ends or own.ends, slopes or own.slopes)
 
 
 def _assignments(network: Network, texts: list[str]) -> dict[str, float]:
     """{"CA.phi0": 0.0} of ["CA.phi0=0 kPa*s"]."""
-    known = network.parameter_quantities()
-    values = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise ValueError(f'--set {text}: must look like NAME=VALUE, for example "CA.phi0=0 kPa*s".')
-        name = name.strip()  # an unknown one is refused with the others
-        values[name] = parse_quantity(value.strip(), known[name].unit, name) if name in known else 0.0
-    return values
+    units = {name: (q.unit, q.display) for name, q in network.parameter_quantities().items()}
+    found = assignments(texts, units)
+    return {name: float(value) if name in units else 0.0 for name, value in found.items()}  # others are refused
 
 
 def _run(

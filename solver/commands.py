@@ -11,12 +11,13 @@ import typer
 from rich.table import Column, Table
 
 from .console import put, right, say, say_notes, say_written, sentences, show
-from .files import bundled_names, find_network, from_sections, read_network, write_whole
+from .files import bundled_names, find_network, from_sections, read_network
 from .importers import sections as written
 from .importers.openbf import read_openbf
 from .importers.sheet import read_sheet, to_sheet
 from .network import Network
-from .options import Json, NetworkName
+from .options import Force, Json, NetworkName
+from .writing import check_destinations, check_new, write_whole
 
 _STYLE: dict[str, Any] = {"add_completion": False, "no_args_is_help": True, "rich_markup_mode": None}
 app = typer.Typer(**_STYLE, help="Networks: which come along, in and out.")
@@ -57,28 +58,32 @@ def import_openbf(
     as_run: Annotated[
         bool, typer.Option("--as-run", help="What openBF 2 computes where that differs from what the file says.")
     ] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """A network of openBF."""
     with sentences(ValueError):
-        _write(read_openbf(file, as_run=as_run), file, out, as_json)
+        check_destinations(out)
+        _write(read_openbf(file, as_run=as_run), file, out, force, as_json)
 
 
 @importers.command("csv")
 def import_csv(
     table: Annotated[Path, typer.Argument(help="A table with one row per vessel.")],
     out: Out = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """A table of vessels."""
     with sentences(ValueError):
+        check_destinations(out)
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
             half_sine = "the table says nothing of the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
             lines = '# inlet.Q_max = "90 mL/s" and # inlet.T = "0.8 s", or # inlet.Q = "flow.csv"'
             say_notes([f"{half_sine}; for another write above the table {lines}."], aside=as_json)
         folder = (out or Path()).parent
-        _write(_seen_from(folder, sections, table.parent), table, out, as_json, folder)
+        _write(_seen_from(folder, sections, table.parent), table, out, force, as_json, folder)
 
 
 def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.Sections:
@@ -95,14 +100,14 @@ def _seen_from(folder: Path, sections: written.Sections, old: Path) -> written.S
 
 
 def _write(
-    sections: written.Sections, source: Path, out: Path | None, as_json: bool, folder: Path | None = None
+    sections: written.Sections, source: Path, out: Path | None, force: bool, as_json: bool, folder: Path | None = None
 ) -> None:
     """folder : where files that the sections name are looked for; default: beside the source."""
     try:
         network = from_sections(sections, folder or source.parent)
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
-    files = written.write(sections, out or Path(f"{network.name}.toml"))
+    files = written.write(sections, out or Path(f"{network.name}.toml"), force=force)
     if as_json:
         put(_plain(network) | {"written": list(map(str, files))})
         return
@@ -114,13 +119,17 @@ def _write(
 def export_csv(
     network: NetworkName,
     out: Annotated[Path | None, typer.Option(help="The table to write; default: the network's name, here.")] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write a network as a table with one row per vessel."""
     with sentences(ValueError):
         model = read_network(find_network(network))
         path = out or Path(f"{model.name}.csv")
-        write_whole(path, to_sheet(model))
+        check_destinations(path)
+        table = to_sheet(model)
+        check_new({path: table}, force)
+        write_whole(path, table)
     if as_json:
         put(_plain(model) | {"written": [str(path)]})
     else:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import os
 import tomllib
+import zipfile
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -28,8 +30,8 @@ from .text import (
     pint_spelling,
     quoted,
     read_text,
-    write_whole,
 )
+from .writing import write_whole
 
 _NETWORKS = Path(__file__).parent / "networks"
 _TEXTS = ("name", "species", "reference", "elastic_law", "viscous_law")
@@ -38,11 +40,26 @@ _SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "ou
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
-    """The network in a TOML file.
+    """The network in a TOML file, or in an FMU, which carries its own.
 
     Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
     """
+    if Path(path).suffix.lower() == ".fmu" or zipfile.is_zipfile(path):
+        return loads(_carried(path), f"{path}: network.toml")
     return loads(read_text(path), str(path), Path(path).parent)
+
+
+def _carried(fmu: str | os.PathLike[str]) -> str:
+    """The network file that an FMU was built of."""
+    try:
+        with zipfile.ZipFile(fmu) as archive:
+            return archive.read("resources/network.toml").decode("utf-8")
+    except KeyError:
+        raise ValueError(f"{fmu}: it carries no network of arteries; give the FMU of one, or a network file.") from None
+    except OSError as error:
+        raise ValueError(f"{fmu}: cannot be read ({error.strerror}); check the path.") from None
+    except (zipfile.BadZipFile, zlib.error, UnicodeDecodeError):
+        raise ValueError(f"{fmu}: not an FMU, or damaged; build one with arterial-fmu build.") from None
 
 
 def loads(text: str, name: str, folder: Path | None = None) -> Network:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from .files import bundled_names
 
@@ -26,15 +27,44 @@ def files_for(incomplete: str) -> list[str]:
 
 
 NetworkName = Annotated[
-    str, typer.Argument(help="A network file (TOML), or a bundled network: see list.", autocompletion=networks_for)
+    str,
+    typer.Argument(help="A network file (TOML), a bundled network (see list), or an FMU.", autocompletion=networks_for),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tables and no notes.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there and may have been edited.")]
 Json = Annotated[
     bool,
     typer.Option(
         "--json", is_eager=True, help="Print the result as one JSON object; all else goes to the error stream."
     ),
 ]
+
+
+class DefaultGroup(TyperGroup):
+    """Commands of which the first is meant where none is named: ``build sheep`` is ``build network sheep``."""
+
+    @property
+    def _default(self) -> tuple[str, Any]:
+        return next(iter(self.commands.items()))
+
+    def parse_args(self, context: Any, words: list[str]) -> list[str]:
+        if words:
+            named = words[0] in (*self.commands, "--help")
+        else:
+            named = self.no_args_is_help or context.resilient_parsing
+        return super().parse_args(context, words if named else [self._default[0], *words])
+
+    def shell_complete(self, context: Any, incomplete: str) -> list[Any]:
+        first = self._default[1].params[0]
+        return [*super().shell_complete(context, incomplete), *first.shell_complete(context, incomplete)]
+
+    def format_options(self, context: Any, formatter: Any) -> None:
+        """The commands, and the options of the first."""
+        super().format_options(context, formatter)
+        name, command = self._default
+        rows = [each.get_help_record(context) for each in command.params]
+        with formatter.section(f"Options of {name}, a word that may be left out"):
+            formatter.write_dl([row for row in rows if row is not None])
 
 
 def one_command(function: Callable[..., Any], name: str | None = None) -> typer.Typer:

@@ -1,4 +1,4 @@
-"""Text of files: read and written whole, numbers with units, keys and the sentences about them.
+"""Text of files: numbers with units, keys and the sentences about them.
 
 Units are read by pint here, once. Reading is exact: the magnitude times the exact rational factor of the unit, rounded
 once, so "4 cm" is 0.04.
@@ -12,12 +12,14 @@ import math
 import os
 import re
 import tokenize
-from collections.abc import Iterable
-from contextlib import suppress
+import zipfile
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from .units import display_units
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -25,28 +27,13 @@ def read_text(path: str | os.PathLike[str]) -> str:
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
+        if zipfile.is_zipfile(path):
+            raise ValueError(f"{path}: an FMU or another archive, where text was expected; give a text file.") from None
         raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
     except ValueError:  # a path with a zero character
         raise ValueError(f"{str(path)!r}: cannot be read (no name of a file); check the path.") from None
-
-
-def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
-    """Write a file whole or not at all: aside first, then moved. Raises ValueError if it cannot be written."""
-    path = Path(path)
-    if path.exists() and not path.is_file():  # a rename would replace a device or fail on a directory
-        raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
-    target = path.resolve()  # a link stays a link
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        aside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        os.replace(aside, target)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.") from None
-    finally:
-        with suppress(OSError):
-            aside.unlink()
 
 
 # --- numbers and units --------------------------------------------------------------------------------------------
@@ -80,6 +67,43 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
     if not math.isfinite(result):
         raise ValueError(f"{shown}: must be {wanted} that is finite; check the value.")
     return result
+
+
+def typed_quantity(text: str, unit: str, name: str, display: str | None = None) -> float:
+    """As :func:`parse_quantity`, of what is typed into a command: a number carries its unit.
+
+    0 needs none, nor does a time, which is then in seconds. display : the unit that people read it in, where it is not
+    the usual one. Raises ValueError, too, for a number without its unit.
+    """
+    match = _NUMBER.fullmatch(text.strip())
+    if match and not match[2] and unit not in ("1", "s") and float(match[1]) != 0.0:
+        proposed = f'"{text.strip()} {typed_unit(unit, display)}"'
+        raise ValueError(f"{name} = {text}: it has no unit; write one, such as {proposed}.")
+    return parse_quantity(text, unit, name)
+
+
+def typed_unit(unit: str, display: str | None = None) -> str:
+    """The unit that people read a number in, as they type it: "Pa.s" -> "kPa*s"."""
+    return pint_spelling(display or next(iter(display_units(unit)), unit))
+
+
+def assignments(texts: Iterable[str], units: Mapping[str, tuple[str, str | None]]) -> dict[str, float | str]:
+    """{"CA.phi0": 0.0} of ["CA.phi0=0 kPa*s"], as the option --set has them.
+
+    units : of numbers by name, in SI and as people read them; the value of any other name stays a text.
+    Raises ValueError, one sentence.
+    """
+    found: dict[str, float | str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise ValueError(f'--set {text}: must look like NAME=VALUE, for example "CA.phi0=0 kPa*s".')
+        if name in units:
+            unit, display = units[name]
+            found[name] = typed_quantity(value, unit, f"--set {name}", display)
+        else:
+            found[name] = value
+    return found
 
 
 # a number of three digits, a power of a power, or an exponent that is not a number of two digits at most: 9**9**9**9

@@ -126,7 +126,11 @@ def test_start_values_are_an_option(sheep: Network, tmp_path: Path) -> None:
     root = ElementTree.fromstring(read(tmp_path / "sheep.fmu", "modelDescription.xml"))
     found = {v.attrib["name"]: v[0].get("start") for v in root.iter("ScalarVariable")}
     assert (found["inlet.interpolation"], found["CA.phi0"]) == ("2", "2000.0")
-    for text, said in (("CA.phi0", "not a start value"), ("CA.P=1 Pa", "not an input or"), ("CA.E=-1 Pa", "must lie")):
+    for text, said in (
+        ("CA.phi0", "must look like NAME=VALUE"),
+        ("CA.P=1 Pa", "not an input or"),
+        ("CA.E=-1 Pa", "must lie"),
+    ):
         done = CliRunner().invoke(app, ["sheep", "--out", os.fspath(tmp_path), "--set", text])
         assert done.exit_code == 2
         assert said in done.stderr
@@ -260,7 +264,7 @@ def test_command_line(tmp_path: Path) -> None:
         (["shep"], r"Error: shep: neither a file nor a bundled network; .*"),
         (
             ["sheep", "--out", "dist/sheep.fmu"],
-            r"Error: dist/sheep\.fmu: is a file, not a directory; choose another directory for sheep\.fmu\.",
+            r"Error: dist/sheep\.fmu: is a file, not a folder; give another folder\.",
         ),
         (["sheep", "--inlet", "foo"], r"Error: --inlet foo: must be flow or pressure\."),
     ):

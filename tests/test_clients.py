@@ -62,13 +62,13 @@ def run_client(name: str, job: Job, folder: Path) -> np.ndarray:
 
 
 def run_script(name: str, job: str, folder: Path) -> np.ndarray:
-    """The table that a script of tests/clients prints as its last line."""
+    """The table that a script of tests/clients prints, and nothing beside it."""
     order = folder / f"{name}.json"
     order.write_text(job)
     line = [sys.executable, os.fspath(CLIENTS / f"{name}.py"), os.fspath(order)]
     done = subprocess.run(line, capture_output=True, text=True, timeout=300, cwd=folder)
     assert done.returncode == 0, done.stderr
-    return np.array(json.loads(done.stdout.splitlines()[-1]))
+    return np.array(json.loads(done.stdout))
 
 
 def run_c(host: CHost, job: Job, folder: Path, environment: Mapping[str, str] | None = None) -> np.ndarray:

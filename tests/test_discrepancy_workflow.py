@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import pickle
 import shutil
 from dataclasses import dataclass, replace
@@ -275,12 +276,10 @@ def test_an_interrupt_while_files_are_written(
 
     with monkeypatch.context() as patch:
         if stage == "report":
-            patch.setattr(report, "write_report", killed)
+            patch.setattr(report, "report_files", killed)
         else:
-            real = workflow.write_whole
-            patch.setattr(
-                workflow, "write_whole", lambda path, x: (killed if path == out / "report.html" else real)(path, x)
-            )
+            real = os.replace
+            patch.setattr(os, "replace", lambda old, new: (killed if new == out / "report.html" else real)(old, new))
         with pytest.raises(KeyboardInterrupt):
             discover(*arguments)
     after = {p.relative_to(out): p.read_bytes() for p in out.rglob("*") if p.is_file() and ".state" not in p.parts}

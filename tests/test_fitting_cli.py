@@ -153,7 +153,7 @@ def test_calibrate_then_check_a_network(tmp_path: Path) -> None:
         (("fit", "no.csv", "--site", "AA", "--h", "1 mm"), "no.csv"),
         (("fit", "AA.csv", "--site", "XX", "--h", "1 mm"), "XX.P"),
         (("fit", "AA.csv", "--site", "AA", "--h", "1 kg"), "--h"),
-        (("fit", "AA.csv", "--site", "AA", "--h", "38 mm"), "R/h"),
+        (("fit", "AA.csv", "--site", "AA", "--h", "38 mm"), "h is 38 mm"),
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--model", "cubic"), "cubic"),
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--law", "hooke"), "hooke"),
         (("fit", "AA.csv", "--site", "AA", "--h", "0.38 mm", "--period", "5 s"), "period"),

@@ -27,7 +27,7 @@ PAGES = sorted(["README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path i
 DOCUMENTS = {
     "README.md": (2, 2),
     "CONTRIBUTING.md": (1, 0),
-    "docs/command-line.md": (0, 2),
+    "docs/command-line.md": (0, 3),
     "docs/fmu.md": (2, 1),
     "docs/coupling.md": (1, 0),
     "docs/closed-loop.md": (0, 1),

@@ -64,7 +64,7 @@ def test_ranges() -> None:
     assert (one.low, one.high, one.unit, one.factor) == (10e3, 120e3, "Pa.s", False)
     assert varied("CA.phi0 = 10 .. 0.12e3 kPa*s")[0].high == 120e3
     assert varied("CA.phi0=10 kPa*s..0.12 MPa*s")[0].low == 10e3
-    assert varied("CA.L=0.1..0.2")[0].low == 0.1  # bare: SI
+    assert varied("CA.L=0.1..0.2m")[0].low == 0.1
     (all_E,) = varied("all.E=0.8..1.2x")
     assert len(all_E.nominal) == 10
     assert all_E.values(np.array([0.5]))["CA.E"] == pytest.approx(0.5 * 4.142e6)
@@ -82,6 +82,8 @@ WRONG = {
     "all.phi=1..2": "nothing in sheep has phi; check the name (did you mean all.phi0?).",
     "all.=1..2": "nothing in sheep has no name",
     "CA+CA.E=1..2MPa": "CA.E occurs twice",
+    "CA.phi0=10..120": 'it has no unit; write one, such as "10..120kPa*s", or x for factors.',
+    "all.E=1..2": 'such as "1..2MPa"',
     "CA.phi0=10..120kg": "the unit kg does not convert to the expected Pa*s",
     "CA.phi0=120..10kPa*s": "the range must begin with its lower end",
     "CA.phi0=-1..10kPa*s": "CA.phi0 = -1000 Pa.s is not allowed",

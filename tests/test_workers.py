@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
 import pickle
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from io import BufferedReader, BytesIO
+from pathlib import Path
 from threading import Event
 from typing import Any
 
@@ -241,3 +244,21 @@ def test_none_can_be_started(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_cores() -> None:
     """At least the one that runs this."""
     assert cores() >= 1
+
+
+def test_what_a_process_started_ends_with_it(tmp_path: Path) -> None:
+    """Another process runs a program, as it runs FMUs; at Ctrl-C here the program ends, too: its pipe does."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    program = f"import time; pipe = open({str(pipe)!r}, 'w'); pipe.write('x'); pipe.flush(); time.sleep(3600)"
+    opened = []
+
+    def stop(_: Any) -> None:
+        opened.append(open(pipe))
+        assert opened[0].read(1) == "x"
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), Counting() as workers:
+        workers.share([[sys.executable, "-c", program]] * 2, subprocess.call, away, stop)
+    assert opened[0].read() == ""
+    opened[0].close()

@@ -14,11 +14,12 @@ from solver.legible import DASH, significant
 from solver.options import Json, Quiet, networks_for
 from solver.progress import PACE, bar
 from solver.units import readable
+from solver.writing import check_destinations
 
 from .models import read_model
 from .outcome import Study, summary
 from .plan import Plan, plan_of
-from .report import write
+from .report import WRITTEN, write
 from .run import run
 from .store import Store
 from .varied import parse_varied
@@ -64,6 +65,7 @@ def main(
     with sentences(ValueError, interrupted=f"what is done is in {out}; the same command goes on from there."):
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
+            check_destinations(*(out / name for name in ("plan.json", *WRITTEN)), folders=True)
             studied = read_model(model, inflow, dt, element_length, tolerance)
             varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)
             plan = plan_of(studied, varied, samples, seed, sites)

@@ -17,6 +17,7 @@ from fitting.records.record import read_record
 from solver import Network, NonPhysicalState, NotPeriodic, Settings, repeating_beat
 from solver.files import dumps, find_network, parse_quantity, read_network
 from solver.quantity import Quantity
+from solver.text import typed_quantity
 from solver.units import INFLOW
 
 Array = np.ndarray
@@ -200,7 +201,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
     if source.lower().endswith(".fmu"):
         return _fmu_model(source, driven_by)
     network = read_network(find_network(source))
-    settings = Settings(seconds, parse_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
+    settings = Settings(seconds, typed_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
     if driven_by is None:
         if any(inlet.given is None for inlet in network.inlets):
             raise ValueError(f"{source}: what is given at its inlet is not known; add a curve to the network file.")
@@ -234,7 +235,8 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
         if variable.name in fmu.parameters and variable.type == "Real" and not variable.name.startswith("solver."):
             low, high = (float(end) if end else sign * np.inf for end, sign in ((variable.min, -1), (variable.max, 1)))
             unit = variable.unit or "1"
-            known[variable.name] = Quantity(unit, variable.description or variable.name, low, high)
+            description, display = variable.description or variable.name, variable.displayUnit
+            known[variable.name] = Quantity(unit, description, low, high, display=display)
             nominal[variable.name] = float(variable.start)
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)

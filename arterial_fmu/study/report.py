@@ -10,30 +10,28 @@ import numpy as np
 
 from fitting.pages.page import environment
 from fitting.provenance import software
-from fitting.result_files import json_text, make_folder
-from solver.files import write_whole
+from fitting.result_files import json_text
 from solver.legible import DASH, number, significant
 from solver.units import readable
+from solver.writing import write_folder
 
 from .outcome import Study, indices_csv, summary
 
 SHOWN_SITES = 12  # with figures on the page
 SHOWN_FAILURES = 20
+WRITTEN = ("study.html", "sets.parquet", "waveforms.parquet", "indices.csv", "study.json")
 
 
 def write(study: Study, folder: Path) -> list[Path]:
-    """Write study.json, indices.csv, figures/*.png and, last, study.html; the paths that people look for first."""
+    """Write figures, study.json, indices.csv and study.html, all or none; the paths that people look for first."""
     from .figures import figures  # matplotlib takes a second
 
     drawings = figures(study, study.plan.sites[:SHOWN_SITES])
     html = page(study, drawings)
-    pictures = make_folder(folder / "figures")
-    for name, drawn in drawings.items():
-        write_whole(pictures / f"{name}.png", drawn.png)
-    write_whole(folder / "study.json", json_text(summary(study)))
-    write_whole(folder / "indices.csv", indices_csv(study))
-    write_whole(folder / "study.html", html)
-    return [folder / name for name in ("study.html", "sets.parquet", "waveforms.parquet", "indices.csv", "study.json")]
+    pictures: dict[str, str | bytes] = {f"figures/{name}.png": drawn.png for name, drawn in drawings.items()}
+    texts = {"study.json": json_text(summary(study)), "indices.csv": indices_csv(study), "study.html": html}
+    write_folder(folder, pictures | texts)
+    return [folder / name for name in WRITTEN]
 
 
 def page(study: Study, drawings: Mapping[str, Any]) -> str:

@@ -14,8 +14,8 @@ from typing import Any
 
 import polars as pl
 
-from fitting.result_files import json_text, make_folder
-from solver.files import write_whole
+from fitting.result_files import check_unmixed, json_text
+from solver.writing import make_folder, write_folder, write_whole
 
 from .batch import FAILED, SET, parquet
 from .plan import Plan
@@ -30,6 +30,7 @@ class Store:
     def __init__(self, folder: str | os.PathLike[str], plan: Plan) -> None:
         self.folder, self.plan = Path(folder), plan
         path = self.folder / "plan.json"
+        check_unmixed(self.folder, "study")
         text = json_text(plan.manifest)
         if path.is_file():
             different = _difference(_read(path), json.loads(text))
@@ -37,8 +38,7 @@ class Store:
                 raise ValueError(
                     f"{self.folder}: it holds another study ({different}); give another folder, or the same options."
                 )
-        make_folder(self.folder)
-        write_whole(path, text)
+        write_folder(self.folder, {path.name: text})
 
     @property
     def whole(self) -> bool:
@@ -68,10 +68,9 @@ class Store:
         results = pl.concat(
             [frame.select(SET), groups, numbers, frame.select(*plan.measures, FAILED)], how="horizontal"
         )
-        if plan.checked.size:
-            write_whole(self.folder / "finer.parquet", parquet(_table(self.part(CHECK))))
-        write_whole(self.folder / "waveforms.parquet", parquet(frame.select(SET, *plan.waves)))
-        write_whole(self.folder / "sets.parquet", parquet(results))
+        finer = {"finer.parquet": parquet(_table(self.part(CHECK)))} if plan.checked.size else {}
+        waveforms = parquet(frame.select(SET, *plan.waves))
+        write_folder(self.folder, finer | {"waveforms.parquet": waveforms, "sets.parquet": parquet(results)})
         self.clear()
 
     def clear(self) -> None:

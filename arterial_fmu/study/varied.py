@@ -10,7 +10,7 @@ import numpy as np
 
 from solver.files import parse_quantity
 from solver.quantity import Quantity
-from solver.text import did_you_mean
+from solver.text import did_you_mean, typed_unit
 
 Array = np.ndarray
 
@@ -72,12 +72,12 @@ def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float
         )
     option = f"{OPTION} {name}"
     names = _names(name, option, known, model)
-    unit = known[names[0]].unit
+    unit, display = known[names[0]].unit, known[names[0]].display
     factors = _FACTOR.fullmatch(span)
     if factors:
         low, high = (parse_quantity(part, "1", option) for part in factors.groups())
     else:
-        low, high = _ends(span, unit, option)
+        low, high = _ends(span, unit, option, display)
     if not low < high:
         raise ValueError(f"{option}={span}: the range must begin with its lower end; give two values that differ.")
     found = Varied(name, {n: nominal[n] for n in names}, low, high, "1" if factors else unit, bool(factors), span)
@@ -94,13 +94,16 @@ def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float
     return found
 
 
-def _ends(span: str, unit: str, option: str) -> tuple[float, float]:
+def _ends(span: str, unit: str, option: str, display: str | None) -> tuple[float, float]:
     """The two ends of a range [unit]; the unit of the second is that of both where the first has none."""
     match = _RANGE.fullmatch(span)
     assert match is not None
     first, last = (part.strip() for part in match.groups())
     if _BARE.fullmatch(first):
         first += " " + _BARE.sub("", last, count=1).strip()
+    if unit not in ("1", "s") and _BARE.fullmatch(last):
+        proposed = f'"{span}{typed_unit(unit, display)}"'
+        raise ValueError(f"{option}={span}: it has no unit; write one, such as {proposed}, or x for factors.")
     return parse_quantity(first.strip(), unit, option), parse_quantity(last, unit, option)
 
 

@@ -20,6 +20,7 @@ from ..provenance import software
 from ..records.align import align
 from ..records.beats import Beats
 from ..records.columns import Reading
+from ..records.plausible import Artery, check_plausible
 from ..records.record import read_record
 from ..tasks import done
 from ..wall import fit
@@ -255,6 +256,7 @@ def fit_cohort(
     elastic: str | None = None,
     eta: float = 0.5,
     reading: Reading | None = None,
+    as_measured: bool = False,
     jobs: int | None = 1,
     scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -263,8 +265,8 @@ def fit_cohort(
 
     models, elastic : names of :func:`fitting.wall_model.model`. eta : Poisson's ratio. Without ``elastic`` every law is
     fitted, and the one is kept of which all recordings together give most evidence: animals have one kind of wall.
-    reading : of every record. jobs, scheduler : who fits (:func:`fitting.tasks.done`). progress : gets the fraction
-    done and the recording.
+    reading : of every record. as_measured : values that no artery has are taken as they are. jobs, scheduler : who
+    fits (:func:`fitting.tasks.done`). progress : gets the fraction done and the recording.
     A recording or model that cannot be used is among the failures, with its sentence. Raises ValueError for an unknown
     model, for no entries, or if no recording could be fitted.
     """
@@ -273,7 +275,7 @@ def fit_cohort(
         model(name, laws[0])
     if not names or not entries:
         raise ValueError("a cohort needs at least one recording and one model; give them.")
-    tasks = [_Task(entry, names, laws, eta, reading) for entry in entries]
+    tasks = [_Task(entry, names, laws, eta, reading, as_measured) for entry in entries]
     found: list[dict[str, _Found]] = [{} for _ in tasks]
     if progress:
         progress(0.0, f"{entries[0].animal} {entries[0].site}")
@@ -311,6 +313,7 @@ class _Task:
     laws: tuple[str, ...]
     eta: float
     reading: Reading | None
+    as_measured: bool
 
 
 @dataclass(frozen=True)
@@ -325,7 +328,10 @@ def _fit(task: _Task) -> dict[str, _Found]:
     """The fits of one recording by elastic law."""
     entry = task.entry
     try:
-        beats = align(read_record(entry.record, task.reading))
+        record = read_record(entry.record, task.reading)
+        if not task.as_measured:
+            check_plausible(record, {entry.site: Artery(entry.R0, entry.h)})
+        beats = align(record)
         beats.site(entry.site)
     except ValueError as error:
         return dict.fromkeys(task.laws, _Found(None, (Failure(entry, "", str(error)),)))

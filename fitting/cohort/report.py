@@ -11,13 +11,13 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from solver.console import right
-from solver.files import write_whole
 from solver.legible import DASH, number, plus_minus
 from solver.notebook.style import png
+from solver.writing import write_folder
 
-from ..parameter_set import write_set
+from ..parameter_set import set_content
 from ..provenance import software
-from ..result_files import json_text, make_folder
+from ..result_files import json_text
 from .claims import Claim
 from .figures import cohort_figures
 from .fits import QUANTITIES, Cohort, Recording, Summary
@@ -74,18 +74,12 @@ def _sentence(cohort: Cohort) -> str:
 def write(cohort: Cohort, folder: str | os.PathLike[str]) -> list[Path]:
     """Write the figures, mean_set.json, mean_set.ssv and cohort.json, in this order; the paths of what was written.
 
-    All is made before the first file is written. Raises ValueError if the folder or a file cannot be written.
+    All of them or none. Raises ValueError if the folder or a file cannot be written.
     """
-    folder, means, numbers = Path(folder), cohort.mean_set(), to_json(cohort)
-    figures = {folder / f"{name}.png": png(figure) for name, figure in cohort_figures(cohort).items()}
-    make_folder(folder)
-    sets = [folder / "mean_set.json", folder / "mean_set.ssv"]
-    for path, content in figures.items():
-        write_whole(path, content)
-    for path in sets:
-        write_set(means, path)
-    write_whole(folder / "cohort.json", numbers)
-    return [*figures, *sets, folder / "cohort.json"]
+    means = cohort.mean_set()
+    figures = {f"{name}.png": png(figure) for name, figure in cohort_figures(cohort).items()}
+    sets = {name: set_content(means, name) for name in ("mean_set.json", "mean_set.ssv")}
+    return write_folder(folder, {**figures, **sets, "cohort.json": to_json(cohort)})
 
 
 def to_json(cohort: Cohort) -> str:

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from solver.files import write_whole
+from solver.writing import write_folder
 
-from ..records.record import write_record
+from ..records.record import record_content
 from ..records.virtual import SITES, VirtualWall, jarvik_pressure, measured, pressure_at, solve_radii, table_wall
-from ..result_files import json_text, make_folder
+from ..result_files import json_text
 
 Array = np.ndarray
 
@@ -188,17 +188,17 @@ def write_cohort(
 ) -> Path:
     """Write recordings, cohort.csv, truth.json and a README.txt into a folder; the path of cohort.csv.
 
-    The folder is made if it is missing; cohort.csv is written last. progress : gets the fraction done and the file.
+    All of them or none; the folder is made if it is missing. progress : gets the fraction done and the file.
     Raises ValueError if it cannot be written.
     """
-    folder = make_folder(folder)
+    files: dict[str, str | bytes] = {}
     lines = ["animal,site,record,h [mm],R0 [mm]"]
     for i, each in enumerate(cohort.recordings):
         if progress:
             progress(i / len(cohort.recordings), each.file)
         channels = {f"{each.site}.P": each.P, f"{each.site}.R": each.R}
         units = {f"{each.site}.P": "mmHg", f"{each.site}.R": "mm"}
-        write_record(folder / each.file, each.time, channels, units)
+        files[each.file] = record_content(each.file, each.time, channels, units)
         lines.append(f"{each.animal},{each.site},{each.file},{1e3 * each.h:.4g},{1e3 * each.R0:.5g}")
     truth = {
         "data": "virtual animals: synthetic data, not measured",
@@ -208,10 +208,8 @@ def write_cohort(
             {"animal": animal, "site": site, **asdict(each)} for (animal, site), each in cohort.truth.items()
         ],
     }
-    write_whole(folder / "README.txt", README)
-    write_whole(folder / "truth.json", json_text(truth, indent=1))
-    write_whole(folder / "cohort.csv", "\n".join(lines) + "\n")
-    return folder / "cohort.csv"
+    files |= {"README.txt": README, "truth.json": json_text(truth, indent=1), "cohort.csv": "\n".join(lines) + "\n"}
+    return write_folder(folder, files)[-1]
 
 
 def _animal(

@@ -10,19 +10,20 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
-from solver.files import write_whole
 from solver.legible import DASH, interval, number, rounded, shown_in, signed
 from solver.notebook.style import STYLE
 from solver.units import of_signal, readable
+from solver.writing import write_folder
 
 from ..agreement import Agreement, LoopArea
 from ..check import CheckReport
 from ..estimate import Estimate
 from ..indices import modulus
 from ..parameter_set import quantity_of
-from ..result_files import make_folder
 from .page import environment, in_words
 from .panels import DASHED, MEASURED, SIMULATED, Curve, Drawing, drawing, loops, waveforms
+
+FILES = ("check.json", "waveforms.png", "residuals.png", "loops.png", "check.html")
 
 
 def write_check(report: CheckReport, directory: str | os.PathLike[str]) -> Path:
@@ -30,13 +31,11 @@ def write_check(report: CheckReport, directory: str | os.PathLike[str]) -> Path:
 
     Raises ValueError if the directory cannot be written.
     """
-    folder = make_folder(directory)
     drawn = figures(report)
-    write_whole(folder / "check.json", report.to_json())
-    for name, figure in drawn.items():
-        write_whole(folder / f"{name}.png", figure.png)
-    write_whole(folder / "check.html", page(report, drawn))
-    return folder / "check.html"
+    files: dict[str, str | bytes] = {"check.json": report.to_json()}
+    files |= {f"{name}.png": figure.png for name, figure in drawn.items()}
+    files["check.html"] = page(report, drawn)
+    return write_folder(directory, files, gone=set(FILES) - set(files))[-1]
 
 
 def figures(report: CheckReport) -> dict[str, Drawing]:

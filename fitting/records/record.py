@@ -44,7 +44,7 @@ class Record:
 
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
-    told : what was said of the columns, as ``Reading.told``.
+    told : what was said of the columns, as ``Reading.told``. scales : of each channel, SI over the unit that was read.
     """
 
     path: str
@@ -53,6 +53,7 @@ class Record:
     channels: Mapping[str, Array]
     resting: Mapping[str, float] = field(default_factory=dict)
     told: Mapping[str, Any] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def dt(self) -> float:
@@ -100,6 +101,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
     place = table.place
     time = uniform(clock.column.values, clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
+    scales = {each.name: each.scale for each in chosen}
     channels: dict[str, Array] = {}
     resting: dict[str, float] = {}
     del table, clock
@@ -118,16 +120,24 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
             resting[name] = constant
         else:
             refuse_constant(name, constant, title, place)
-    return Record(str(path), sha256, time, channels, resting, reading.told)
+    return Record(str(path), sha256, time, channels, resting, reading.told, scales)
 
 
 def write_record(
     path: str | os.PathLike[str], time: Array, channels: Mapping[str, Array], units: Mapping[str, str] | None = None
 ) -> None:
-    """Write a record, whole or not at all: time (n,) [s], channels in SI with NaN for gaps.
+    """Write a record, whole or not at all, as :func:`record_content` makes it. Raises ValueError as that does."""
+    write_whole(path, record_content(path, time, channels, units))
 
-    units : by channel name, or "time"; default the SI unit of the kind. Each value reads back to a few units in the
-    last place. Raises ValueError for a name that no record has, a unit that does not fit, or unequal lengths.
+
+def record_content(
+    path: str | os.PathLike[str], time: Array, channels: Mapping[str, Array], units: Mapping[str, str] | None = None
+) -> bytes:
+    """The file of a record: time (n,) [s], channels in SI with NaN for gaps.
+
+    path : for errors. units : by channel name, or "time"; default the SI unit of the kind. Each value reads back to a
+    few units in the last place. Raises ValueError for a name that no record has, a unit that does not fit, or unequal
+    lengths.
     """
     source, units = os.fspath(path), dict(units or {})
     time = np.asarray(time, float)
@@ -150,7 +160,7 @@ def write_record(
         table[title] = values / each.scale
     stream = io.BytesIO()
     pl.DataFrame(table).fill_nan(None).write_csv(stream)
-    write_whole(path, stream.getvalue())
+    return stream.getvalue()
 
 
 def _digest(path: str | os.PathLike[str]) -> str:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..text import quoted, write_whole
+from ..text import quoted
+from ..writing import Content, check_new, write_all
 
 Sections = dict[str, Any]
 
@@ -77,20 +78,25 @@ def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, l
     return roots[0].name, junctions, [e.name for e in free]
 
 
-def write(sections: Sections, path: Path, comment: str = "") -> list[Path]:
-    """Write a network file, and the table of its inlet beside it; returns what was written. Raises ValueError."""
-    inlet, written = dict(sections["inlet"]), []
+def write(sections: Sections, path: Path, comment: str = "", force: bool = False) -> list[Path]:
+    """Write a network file, and the table of its inlet beside it; returns what was written.
+
+    Raises ValueError if one is there already and is not to be replaced (force), or cannot be written.
+    """
+    inlet = dict(sections["inlet"])
+    files: dict[Path, Content] = {}
     if isinstance(inlet.get("t"), list):
         times = inlet.pop("t")
         signal = next(key for key, value in inlet.items() if isinstance(value, list))
         unit = {"Q": "m^3/s", "P": "Pa"}[signal]
         table = path.with_name(f"{path.stem}_inlet.csv")
         rows = [f"{t!r},{value!r}" for t, value in zip(times, inlet[signal], strict=True)]
-        write_whole(table, "\n".join([f"time [s],{signal} [{unit}]", *rows]) + "\n")
-        written.append(table)
+        files[table] = "\n".join([f"time [s],{signal} [{unit}]", *rows]) + "\n"
         inlet[signal] = table.name
-    write_whole(path, comment + text({**sections, "inlet": inlet}))
-    return [path, *written]
+    files[path] = comment + text({**sections, "inlet": inlet})
+    check_new(files, force)
+    write_all(files)
+    return list(reversed(files))
 
 
 def text(sections: Sections) -> str:

@@ -1,11 +1,14 @@
 """Runs an SSP in ecos: ``ssp_with_ecos.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
+import os
 import sys
 
 from ecospy import EcosLib, EcosSimulation
 
 job = json.load(open(sys.argv[1]))
+answer = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 EcosLib.set_log_level("warn")
 table = []
 with EcosSimulation(ssp_path=job["ssp"], step_size=job["step"]) as simulation:
@@ -15,4 +18,4 @@ with EcosSimulation(ssp_path=job["ssp"], step_size=job["step"]) as simulation:
         simulation.step()
         table.append([simulation.get_real(name.replace(".", "::", 1)) for name in job["outputs"]])
     simulation.terminate()
-print(json.dumps(table))
+print(json.dumps(table), file=answer, flush=True)

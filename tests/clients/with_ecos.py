@@ -1,11 +1,14 @@
 """Runs an FMU in ecos: ``with_ecos.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
+import os
 import sys
 
 from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
 
 job = json.load(open(sys.argv[1]))
+answer = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 EcosLib.set_log_level("warn")
 with EcosSimulationStructure() as structure:
     structure.add_model("arteries", job["fmu"])
@@ -19,4 +22,4 @@ with EcosSimulationStructure() as structure:
             simulation.step()
             table.append([simulation.get_real(f"arteries::{name}") for name in job["outputs"]])
         simulation.terminate()
-print(json.dumps(table))
+print(json.dumps(table), file=answer, flush=True)

@@ -1,6 +1,7 @@
 """Runs an FMU in libcosim: ``with_libcosim.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
+import os
 import sys
 
 from libcosimpy.CosimExecution import CosimExecution
@@ -10,6 +11,8 @@ from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimSlave import CosimLocalSlave
 
 job = json.load(open(sys.argv[1]))
+answer = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 log_output_level(CosimLogLevel.WARNING)
 execution = CosimExecution.from_step_size(round(job["step"] * 1e9))  # ns
 slave = CosimLocalSlave(fmu_path=job["fmu"], instance_name="arteries")
@@ -29,4 +32,4 @@ for Q in job["inflow"]:
     if not execution.step():
         raise SystemExit("libcosim: the step failed")
     table.append(observer.last_real_values(arteries, outputs))
-print(json.dumps(table))
+print(json.dumps(table), file=answer, flush=True)

@@ -1,0 +1,127 @@
+"""Whether the numbers of a record can be those of an artery: a wrong unit is named before anything is computed.
+
+A factor of 7.5 between kPa and mmHg, or of 10 between mm and cm, goes into E whole, and no fit shows it. So every
+channel is held against what arteries of mammals have, and a unit in which its numbers would fit is proposed.
+
+The mean arterial pressure of mammals is about 100 mmHg whatever their size, 200 mmHg in giraffes; their aortic peak
+velocity is about 1 m/s whatever their size (Nichols, O'Rourke & Vlachopoulos, McDonald's Blood Flow in Arteries, 6th
+ed. 2011). Radii go from 0.1 mm, of a mouse's femoral artery, to 30 mm, of a horse's aorta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from solver.network import Network
+from solver.units import MMHG, of_signal
+
+from .record import Record
+from .sensors import KINDS, UnusableRecord
+from .tables.titles import factor
+
+Array = np.ndarray
+
+HIGHEST_MEAN = 300.0 * MMHG  # mmHg read as kPa make any mean above 40 mmHg exceed it
+PULSE = (2.0 * MMHG, 200.0 * MMHG)  # mmHg read as Pa make 15 to 150 mmHg 0.1 to 1.1
+# kPa read as mmHg make means from 40 to 187 mmHg 5 to 25, where only lungs and veins have theirs. The ratio of pulse to
+# mean knows no unit: 0.3 to 0.7 in systemic arteries, about 1 in those of the lungs. A pressure that is told from a
+# reference, as the published sheep's, is all pulse.
+LOW_MEAN, SYSTEMIC = 25.0 * MMHG, 0.75
+RADIUS = (5e-5, 0.04)  # [m]
+TO_R0 = 1.6  # mean radius over R0: an artery is stretched by less, and a diameter is twice its radius
+WALL = (0.02, 0.5)  # h/R: 0.04 to 0.2 in arteries of mammals, so that a factor of 10 leaves it either way or nearly
+STEEP = 6.0  # ratio of dP/dR to the model's: below the factor of the units, above what animals and effects differ by
+LEVELS = (1.0, 50.0, 99.0)  # percentiles: lowest, mean and highest, whatever single samples are
+FASTEST = 5.0  # [m/s], of a peak flow over the area at R0
+UNITS = {"P": ("mmHg", "kPa", "Pa"), "R": ("mm", "cm", "m", "um"), "Q": ("mL/s", "L/min", "mL/min", "m^3/s")}
+
+
+@dataclass(frozen=True)
+class Artery:
+    """What is known of an artery beside its record, None where it is not: R0 and h [m], slope dP/dR of its wall [Pa/m].
+
+    pulse : of its pressure [Pa], by the slope and the measured radius.
+    """
+
+    R0: float | None = None
+    h: float | None = None
+    slope: float | None = None
+    pulse: float | None = None
+
+
+def arteries(network: Network) -> dict[str, Artery]:
+    """The arteries of a network by the names that its channels have."""
+    stiff = 1.0 - network.eta**2
+    known = {s.name: Artery(s.R0, s.h, s.E * s.h / (stiff * s.R0**2)) for s in network.segments}
+    sites = {site.name: known[site.segment] for site in network.sites}
+    return known | sites | {"inlet": known[network.inlet.segment]}
+
+
+def check_plausible(record: Record, known: Mapping[str, Artery]) -> None:
+    """Raise UnusableRecord for a channel that no artery has; known : the arteries by the names of channels.
+
+    The sentence names the unit in which its numbers would be an artery's, if there is one.
+    """
+    for together, (name, values) in product((False, True), record.channels.items()):
+        site, _, kind = name.rpartition(".")
+        artery = known.get(site, Artery())
+        if together and artery.slope is not None and f"{site}.R" in record.channels:
+            artery = replace(artery, pulse=artery.slope * _pulse(record.channels[f"{site}.R"]))
+        fault = _fault(kind, values, artery)
+        if fault:
+            advice = _advice(name, values, record.scales.get(name, 1.0), artery)
+            raise UnusableRecord(
+                f"{record.path}: {name}: {fault}; {advice}, or --as-measured if it is truly so (a phantom, a vein)."
+            )
+
+
+def _advice(name: str, values: Array, scale: float, artery: Artery) -> str:
+    """What may be wrong. scale : SI over the unit that was read."""
+    site, _, kind = name.rpartition(".")
+    if kind == "R" and artery.R0 is not None and not _fault(kind, values / 2.0, artery):
+        return f'its numbers are those of a diameter: give it as one, --map "{name}={site}.D [mm]"'
+    for unit in UNITS[kind]:
+        other = factor(unit, KINDS[kind]) or 1.0
+        if abs(other / scale - 1.0) > 0.1 and not _fault(kind, values * (other / scale), artery):
+            return f'its numbers fit the unit {unit}: correct the title, or --map "{name}={name} [{unit}]"'
+    return "check its unit, its sensor, and whether it is of this artery"
+
+
+def _pulse(values: Array) -> float:
+    low, _, high = np.nanpercentile(values, LEVELS)
+    return float(high - low)
+
+
+def _fault(kind: str, values: Array, artery: Artery) -> str:
+    """Why values (n,) [SI] are no artery's, in the unit that people read; "" if they may be."""
+    unit, shown = of_signal(kind)
+    low, middle, high = np.nanpercentile(values, LEVELS)
+    pulse = high - low
+    if kind == "P":
+        if abs(middle) > HIGHEST_MEAN:
+            return f"its mean is {shown * middle:.4g} {unit}, and no artery's is beyond 300 {unit}"
+        if not PULSE[0] <= pulse <= PULSE[1]:
+            return f"its pulse is {shown * pulse:.3g} {unit}, and that of arteries from 2 to 200 {unit}"
+        if 0.0 < middle < LOW_MEAN and pulse < SYSTEMIC * middle:
+            return f"its mean is {shown * middle:.3g} {unit}, and its pulse but {pulse / middle:.2g} of that"
+        if artery.pulse is not None and not 1.0 / STEEP < pulse / artery.pulse < STEEP:
+            return f"it rises {pulse / artery.pulse:.3g} times as steeply with the radius as in the model"
+    if kind == "R":
+        if not RADIUS[0] <= middle <= RADIUS[1]:
+            return f"its mean is {shown * middle:.4g} {unit}, and arteries have from 0.05 to 40 {unit}"
+        if artery.R0 is not None and not 1.0 / TO_R0 < middle / artery.R0 < TO_R0:
+            return f"its mean is {shown * middle:.4g} {unit}, and R0 is {shown * artery.R0:.4g} {unit}"
+        if artery.h is not None and not WALL[0] <= artery.h / middle <= WALL[1]:
+            return (
+                f"its mean is {shown * middle:.4g} {unit} and h is {shown * artery.h:.3g} {unit}, which is "
+                f"{artery.h / middle:.2g} of it, where arteries have from {WALL[0]:g} to {WALL[1]:g}"
+            )
+    if kind == "Q" and artery.R0 is not None:
+        peak = max(abs(low), abs(high)) / (np.pi * artery.R0**2)
+        if peak > FASTEST:
+            return f"its peak is {peak:.3g} m/s over the area at R0, and no artery's is beyond {FASTEST:g} m/s"
+    return ""

@@ -1,0 +1,128 @@
+"""Files that a command writes: whether they can be written, before the work; and after it, all of them or none."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from .interrupts import interrupts_later
+
+Name = str | os.PathLike[str]
+Content = str | bytes
+
+
+def write_whole(path: Name, content: Content) -> None:
+    """Write a file whole or not at all. Raises ValueError if it cannot be written."""
+    write_all({path: content})
+
+
+def write_all(files: Mapping[Name, Content] | Mapping[Path, Content], gone: Iterable[Path] = ()) -> None:
+    """Write files by path, all of them or none: all aside first, then each is moved, in their order.
+
+    The last of several is the sign that all are there: it is never there beside others of an earlier result.
+    gone : files of an earlier result that are removed. Raises ValueError if one cannot be written.
+    """
+    asides: dict[Path, Path] = {}
+    path: Name = ""
+    try:
+        for path, content in files.items():
+            _check_regular(Path(path))
+            target = Path(path).resolve()  # a link stays a link
+            if target in asides:
+                raise ValueError(f"{path}: two files have this name; give another for one of them.")
+            asides[target] = target.with_name(f".{target.name}.{os.getpid()}.part")
+            asides[target].write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        with interrupts_later():
+            for old in (*gone, *list(asides)[1:][-1:]):
+                old.unlink(missing_ok=True)
+            for path, aside in asides.items():
+                os.replace(aside, path)
+    except OSError as error:
+        raise _unwritable(Path(path), error) from None
+    finally:
+        for aside in asides.values():
+            with suppress(OSError):
+                aside.unlink()
+
+
+def write_folder(folder: Name, files: Mapping[str, Content], gone: Iterable[str] = ()) -> list[Path]:
+    """Write the files of a result by their names in a folder, all or none; the paths of what was written.
+
+    The folder is made if it is missing. gone : files that an earlier result had and this one has not; they are removed.
+    Raises ValueError if one cannot be written.
+    """
+    root = Path(folder)
+    paths = {root / name: content for name, content in files.items()}
+    places = {path.parent for path in paths}
+    made = sorted({each for place in places for each in (place, *place.parents) if not each.exists()})
+    try:
+        for place in places:
+            make_folder(place)
+        write_all(paths, [root / name for name in gone])
+    except BaseException:
+        for place in reversed(made):
+            with suppress(OSError):  # not there yet, or not empty
+                place.rmdir()
+        raise
+    return list(paths)
+
+
+def make_folder(path: Name) -> Path:
+    """The folder, made if it is missing. Raises ValueError if it cannot be made."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        _check_way(folder)
+        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
+    return folder
+
+
+def check_destinations(*paths: Path | None, folders: bool = False) -> None:
+    """Raise ValueError before the work, not after it, if one of the files cannot be written.
+
+    None is no file. folders : missing folders will be made.
+    """
+    for path in paths:
+        if path is None:
+            continue
+        _check_regular(path)
+        place = path.resolve().parent if path.is_symlink() else path.parent
+        if not folders and not place.is_dir():
+            raise ValueError(f"{path}: cannot be written (no folder {place}); make the folder or give another.")
+        _check_way(place)
+        there = next(each for each in (place, *place.absolute().parents) if each.is_dir())
+        try:
+            with tempfile.TemporaryFile(dir=there):
+                pass
+        except OSError as error:
+            raise _unwritable(path, error) from None
+
+
+def check_new(files: Mapping[Path, Content], force: bool) -> None:
+    """Raise ValueError if a file that people edit is there with another content. force : it may be replaced."""
+    for path, content in files.items():
+        if not force and path.is_file():
+            if path.read_bytes() != (content.encode("utf-8") if isinstance(content, str) else content):
+                raise ValueError(f"{path}: is there already and may have been edited; give another name, or --force.")
+
+
+def _check_regular(path: Path) -> None:
+    """Raise ValueError for a path that a rename would replace, such as a device, or fail on, such as a folder."""
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
+
+
+def _check_way(folder: Path) -> None:
+    """Raise ValueError if a file is where a folder is to be."""
+    file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
+    if file is not None:
+        what = "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"
+        raise ValueError(f"{folder}: {what}; give another folder.")
+
+
+def _unwritable(path: Path, error: OSError) -> ValueError:
+    return ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.")
