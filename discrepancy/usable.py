@@ -23,7 +23,7 @@ _PRESSURE = 300.0 * MMHG  # [Pa], of a mean
 _RADIUS = 1.6  # ratio of a mean radius to R0
 _STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
 _DEAD = 0.05  # of the usual pulse of a beat
-_MOSTLY = 0.25  # of the beats
+_DEAD_FOR = 0.125  # of the beats
 
 
 def check_record(record: Record) -> None:
@@ -48,12 +48,12 @@ def check_record(record: Record) -> None:
 
 
 def check_beats(study: Study) -> None:
-    """Raise Unusable if a sensor was dead for a good part of the record."""
+    """Raise Unusable if a sensor was dead for an eighth of the beats."""
     for name in study.fitted.values:
         beats = np.concatenate([study.fitted.values[name], study.held_out.values[name]])
         pulse = np.nanstd(beats, axis=1)
         dead = pulse < _DEAD * np.nanmedian(pulse)
-        if dead.mean() > _MOSTLY / 2.0:
+        if dead.mean() > _DEAD_FOR:
             raise Unusable(
                 f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its "
                 f"sensor was dead there; leave these samples empty or leave the channel out."

@@ -32,15 +32,18 @@ def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Networ
     return own.apply(on_bench(network, site, T, f"the parameter set {parameters.name}"))
 
 
-def on_bench(network: Network, site: str, T: float | None = None, source: str = "") -> Network:
+def on_bench(
+    network: Network, site: str, T: float | None = None, source: str = "", segment: str | None = None
+) -> Network:
     """A millimetre of one artery of a network, with the pressure `<site>.outlet.P_venous` at its end and no inflow.
 
     T : period of the default inflow (which is 0) [s]; default that of the network. source : where it is from.
+    segment : that the site is in, if it has another name.
     """
     return replace(
         network,
         name=f"bench_{site}",
-        segments=(replace(network.segment(site), L=LENGTH),),
+        segments=(replace(network.segment(segment or site), name=site, L=LENGTH),),
         inlet=Inlet(site, Q_max=0.0, T=T or network.inlet.T),
         junctions=(),
         outlets=(Pressure(site),),

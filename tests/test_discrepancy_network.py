@@ -16,6 +16,7 @@ import pytest
 from forked import NETWORK, N, T, inflow, record
 from small_network import NAMES, term, terms
 
+from discrepancy import thresholds
 from discrepancy.journal import parted
 from discrepancy.name import name
 from discrepancy.verdict import Naming
@@ -190,8 +191,10 @@ def read_back(naming: Naming) -> Naming:
 
 
 def test_a_naming_read_back_has_its_problem(stiff: Naming) -> None:
-    """Through a journal and about a problem made anew: the same step and weights, bit by bit."""
+    """Through a journal and about a problem made anew: the same step, weights and ranges, bit by bit."""
+    stiff = replace(stiff, problem=stiff.problem.within(thresholds.FARTHEST))
     again = read_back(stiff)
+    assert again.problem.hypothesis(()) == stiff.problem.hypothesis(())
     assert isinstance(again.problem, NetworkProblem) and isinstance(stiff.problem, NetworkProblem)
     assert again.problem.simulator.settings == stiff.problem.simulator.settings
     for old, new in zip(stiff.problem.weights, again.problem.weights, strict=True):
@@ -325,7 +328,7 @@ def test_sharpened_shortens_elements_where_they_matter(noise: float, halvings: i
 def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
     """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
     before = network_problem(beats(1.25), NETWORK)
-    after = before.restored((0.05, before.error, 1.7 * healthy.target.covariance, before.response))
+    after = before.restored((0.05, np.inf, before.error, 1.7 * healthy.target.covariance, before.response))
     (old,) = before.refit([()])
     assert old is not None
     (new,) = after.restated([old], before)
