@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from .state import Kind
+from solver.saved import Kind
 
 _SLACK = 2e-9  # s, by which the communication points of a master may differ from ours by round-off
 

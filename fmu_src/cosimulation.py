@@ -12,6 +12,7 @@ import numpy as np
 from solver.inlet import Inlet
 from solver.network import Network
 from solver.outputs import reporter, venous_flow, volume_weights
+from solver.saved import Kind, dataclasses
 from solver.scheme.failure import NonPhysicalState
 from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
@@ -21,7 +22,6 @@ from solver.start import periodic_state
 from .component import Component, check_time
 from .drive import inlet_with, own_drive
 from .ports import Impedances, endless, impedances, port_names, port_values
-from .state import Kind, dataclasses
 from .stretch import Drive, Position, Stretch, rounded
 
 Array = np.ndarray

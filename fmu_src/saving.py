@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 
 from pythonfmu import Fmi2Slave
 
+from solver.saved import from_bytes, to_bytes
+
 from .component import Component
 from .refusal import compensate, sentence
-from .state import from_bytes, to_bytes
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 

@@ -1,11 +1,13 @@
-"""Saved states: what a component holds as bytes, and back. Numbers, texts and arrays only: reading runs no code.
+"""Saved states: what an FMU's component or a stage of a study holds, as bytes, and back.
+
+Numbers, texts and arrays only: reading runs no code.
 
     8 bytes "FMUstate" · 4 bytes format · 4 bytes length n of the header · 32 bytes SHA-256 of all that follows
-    n bytes JSON: the FMU's GUID, the values as a tree, type and shape of each array · the arrays, one after the other
+    n bytes JSON: whose state, by GUID; the values as a tree; type and shape of each array · the arrays one by one
 
 Numbers are little-endian. A tree is a number, text, truth value or null as it is, and else a list that begins with what
 it is: ["list", …], ["tuple", …], ["dict", [key, value], …], ["array", its number], [kind, [part, value], …] for an
-object of one of the component's own kinds, or ["again", number of the object] where the same object comes again.
+object of one of the kinds that the owner of the state knows, or ["again", number of the object] for the same object.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ Array = np.ndarray
 MAGIC, FORMAT = b"FMUstate", 1
 _HEAD = struct.Struct("<8sII32s")
 _PLAIN = (bool, int, float, str, type(None))
-_NUMBERS = "biuf"  # kinds of NumPy types: truth values, integers, floating point
+_NUMBERS = "biufc"  # kinds of NumPy types: truth values, integers, floating point, complex
 
 
 @dataclass(frozen=True)
