@@ -31,7 +31,8 @@ from fmu_src import __version__, content, doctor, models, system
 from fmu_src.models import Model
 from fmu_src.species import SPECIES
 from fmu_src.variable import Variable
-from solver.console import put, say, sentences
+from solver.console import faults, put, say, sentences
+from solver.errors import InputError
 from solver.files import find_network, parse_quantity, read_network, write_whole
 from solver.network import Network
 from solver.options import Json, NetworkName, Quiet
@@ -83,11 +84,11 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
     return target
 
 
-def _unwritable(target: Path, error: OSError) -> ValueError:
+def _unwritable(target: Path, error: OSError) -> InputError:
     for folder in target.parents:
         if folder.exists() and not folder.is_dir():
-            return ValueError(f"{folder}: is a file, not a directory; choose another directory for {target.name}.")
-    return ValueError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
+            return InputError(f"{folder}: is a file, not a directory; choose another directory for {target.name}.")
+    return InputError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
 
 
 def build_system(
@@ -287,7 +288,7 @@ def main(
     quiet: Quiet = False,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
-    with sentences(ValueError), bar(quiet, "building"):
+    with sentences(), bar(quiet, "building"):
         if inlet not in (None, "flow", "pressure"):
             raise ValueError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
@@ -320,7 +321,7 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
         as_json: Json = False,
         quiet: Quiet = False,
     ) -> None:
-        with sentences(ValueError), bar(quiet, "building"):
+        with sentences(), bar(quiet, "building"):
             starts = _start_values(model(species).table, change or [])
             target = build_model(model(species, starts), out, execution_tool)
         _report(target, as_json, quiet)
@@ -346,7 +347,7 @@ def system_command(
     quiet: Quiet = False,
 ) -> None:
     """Build heart, arteries and body as one system in SSP."""
-    with sentences(ValueError), bar(quiet, "building heart, arteries and body"):
+    with sentences(), bar(quiet, "building heart, arteries and body"):
         target = build_system(read_network(find_network(network)), species, out, execution_tool)
     _report(target, as_json, quiet)
 
@@ -363,4 +364,5 @@ def _report(target: Path, as_json: bool, quiet: bool) -> None:
 
 
 if __name__ == "__main__":
-    app()
+    with faults():
+        app()

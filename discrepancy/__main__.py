@@ -12,7 +12,7 @@ import discrepancy
 from fitting.record_options import Columns, Decimal, Mapped
 from fitting.records.columns import Reading
 from solver import NonPhysicalState, NotPeriodic
-from solver.console import complain, put, say, say_notes, say_written, sentences, show
+from solver.console import complain, faults, put, say, say_notes, say_written, sentences, show
 from solver.exit_codes import ExitCode
 from solver.files import parse_quantity, write_whole
 from solver.host_died import HostDied
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .sensor_plan import SensorPlan
 
 _STUDY = "discover"
-_ERRORS = (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right
+_ERRORS = (NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right, too
 _PACE = 600.0  # s over which the time left is judged: stages differ in pace
 
 
@@ -184,4 +184,5 @@ def _show_plan(plan: SensorPlan) -> None:
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m discrepancy")
+    with faults():
+        app(prog_name="python -m discrepancy")

@@ -17,6 +17,7 @@ from scipy.stats import false_discovery_control, norm
 from fitting.bench import on_bench
 from fitting.inference.bench import bench, fit
 from fitting.records.beats import Beats
+from solver.errors import InputError
 from solver.network import Network
 
 from . import thresholds
@@ -112,7 +113,7 @@ def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
         if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values):
             try:
                 local = fit(bench(beats, on_bench(network, site.name, segment=site.segment), site.name), ())
-            except (ValueError, ArithmeticError):  # a loop that no wall of this kind carries
+            except InputError:  # a loop that no wall of this kind carries
                 continue
             found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)

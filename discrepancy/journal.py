@@ -20,6 +20,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown
+from solver.errors import InputError
 from solver.files import write_whole
 from solver.saved import dataclasses, from_bytes, to_bytes
 
@@ -43,7 +44,7 @@ class Journal:
     def stage(self, name: str, compute: Callable[[], Result]) -> Result:
         """The result of a stage: read if it is there, else computed and written."""
         path = self.folder / f"{name}.stage"
-        with suppress(OSError, ValueError):
+        with suppress(OSError, InputError):
             found: Result = from_bytes(path.read_bytes(), self.key, _KINDS)
             return found
         result = compute()

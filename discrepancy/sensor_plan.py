@@ -21,6 +21,7 @@ from fitting.records.beats import Beats
 from fitting.records.virtual import measured
 from fitting.threads import single_threaded
 from solver import simulate_periodic
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -66,7 +67,7 @@ def plan_sensors(
     """Isolability of some outputs of a network beside its inflow, at a noise of ``dB`` and over ``beats`` beats.
 
     progress : told the fraction done and the stage. Raises ValueError for a channel that the network has not, or a
-    noise or number of beats that no experiment has, and ArithmeticError if the network cannot be simulated.
+    noise or number of beats that no experiment has, and InputError if the network cannot be simulated.
     """
     known = tuple(n for n in network.output_units() if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
     _check(network, channels, known, dB, beats)
@@ -75,7 +76,7 @@ def plan_sensors(
     terms = candidates(network, (*known, INFLOW))
     (base,) = problem.refit([()])
     if base is None:
-        raise ArithmeticError(f"network {network.name}: it cannot be simulated; check it with arterial-fmu solve.")
+        raise InputError(f"network {network.name}: it cannot be simulated; check it with arterial-fmu solve.")
     columns = _columns(problem, base, terms, progress)
     progress(0.9, "comparing sensors")
     tables = {name: _table(problem, base, columns, terms, (*channels, name)) for name in known if name not in channels}

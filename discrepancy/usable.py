@@ -8,6 +8,7 @@ import numpy as np
 
 from fitting.records.period import find_period
 from fitting.records.record import Record
+from solver.errors import InputError
 from solver.units import MMHG
 
 from .study import Study, Unusable
@@ -32,7 +33,7 @@ def check_record(record: Record) -> None:
     for name, values in record.channels.items():
         try:
             periods[name] = find_period({name: values}, record.dt, record.path).T
-        except ValueError:  # too noisy by itself; together with the others it may do
+        except InputError:  # too noisy by itself; together with the others it may do
             continue
     if not periods:
         return

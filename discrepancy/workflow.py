@@ -34,6 +34,7 @@ from fitting.result_files import json_text, make_folder
 from fitting.threads import single_threaded
 from fitting.workers import Workers
 from solver import NonPhysicalState, Settings
+from solver.errors import InputError
 from solver.files import dumps, write_network, write_whole
 from solver.network import Network, to_dict
 from solver.units import INFLOW
@@ -270,7 +271,7 @@ class _Work:
             archive = fmu.read_bytes()
             try:
                 difference = own_parity(fmu, network)
-            except (RunFailed, NonPhysicalState, ValueError) as error:
+            except (RunFailed, NonPhysicalState, InputError) as error:
                 failure = str(error)
         rounds = self._rounds(study, naming, shown.before, after)
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds)

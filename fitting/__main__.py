@@ -11,7 +11,7 @@ import typer
 from rich.console import RenderableType
 
 from solver import NonPhysicalState, NotPeriodic
-from solver.console import put, say, say_notes, say_written, sentences, show
+from solver.console import faults, put, say, say_notes, say_written, sentences, show
 from solver.files import find_network, parse_quantity, read_network, write_network, write_whole
 from solver.host_died import HostDied
 from solver.options import Json, NetworkName, Quiet, files_for
@@ -34,7 +34,7 @@ from .wall_model import model
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
 
-_ERRORS = (ValueError, NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right
+_ERRORS = (NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right, too
 
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Law = Annotated[str, typer.Option(help="Elastic law: regression (the paper's fit) or beta (the paper's network).")]
@@ -324,4 +324,5 @@ def _fit_notes(kept: WallFit) -> list[str]:
 
 
 if __name__ == "__main__":
-    app()
+    with faults():
+        app()

@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 
 from solver import outlets
 from solver.catalogue import terms_of
+from solver.errors import InputError
 from solver.files import check_keys, did_you_mean, parse_quantity, read_text, write_whole
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Fluid, Junction, Network, Segment
@@ -125,7 +126,7 @@ def read_set(path: str | os.PathLike[str]) -> ParameterSet:
         return reader(text)
     except RecursionError:
         raise ValueError(f"{path}: its lists are nested too deeply; correct it.") from None
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{path}: {error}") from None
 
 

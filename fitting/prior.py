@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver.coordinate import SCALE, SHIFT, Coordinate
+from solver.errors import InputError
 from solver.network import Network
 
 from .inference.prior import Calibrated, along
@@ -80,7 +81,7 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
         )
     try:
         here = found.apply(network)
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{path}: {error}") from None
     values = here.parameters()
     flat = [v for c in coordinates if c.kind == SCALE for v, _ in c.moves if not values[v] > 0.0]

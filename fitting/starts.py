@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from solver import Settings
+from solver.errors import InputError
 from solver.network import Network
 
 from .calibrate import Calibration, Progress, calibrate
@@ -225,5 +226,5 @@ def _calibrated(task: _Task) -> Calibration | str:
             settings=task.settings,
             x0=task.x0,
         )
-    except ValueError as error:
+    except InputError as error:
         return str(error)

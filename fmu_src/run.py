@@ -26,7 +26,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2Warning
 from fmpy.model_description import ModelDescription
 
-from solver.console import put, ranges, say_written, sentences
+from solver.console import faults, put, ranges, say_written, sentences
 from solver.files import parse_quantity, read_text, write_whole
 from solver.options import Json, Quiet, files_for, one_command
 from solver.progress import bar
@@ -266,7 +266,7 @@ def main(
     quiet: Quiet = False,
 ) -> None:
     """Run an FMU of an arterial network from its start to a stop time; without --inputs its own inflow drives it."""
-    with sentences(ValueError, FMUError):
+    with sentences(FMUError):
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         end = parse_quantity(stop_time, "s", "--stop-time")
         known = _read_inputs(inputs, variables, fmu, end) if inputs else {}
@@ -346,4 +346,5 @@ def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[st
 
 
 if __name__ == "__main__":
-    one_command(main)()
+    with faults():
+        one_command(main)()

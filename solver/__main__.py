@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from . import commands
-from .console import put, ranges, right, say_notes, say_written, sentences, show
+from .console import faults, put, ranges, right, say_notes, say_written, sentences, show
 from .files import find_network, parse_quantity, read_network
 from .legible import number
 from .muscl.settings import MusclSettings
@@ -56,7 +56,7 @@ def main(
     quiet: Quiet = False,
 ) -> None:
     """Simulate a network of arteries and report pressure, flow and radius at its sites."""
-    with sentences(ValueError, NonPhysicalState, NotPeriodic):
+    with sentences(NonPhysicalState, NotPeriodic):
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
         settings = _settings(scheme, seconds, element_length, cell, cfl, ends, slopes)
@@ -168,6 +168,7 @@ def _show(network: Network, result: Waveforms) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
-        commands.app()
-    one_command(main)()
+    with faults():
+        if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
+            commands.app()
+        one_command(main)()

@@ -11,6 +11,7 @@ import typer
 from rich.table import Column, Table
 
 from .console import put, right, say, say_notes, say_written, sentences, show
+from .errors import InputError
 from .files import bundled_names, find_network, from_sections, read_network, write_whole
 from .importers import sections as written
 from .importers.openbf import read_openbf
@@ -60,7 +61,7 @@ def import_openbf(
     as_json: Json = False,
 ) -> None:
     """A network of openBF."""
-    with sentences(ValueError):
+    with sentences():
         _write(read_openbf(file, as_run=as_run), file, out, as_json)
 
 
@@ -71,7 +72,7 @@ def import_csv(
     as_json: Json = False,
 ) -> None:
     """A table of vessels."""
-    with sentences(ValueError):
+    with sentences():
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
             half_sine = "the table says nothing of the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
@@ -100,7 +101,7 @@ def _write(
     """folder : where files that the sections name are looked for; default: beside the source."""
     try:
         network = from_sections(sections, folder or source.parent)
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{source}: {error}") from None
     files = written.write(sections, out or Path(f"{network.name}.toml"))
     if as_json:
@@ -117,7 +118,7 @@ def export_csv(
     as_json: Json = False,
 ) -> None:
     """Write a network as a table with one row per vessel."""
-    with sentences(ValueError):
+    with sentences():
         model = read_network(find_network(network))
         path = out or Path(f"{model.name}.csv")
         write_whole(path, to_sheet(model))

@@ -16,6 +16,7 @@ from typing import Any
 
 from . import inlet_curves, spellings
 from .catalogue import quantities_of, terms_of, value_of
+from .errors import InputError
 from .inlet import CAUSALITY, Inlet
 from .network import Channel, Fluid, Junction, Network, Segment, Site
 from .outlets import OUTLETS, Outlet, Pressure
@@ -67,7 +68,7 @@ def loads(text: str, name: str, folder: Path | None = None) -> Network:
         raise ValueError(f"{name}: not a network file: its lists are nested too deeply; correct it.") from None
     try:
         return from_sections(data, folder)
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{name}: {error}") from None
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from . import tables
 from .curve import Curve
+from .errors import InputError
 from .inlet import CAUSALITY
 from .text import did_you_mean, parse_quantity
 from .units import SIGNAL_UNITS
@@ -56,7 +57,7 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
         if not isinstance(harmonics, int) or isinstance(harmonics, bool):
             raise ValueError(f"harmonics = {harmonics!r}: must be a whole number.")
         return Curve.through(found[0], *made, interpolation, period, harmonics)
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{where}.{error}") from None
 
 

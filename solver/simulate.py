@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Parameters
+from .errors import InputError
 from .inflow import Drives, Inflows, drives_of
 from .mixing import Beats, fills_slowly
 from .network import Network
@@ -41,6 +42,9 @@ class NotPeriodic(ArithmeticError):
             f"after {beats} beats the last differs by {change:.2g} from the one before (tolerance {tolerance:g}); "
             "allow more beats, start nearer to the mean pressure (network.P_0) or loosen the tolerance."
         )
+
+
+BROKEN = (NonPhysicalState, NotPeriodic, InputError, np.linalg.LinAlgError)  # what a parameter set may end in
 
 
 def simulate(
@@ -269,7 +273,7 @@ class _Run:
         """A state near the periodic one, or rest."""
         try:
             return self.begin("periodic", period)
-        except ValueError:  # no steady state under the mean inflow
+        except InputError:  # no steady state under the mean inflow
             return self.begin("rest", period)
 
     def table(self, state: Any, n: int, progress: Progress | None, label: str) -> tuple[Array, Any]:

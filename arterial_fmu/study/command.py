@@ -61,7 +61,7 @@ def main(
     Thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. First and total indices of
     pressures, flows and radii, percentiles of waveforms, and one HTML page.
     """
-    with sentences(ValueError, interrupted=f"what is done is in {out}; the same command goes on from there."):
+    with sentences(interrupted=f"what is done is in {out}; the same command goes on from there."):
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
             studied = read_model(model, inflow, dt, element_length, tolerance)

@@ -14,15 +14,15 @@ import numpy as np
 from fitting.records.align import align
 from fitting.records.inflow import Inflow, inflow
 from fitting.records.record import read_record
-from solver import Network, NonPhysicalState, NotPeriodic, Settings, repeating_beat
+from solver import Network, Settings, repeating_beat
 from solver.files import dumps, find_network, parse_quantity, read_network
 from solver.quantity import Quantity
+from solver.simulate import BROKEN
 from solver.units import INFLOW
 
 Array = np.ndarray
 Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time j T/N
 
-BROKEN = (NonPhysicalState, NotPeriodic, ValueError)  # what a parameter set may end in
 MAX_BEATS = 30
 
 

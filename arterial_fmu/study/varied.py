@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.files import parse_quantity
 from solver.quantity import Quantity
 from solver.text import did_you_mean
@@ -89,7 +90,7 @@ def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float
                 )
             try:
                 known[each].check(each, float(value))
-            except ValueError as error:
+            except InputError as error:
                 raise ValueError(f"{option}={span}: {error}") from None
     return found
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from solver.errors import InputError
 from solver.files import parse_quantity, read_text
 from solver.network import Segment
 from solver.quantity import quantities
@@ -66,7 +67,7 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
             raise ValueError("line 2: there is no recording below the header; add a line for each.")
     except csv.Error as error:
         raise ValueError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{source}: {error}") from None
     return entries
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from solver.errors import InputError
+
 from ..inference.unknown import quantile
 from ..parameter_set import ParameterSet, Value
 from ..provenance import software
@@ -279,13 +281,13 @@ def _fit(task: _Task) -> _Found:
     try:
         beats = align(read_record(entry.record, task.reading))
         beats.site(entry.site)
-    except ValueError as error:
+    except InputError as error:
         return _Found(None, (Failure(entry, "", str(error)),))
     fits, failures = {}, []
     for name in task.models:
         try:
             fits[name] = fit(beats, entry.site, entry.h, model(name, task.elastic), eta=task.eta)
-        except ValueError as error:
+        except InputError as error:
             failures.append(Failure(entry, name, f"{name} model: {error}"))
     return _Found(Recording(entry, beats.sha256, fits), tuple(failures))
 

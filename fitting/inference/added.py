@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.coordinate import SCALE
 from solver.effect import ALL_PLACES
+from solver.errors import InputError
 from solver.network import Channel, Network
 from solver.sensors import Sensor
 
@@ -38,7 +39,7 @@ def allowed(network: Network, fit: Fit) -> bool:
     """Whether a network may have the values of a hypothesis: some go by the values of others."""
     try:
         extended(network, fit)
-    except ValueError:
+    except InputError:
         return False
     return True
 

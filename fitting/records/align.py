@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.errors import InputError
+
 from ..threads import single_threaded
 from .beats import Beats, require_phases
 from .period import FEWEST, Normal, evaluate, find_period, highest
@@ -123,7 +125,7 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None]:
         return float(period), None  # refused for that
     try:
         T, whole = _found(record)
-    except ValueError:  # too irregular or too short to tell: then the word of the user counts
+    except InputError:  # too irregular or too short to tell: then the word of the user counts
         T, whole = float(period), unequal(record.channels, record.dt, period)
     if whole is not None:
         T = whole.cut.interval * record.dt

@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
@@ -113,7 +115,7 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
             else:
                 each = _chosen(column, target, titles, table.place)
                 found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
-        except ValueError as error:
+        except InputError as error:
             found.append((False, str(error).rpartition(f"{column.title!r}: ")[2]))
     return found
 

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from ..network import Fluid, Segment
 from ..quantity import Quantity, quantities
 from ..text import check_keys, read_text
@@ -47,7 +48,7 @@ def read_openbf(path: str | Path, *, as_run: bool = False) -> Sections:
     text = read_text(path)
     try:
         return _sections(_parsed(text), path, as_run)
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{path}: {error}") from None
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..catalogue import terms_of
+from ..errors import InputError
 from ..files import dumps
 from ..network import Network, Segment
 from ..outlets import OUTLETS
@@ -47,7 +48,7 @@ def read_sheet(path: str | Path) -> Sections:
     try:
         settings = _settings(table)
         first, junctions, free = joined(_edges(table, rows, own, label), settings.get("inlets", {}))
-    except ValueError as error:
+    except InputError as error:
         raise ValueError(f"{path}: {error}") from None
     units = dict(zip(table.names, table.units, strict=True))
     segments, outlets = {}, {}
