@@ -28,9 +28,10 @@ def sentences(*kinds: type[Exception], interrupted: str = "nothing was written."
 
     interrupted : what is said to one who has had enough.
     """
+    told: tuple[type[Exception], ...] = (InputError, *kinds)
     try:
         yield
-    except (InputError, *kinds) as error:
+    except told as error:
         complain(f"Error: {error}")
         raise typer.Exit(getattr(error, "exit_code", ExitCode.BAD_INPUT)) from None
     except KeyboardInterrupt:
