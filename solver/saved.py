@@ -3,7 +3,7 @@
 Numbers, texts and arrays only: reading runs no code.
 
     8 bytes "FMUstate" · 4 bytes format · 4 bytes length n of the header · 32 bytes SHA-256 of all that follows
-    n bytes JSON: whose state, by GUID; the values as a tree; type and shape of each array · the arrays one by one
+    n bytes JSON: whose state, by GUID; the values as a tree; type, shape, order of each array · the arrays one by one
 
 Numbers are little-endian. A tree is a number, text, truth value or null as it is, and else a list that begins with what
 it is: ["list", …], ["tuple", …], ["dict", [key, value], …], ["array", its number], [kind, [part, value], …] for an
@@ -50,9 +50,9 @@ def to_bytes(guid: str, values: Any, kinds: Mapping[type, Kind]) -> bytes:
     """A state as bytes."""
     writer = _Writer(kinds)
     tree = writer.tree(values)
-    arrays = [[a.dtype.str, list(a.shape), "F" if _by_columns(a) else "C"] for a in writer.arrays]
+    arrays = [[a.dtype.str, list(a.shape), _order(a)] for a in writer.arrays]
     header = json.dumps({"fmu": guid, "values": tree, "arrays": arrays}).encode()
-    content = header + b"".join(a.tobytes("A" if _by_columns(a) else "C") for a in writer.arrays)
+    content = header + b"".join(a.tobytes("A") for a in writer.arrays)  # as they lie in memory
     return _HEAD.pack(MAGIC, FORMAT, len(header), hashlib.sha256(content).digest()) + content
 
 
@@ -79,9 +79,9 @@ def from_bytes(blob: bytes, guid: str, kinds: Mapping[type, Kind]) -> Any:
     return values
 
 
-def _by_columns(array: Array) -> bool:
-    """Whether an array lies in memory column by column; it is to lie so again, or sums would come in another order."""
-    return array.flags.f_contiguous and not array.flags.c_contiguous
+def _order(array: Array) -> str:
+    """How an array lies in memory; it is to lie so again, or sums would come in another order."""
+    return "columns" if array.flags.f_contiguous and not array.flags.c_contiguous else "rows"
 
 
 def _arrays(described: list[Any], content: bytes) -> list[Array]:
@@ -91,7 +91,8 @@ def _arrays(described: list[Any], content: bytes) -> list[Array]:
         if dtype.kind not in _NUMBERS or min(shape, default=0) < 0:
             raise TypeError(f"array of {name}, {shape}")
         flat = np.frombuffer(content, dtype, int(np.prod(shape, dtype=int)), at)
-        found.append(flat.reshape(shape, order=order).copy(order))
+        ordered = {"rows": flat.reshape(shape), "columns": flat.reshape(shape[::-1]).T}
+        found.append(np.array(ordered[order]))
         at += flat.nbytes
     return found
 

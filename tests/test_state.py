@@ -130,9 +130,9 @@ def sealed(header: Any, content: bytes = b"") -> bytes:
         {"fmu": GUID, "arrays": [], "values": ["Place", ["z", 1.0]]},
         {"fmu": GUID, "arrays": [], "values": ["dict", 3]},
         {"fmu": GUID, "arrays": [], "values": []},
-        {"fmu": GUID, "arrays": [["<f8", [10**9], "C"]], "values": 1},
-        {"fmu": GUID, "arrays": [["<f8", [-3], "C"]], "values": 1},
-        {"fmu": GUID, "arrays": [["O", [1], "C"]], "values": 1},
+        {"fmu": GUID, "arrays": [["<f8", [10**9], "rows"]], "values": 1},
+        {"fmu": GUID, "arrays": [["<f8", [-3], "rows"]], "values": 1},
+        {"fmu": GUID, "arrays": [["O", [1], "rows"]], "values": 1},
         {"fmu": GUID, "arrays": [["<f8", [1], "K"]], "values": 1},
     ],
 )
