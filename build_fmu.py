@@ -31,7 +31,8 @@ from fmu_src import __version__, content, doctor, models, system
 from fmu_src.models import Model
 from fmu_src.species import SPECIES
 from fmu_src.variable import Variable
-from solver.console import put, say, sentences
+from solver.console import faults, put, say, sentences
+from solver.errors import InputError
 from solver.files import find_network, read_network, write_whole
 from solver.network import Network
 from solver.options import DefaultGroup, Json, NetworkName, Quiet
@@ -85,11 +86,11 @@ def build_model(model: Model, out: str | os.PathLike[str] = "dist", execution_to
     return target
 
 
-def _unwritable(target: Path, error: OSError) -> ValueError:
+def _unwritable(target: Path, error: OSError) -> InputError:
     for folder in target.parents:
         if folder.exists() and not folder.is_dir():
-            return ValueError(f"{folder}: is a file, not a directory; choose another directory for {target.name}.")
-    return ValueError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
+            return InputError(f"{folder}: is a file, not a directory; choose another directory for {target.name}.")
+    return InputError(f"{target}: cannot be written ({error.strerror}); check the directory and the space on the disk.")
 
 
 def build_system(
@@ -104,11 +105,11 @@ def build_system(
     Raises ValueError for an unknown species, and if the directory cannot be written.
     """
     if network.inlet.causality != "flow":
-        raise ValueError(f"network {network.name}: a heart drives it by its flow; take inlet.causality = flow.")
+        raise InputError(f"network {network.name}: a heart drives it by its flow; take inlet.causality = flow.")
     if network.further_inlets:
-        raise ValueError(f"network {network.name}: a heart drives one inlet; take a network without [inlets].")
+        raise InputError(f"network {network.name}: a heart drives one inlet; take a network without [inlets].")
     if species is None and network.name not in SPECIES:
-        raise ValueError(f"network {network.name}: whose heart and body? Say --species {' or '.join(SPECIES)}.")
+        raise InputError(f"network {network.name}: whose heart and body? Say --species {' or '.join(SPECIES)}.")
     species = species or network.name
     starts = system.start_values(network, *models.of(species))
     starts["heart"] |= system.first_port(network, starts["arteries"])
@@ -275,10 +276,10 @@ def main(
     quiet: Quiet = False,
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
-    with sentences(ValueError), bar(quiet, "building"):
+    with sentences(), bar(quiet, "building"):
         check_destinations(out / "any.fmu", folders=True)
         if inlet not in (None, "flow", "pressure"):
-            raise ValueError(f"--inlet {inlet}: must be flow or pressure.")
+            raise InputError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
@@ -303,7 +304,7 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
         as_json: Json = False,
         quiet: Quiet = False,
     ) -> None:
-        with sentences(ValueError), bar(quiet, "building"):
+        with sentences(), bar(quiet, "building"):
             check_destinations(out / "any.fmu", folders=True)
             starts = _start_values(model(species).table, change or [])
             target = build_model(model(species, starts), out, execution_tool)
@@ -330,7 +331,7 @@ def system_command(
     quiet: Quiet = False,
 ) -> None:
     """Build heart, arteries and body as one system in SSP."""
-    with sentences(ValueError), bar(quiet, "building heart, arteries and body"):
+    with sentences(), bar(quiet, "building heart, arteries and body"):
         check_destinations(out / "any.ssp", folders=True)
         target = build_system(read_network(find_network(network)), species, out, execution_tool)
     _report(target, as_json, quiet)
@@ -348,4 +349,5 @@ def _report(target: Path, as_json: bool, quiet: bool) -> None:
 
 
 if __name__ == "__main__":
-    app()
+    with faults():
+        app()

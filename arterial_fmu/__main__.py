@@ -52,7 +52,13 @@ def main() -> None:
     """The console script. An FMU may end the process that runs it: ``run`` has one of its own."""
     if sys.argv[1:2] == ["run"] and not is_apart():
         raise SystemExit(run_apart(sys.argv[1:]))
-    app(prog_name="arterial-fmu")
+    try:
+        app(prog_name="arterial-fmu")
+    except Exception:
+        from solver.console import faults  # takes a tenth of a second
+
+        with faults():
+            raise
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import discrepancy
 from fitting.record_options import AsMeasured, Columns, Decimal, Mapped
 from fitting.records.columns import Reading
 from solver import NonPhysicalState, NotPeriodic
-from solver.console import complain, put, say, say_notes, say_written, sentences, show
+from solver.console import complain, faults, put, say, say_notes, say_written, sentences, show
 from solver.exit_codes import ExitCode
 from solver.files import parse_quantity
 from solver.host_died import HostDied
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .outcome import Outcome
     from .sensor_plan import SensorPlan
 
-_ERRORS = (ValueError, ArithmeticError, NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right
+_ERRORS = (NonPhysicalState, NotPeriodic, HostDied)  # what a user can put right, too
 _PACE = 600.0  # s over which the time left is judged: stages differ in pace
 
 
@@ -176,4 +176,5 @@ def _show_plan(plan: SensorPlan) -> None:
 
 
 if __name__ == "__main__":
-    app(prog_name="python -m discrepancy")
+    with faults():
+        app(prog_name="python -m discrepancy")

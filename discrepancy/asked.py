@@ -11,6 +11,7 @@ from typing import Any
 
 from fitting.prior import Prior, read_prior
 from fitting.records.record import Record
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -34,13 +35,13 @@ class Asked:
     def check(self) -> None:
         """Raise ValueError, one sentence, for what cannot be asked."""
         if self.walls not in (None, COMMON, INDIVIDUAL):
-            raise ValueError(f"walls {self.walls!r}: must be {COMMON} or {INDIVIDUAL}; or leave it out.")
+            raise InputError(f"walls {self.walls!r}: must be {COMMON} or {INDIVIDUAL}; or leave it out.")
         if not (math.isfinite(self.time_limit) and self.time_limit > 0.0):
-            raise ValueError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
+            raise InputError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
-            raise ValueError(f"jobs {self.jobs!r}: must be a whole number of processes, at least 1.")
+            raise InputError(f"jobs {self.jobs!r}: must be a whole number of processes, at least 1.")
         if self.prior is not None and self.walls == COMMON:
-            raise ValueError(
+            raise InputError(
                 f"{os.fspath(self.prior)}: a calibration says how far each artery may differ, which walls {COMMON} "
                 f"leave out; ask for one of the two."
             )
@@ -54,7 +55,7 @@ class Asked:
             return None
         found = read_prior(self.prior, network)
         if record is not None and INFLOW not in record.channels:
-            raise ValueError(
+            raise InputError(
                 f"{os.fspath(self.prior)}: {record.path} has no {INFLOW} and is compared with one wall alone, whose "
                 f"spread is its own; leave the calibration out."
             )

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
+from solver.errors import InputError
 from solver.layout import Lane
 from solver.network import Network
 from solver.notebook.network import below, draw
@@ -47,7 +48,7 @@ def figure(outcome: Outcome, name: str | None = None) -> Picture:
     there = _there(outcome)
     name = name or next(iter(there), "any")
     if name not in there:
-        raise ValueError(f"{name}: no such figure of this study; it has {', '.join(there) or 'none'}.")
+        raise InputError(f"{name}: no such figure of this study; it has {', '.join(there) or 'none'}.")
     with rc_context(STYLE):
         return there[name]()[0]
 

@@ -14,8 +14,10 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import false_discovery_control, norm
 
+from fitting.bench import on_bench
 from fitting.inference.bench import bench, fit
 from fitting.records.beats import Beats
+from solver.errors import InputError
 from solver.network import Network
 
 from . import thresholds
@@ -108,10 +110,10 @@ def wall_balances(beats: Beats, network: Network) -> tuple[Balance, ...]:
     """The wall law at every site with P and R: RMS of its residual over its noise, E, phi0 and R0 refitted there."""
     found = []
     for site in network.sites:
-        if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values) and site.name == site.segment:
+        if {f"{site.name}.P", f"{site.name}.R"} <= set(beats.values):
             try:
-                local = fit(bench(beats, network, site.name), ())
-            except (ValueError, ArithmeticError):  # a loop that no wall of this kind carries
+                local = fit(bench(beats, on_bench(network, site.name, segment=site.segment), site.name), ())
+            except InputError:  # a loop that no wall of this kind carries
                 continue
             found.append(Balance("wall law", site.name, float(np.sqrt(np.mean(local.z**2)))))
     return tuple(found)

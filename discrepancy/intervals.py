@@ -114,7 +114,7 @@ def _stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[
     if len(sizes) != 1 or len(term.unknowns) != 1:
         return found
     x, sd = float(fit.x[sizes[0]]), math.sqrt(float(fit.covariance[sizes[0], sizes[0]]))
-    limit = found_from(naming.terms, term)
+    limit = found_from(naming.terms, term, named)
     return {key: conditioned(e, x > 0.0, abs(x) / sd, limit, half) for key, e in found.items()}
 
 

@@ -1,27 +1,36 @@
 """What a study has done so far, on disk: an interrupted one goes on where it was, and gives the same answer.
 
-Every stage is one pickle in ``<folder>/.state``, written whole, bit for bit what was computed. A stage counts only if
-it was made from the same inputs (record, network, thresholds and software, whose hash is the journal's key) and if the
-file is whole. A pickle runs code when it is read: a study goes on in a folder of one's own, not in one from elsewhere.
+Every stage is one file in ``<folder>/.state``, written whole, bit for bit what was computed: numbers, texts and arrays,
+so that reading a folder from elsewhere runs no code. A stage counts only if it was made from the same inputs (record,
+network, thresholds and software, whose hash is the journal's key) and if the file is whole.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import pickle
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.terms import Term
+from fitting.inference.unknown import Unknown
+from solver.errors import InputError
 from solver.files import write_whole
+from solver.saved import dataclasses, from_bytes, to_bytes
 
+from .show import Gap, Run
 from .verdict import Naming
+from .weigh import Named
 
 Result = TypeVar("Result")
+
+_KINDS = dataclasses(Naming, Named, Fit, Term, Unknown, Run, Gap)  # that stages hold
 
 
 class Journal:
@@ -29,22 +38,17 @@ class Journal:
 
     def __init__(self, folder: Path, inputs: Any) -> None:
         self.folder = folder / ".state"
-        self.key = json.dumps(inputs, sort_keys=True).encode()
+        self.key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def stage(self, name: str, compute: Callable[[], Result]) -> Result:
         """The result of a stage: read if it is there, else computed and written."""
-        path = self.folder / f"{name}.pickle"
-        try:
-            seal, content = path.read_bytes().split(b"\n", 1)
-        except (OSError, ValueError):
-            seal = content = b""
-        if seal and seal == self._seal(content):
-            found: Result = pickle.loads(content)
+        path = self.folder / f"{name}.stage"
+        with suppress(OSError, InputError):
+            found: Result = from_bytes(path.read_bytes(), self.key, _KINDS)
             return found
         result = compute()
-        content = pickle.dumps(result)
-        write_whole(path, self._seal(content) + b"\n" + content)
+        write_whole(path, to_bytes(self.key, result, _KINDS))
         return result
 
     def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
@@ -56,10 +60,6 @@ class Journal:
     def close(self) -> None:
         """The study is done: its state is no longer needed."""
         shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _seal(self, content: bytes) -> bytes:
-        """A hash of the inputs and of a stage."""
-        return hashlib.sha256(self.key + b"\n" + content).hexdigest().encode()
 
 
 def parted(naming: Naming) -> tuple[Naming, bool, Any]:

@@ -20,6 +20,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term
+from solver.errors import InputError
 
 from . import thresholds as at
 from .along import moved_along
@@ -40,7 +41,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
     walls : COMMON or INDIVIDUAL; default: as the record is more probable. Where time runs out (``runs``), the verdict
     is the best so far, and not complete.
-    Raises ArithmeticError if the model as given cannot be simulated with this record.
+    Raises InputError if the model as given cannot be simulated with this record.
     """
     runs = runs or Runs()
     stages, found, complete = _stages(problem, tuple(terms), runs, walls), None, True
@@ -86,7 +87,7 @@ def _with_individual_walls(own: Forward, terms: tuple[Term, ...], runs: Runs) ->
     for last in with_own_walls(own, terms, runs):
         yield last
     if last is None:
-        raise ArithmeticError("the model with walls that differ cannot be simulated with this record")
+        raise InputError("the model with walls that differ cannot be simulated with this record")
     yield from further(last, runs)
 
 
@@ -142,7 +143,7 @@ def _with_common_walls(
     """What is known after every stage. begun : of the first one, without effect; by default ``runs``."""
     (base,) = problem.refit([()], runs=begun or runs)
     if base is None:
-        raise ArithmeticError("the model as given cannot be simulated with this record")
+        raise InputError("the model as given cannot be simulated with this record")
     found = Compared.of(problem, [base], {}, terms)
     if found.none.misfit < at.FAR_OFF:  # else the best hypothesis will tell how fine the steps must be
         found = found.polished(runs)

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from fitting.elastic_law import MISFIT
 from fitting.records.beats import Beats
 from fitting.wall import fit
+from solver.errors import InputError
 from solver.network import Network
 
 
@@ -23,7 +24,7 @@ def other_law(beats: Beats, network: Network, site: str) -> tuple[str, ...]:
     name = next((s.segment for s in network.sites if s.name == site), site)
     try:
         found = fit(beats, site, network.segment(name).h, eta=network.eta)
-    except ValueError:  # no wall of either law
+    except InputError:  # no wall of either law
         return ()
     law, own = found.model.elastic, network.elastic_law
     weights = found.evidence

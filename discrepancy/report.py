@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fitting.pages.page import environment, words
+from solver.errors import InputError
 from solver.legible import number
 from solver.writing import write_folder
 
@@ -41,7 +42,7 @@ def report_files(outcome: Outcome) -> dict[str, str | bytes]:
     from .figures import figures  # matplotlib takes a second
 
     if outcome.verdict not in VERDICTS:
-        raise ValueError(f"verdict {outcome.verdict!r} is not known; it must be one of {', '.join(VERDICTS)}.")
+        raise InputError(f"verdict {outcome.verdict!r} is not known; it must be one of {', '.join(VERDICTS)}.")
     drawings = figures(outcome)
     pictures: dict[str, str | bytes] = {f"figures/{name}.png": drawn.png for name, drawn in drawings.items()}
     return pictures | {"report.html": page(outcome, drawings)}

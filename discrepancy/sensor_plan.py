@@ -21,6 +21,7 @@ from fitting.records.beats import Beats
 from fitting.records.virtual import measured
 from fitting.threads import single_threaded
 from solver import simulate_periodic
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -66,7 +67,7 @@ def plan_sensors(
     """Isolability of some outputs of a network beside its inflow, at a noise of ``dB`` and over ``beats`` beats.
 
     progress : told the fraction done and the stage. Raises ValueError for a channel that the network has not, or a
-    noise or number of beats that no experiment has, and ArithmeticError if the network cannot be simulated.
+    noise or number of beats that no experiment has, and InputError if the network cannot be simulated.
     """
     known = tuple(n for n in network.output_units() if n.partition(".")[2] in ("P", "Q", "R") and n != "inlet.P")
     _check(network, channels, known, dB, beats)
@@ -75,7 +76,7 @@ def plan_sensors(
     terms = candidates(network, (*known, INFLOW))
     (base,) = problem.refit([()])
     if base is None:
-        raise ArithmeticError(f"network {network.name}: it cannot be simulated; check it with arterial-fmu solve.")
+        raise InputError(f"network {network.name}: it cannot be simulated; check it with arterial-fmu solve.")
     columns = _columns(problem, base, terms, progress)
     progress(0.9, "comparing sensors")
     tables = {name: _table(problem, base, columns, terms, (*channels, name)) for name in known if name not in channels}
@@ -89,20 +90,20 @@ def _check(network: Network, channels: Sequence[str], known: Sequence[str], dB: 
     """Raise ValueError for what no experiment on this network is."""
     for name in channels:
         if name not in known:
-            raise ValueError(
+            raise InputError(
                 f"channel {name}: network {network.name} has no such output; use some of {', '.join(known)}."
             )
     if network.inlet.Q_max <= 0.0:
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: its inlet flow inlet.Q_max is {network.inlet.Q_max:g} m^3/s, and without flow no "
             "sensor sees anything; give the network that the artery is in, with the inflow of the experiment."
         )
     if not channels:
-        raise ValueError(f"channels: none given; name some outputs of network {network.name}, such as {known[0]}.")
+        raise InputError(f"channels: none given; name some outputs of network {network.name}, such as {known[0]}.")
     if not (math.isfinite(dB) and _DB[0] <= dB <= _DB[1]):
-        raise ValueError(f"dB = {dB:g}: must be {_DB[0]:g} to {_DB[1]:g}; 40 is a noise of 1 % of the pulse.")
+        raise InputError(f"dB = {dB:g}: must be {_DB[0]:g} to {_DB[1]:g}; 40 is a noise of 1 % of the pulse.")
     if beats < thresholds.FEWEST_BEATS:
-        raise ValueError(f"beats = {beats}: must be at least {thresholds.FEWEST_BEATS}, as in a record; plan for more.")
+        raise InputError(f"beats = {beats}: must be at least {thresholds.FEWEST_BEATS}, as in a record; plan for more.")
 
 
 def _columns(problem: NetworkProblem, base: Fit, terms: Sequence[Term], progress: Progress) -> dict[str, Array]:

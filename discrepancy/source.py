@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from fitting.fmu_run import read_fmu, run_module
+from solver.errors import InputError
 from solver.files import find_network, read_network
 from solver.host_died import ended
 from solver.network import Network
@@ -19,7 +20,7 @@ def read_model(path: str | os.PathLike[str]) -> Network:
     starts = read_fmu(path).starts
     for name, value in {**network.parameters(), "network.elastic_law": network.elastic_law}.items():
         if starts[name] != value:
-            raise ValueError(
+            raise InputError(
                 f"{path}: {name} starts at {starts[name]} in its description, and is {value} in its network file; "
                 "build it anew, with --set where a value was changed."
             )
@@ -33,5 +34,5 @@ def build_fmu(network_file: Path, folder: Path) -> Path:
     """
     code, said = run_module("build_fmu", os.fspath(network_file), "--out", os.fspath(folder))
     if code != 0:
-        raise ValueError(said or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
+        raise InputError(said or f"{network_file}: its FMU could not be built; the process {ended(code)}.")
     return folder / f"{read_network(network_file).name}.fmu"

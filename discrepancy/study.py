@@ -18,6 +18,8 @@ from fitting.records.align import align
 from fitting.records.beats import Beats
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
+from solver import NonPhysicalState, NotPeriodic
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -30,7 +32,7 @@ _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer,
 _SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
 
 
-class Unusable(ValueError):
+class Unusable(InputError):
     """The record cannot be compared with this model; the message says why and what to do."""
 
 
@@ -78,7 +80,7 @@ def prepare(
         return Study(network, fitted, kept, problem, terms, warnings)
     except Unusable:
         raise
-    except (ValueError, ArithmeticError) as error:
+    except (InputError, NonPhysicalState, NotPeriodic) as error:
         raise Unusable(str(error)) from None
 
 

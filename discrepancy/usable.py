@@ -10,6 +10,7 @@ from fitting.records.period import find_period
 from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record
 from fitting.records.sensors import UnusableRecord
+from solver.errors import InputError
 from solver.network import Network
 
 from .study import Study, Unusable
@@ -23,7 +24,7 @@ _MORE_ALIKE = 0.15  # than without the shift
 _SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the model's: a hidden effect stays below
 _STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
 _DEAD = 0.05  # of the usual pulse of a beat
-_MOSTLY = 0.25  # of the beats
+_DEAD_FOR = 0.125  # of the beats
 
 
 def check_sizes(record: Record, network: Network) -> None:
@@ -40,7 +41,7 @@ def check_record(record: Record) -> None:
     for name, values in record.channels.items():
         try:
             periods[name] = find_period({name: values}, record.dt, record.path).T
-        except ValueError:  # too noisy by itself; together with the others it may do
+        except InputError:  # too noisy by itself; together with the others it may do
             continue
     if not periods:
         return
@@ -56,12 +57,12 @@ def check_record(record: Record) -> None:
 
 
 def check_beats(study: Study) -> None:
-    """Raise Unusable if a sensor was dead for a good part of the record."""
+    """Raise Unusable if a sensor was dead for an eighth of the beats."""
     for name in study.fitted.values:
         beats = np.concatenate([study.fitted.values[name], study.held_out.values[name]])
         pulse = np.nanstd(beats, axis=1)
         dead = pulse < _DEAD * np.nanmedian(pulse)
-        if dead.mean() > _MOSTLY / 2.0:
+        if dead.mean() > _DEAD_FOR:
             raise Unusable(
                 f"{study.fitted.source}: channel {name} is flat in {int(dead.sum())} of {len(dead)} beats: its "
                 f"sensor was dead there; leave these samples empty or leave the channel out."

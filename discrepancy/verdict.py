@@ -72,10 +72,13 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     ways = ranked([*exact, *loose.values()])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
+    make = _Maker(found, tuple(terms), complete)
+    if not ways:  # nothing explains the record, and where no wall law holds no error of it can be estimated
+        left = _left(found.none.fit, problem)
+        return make("unknown", problem, found.none, found.ranked, (), at.INCOMPLETE, left)
     # several that look alike share what they have between them: together they may be likelier than none
     best = next((n for n in ways if n.fit.terms), ways[0]) if _named(ways) > 0.5 else ways[0]
     none = _without(found, best)
-    make = _Maker(found, tuple(terms), complete)
     if not best.fit.terms:
         if best.parts is None or none.explains:
             return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))

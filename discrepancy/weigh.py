@@ -149,14 +149,18 @@ def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
     return value
 
 
-def found_from(terms: Sequence[Term], term: Term) -> float:
-    """d' from which an effect of one number is found: where its evidence is worth the price."""
+def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
+    """d' from which an effect of one number is found in a hypothesis: where its evidence is worth the price.
+
+    Each of two effects is a second one, whose price is that of both less that of the other alone, and must show.
+    """
     effects, places = {t.effect for t in terms}, sum(t.effect == term.effect for t in terms)
-    cost = at.FIRST + 2.0 * math.log(max(len(effects), 1) * max(places, 1))
+    beside = len(named.fit.terms) > 1
+    cost = (at.SECOND if beside else at.FIRST) + 2.0 * math.log(max(len(effects), 1) * max(places, 1))
     d = 4.0
     for _ in range(20):  # d² = cost + the price of a size that is d standard deviations large
         d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * evidence.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))
-    return d
+    return max(d, at.VISIBLE) if beside and named.visible else d
 
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
@@ -212,6 +216,6 @@ def stated(probability: float, kind: str) -> float:
 
 def shares(all_ways: Sequence[Named]) -> list[float]:
     """Probabilities of hypotheses among themselves."""
-    best = min(n.score for n in all_ways)
+    best = min((n.score for n in all_ways), default=0.0)
     weights = [math.exp(-0.5 * (n.score - best)) for n in all_ways]
     return [w / sum(weights) for w in weights]

@@ -35,6 +35,7 @@ from fitting.result_files import check_unmixed, json_text
 from fitting.threads import single_threaded
 from fitting.workers import Workers
 from solver import NonPhysicalState, Settings
+from solver.errors import InputError
 from solver.files import dumps, write_network
 from solver.network import Network, to_dict
 from solver.units import INFLOW
@@ -134,10 +135,10 @@ def _check_folder(folder: Path) -> None:
     check_unmixed(folder, "discover")
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
-            raise ValueError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
+            raise InputError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
     for path in (folder / file for file in _FILES):
         if path.is_dir():
-            raise ValueError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
+            raise InputError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
     check_destinations(*(folder / file for file in _FILES), folders=True)
     make_folder(folder)
 
@@ -286,7 +287,7 @@ class _Work:
             archive = fmu.read_bytes()
             try:
                 difference = own_parity(fmu, network)
-            except (RunFailed, NonPhysicalState, ValueError) as error:
+            except (RunFailed, NonPhysicalState, InputError) as error:
                 failure = str(error)
         rounds = self._rounds(study, naming, shown.before, after)
         alike = agreement(study, best, wave, after)

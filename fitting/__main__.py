@@ -12,7 +12,8 @@ import typer
 from rich.console import RenderableType
 
 from solver import NonPhysicalState, NotPeriodic
-from solver.console import put, say, say_notes, say_written, sentences, show
+from solver.console import faults, put, say, say_notes, say_written, sentences, show
+from solver.errors import InputError
 from solver.files import dumps, find_network, parse_quantity, read_network
 from solver.host_died import HostDied
 from solver.options import Force, Json, NetworkName, Quiet, files_for
@@ -38,7 +39,7 @@ from .wall_model import model
 
 app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich_markup_mode=None)
 
-_ERRORS = (ValueError, NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right
+_ERRORS = (NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right, too
 
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Law = Annotated[
@@ -83,9 +84,9 @@ def fit_command(
         progress(0.0, "reading")
         _check_destinations(out, figure, bench, parameters=out)
         if figure is not None and figure.suffix.lower() != ".png":
-            raise ValueError(f"{figure}: a figure is a .png file; rename it.")
+            raise InputError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
-            raise ValueError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
+            raise InputError(f"--bootstrap = {replicates}: must be 0 (none) or a number of replicates, such as 200.")
         chosen = wall if law is None else model(wall, law)
         options: dict[str, Any] = {
             "R0": None if R0 is None else typed_quantity(R0, "m", "--R0"),
@@ -368,4 +369,5 @@ def _fit_notes(kept: WallFit) -> list[str]:
 
 
 if __name__ == "__main__":
-    app()
+    with faults():
+        app()

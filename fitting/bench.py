@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from solver.errors import InputError
 from solver.network import Inlet, Network, Segment, Site
 from solver.outlets import Pressure
 
@@ -23,7 +24,7 @@ def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Networ
     """
     missing = [f"{site}.{key}" for key in NEEDED if f"{site}.{key}" not in parameters.values]
     if missing:
-        raise ValueError(f"parameter set {parameters.name}: a bench of {site} needs {', '.join(missing)}; add it.")
+        raise InputError(f"parameter set {parameters.name}: a bench of {site} needs {', '.join(missing)}; add it.")
     own = own_values(site, parameters)
     wall: dict[str, Any] = {
         key.removeprefix(f"{site}."): own.values[key].value for key in own.values if key.startswith(f"{site}.")
@@ -33,15 +34,18 @@ def bench_network(site: str, parameters: ParameterSet, T: float = 0.5) -> Networ
     return own.apply(on_bench(network, site, T, ", ".join(filter(None, [f"the parameter set {parameters.name}", law]))))
 
 
-def on_bench(network: Network, site: str, T: float | None = None, source: str = "") -> Network:
+def on_bench(
+    network: Network, site: str, T: float | None = None, source: str = "", segment: str | None = None
+) -> Network:
     """A millimetre of one artery of a network, with the pressure `<site>.outlet.P_venous` at its end and no inflow.
 
     T : period of the default inflow (which is 0) [s]; default that of the network. source : where it is from.
+    segment : that the site is in, if it has another name.
     """
     return replace(
         network,
         name=f"bench_{site}",
-        segments=(replace(network.segment(site), L=LENGTH),),
+        segments=(replace(network.segment(segment or site), name=site, L=LENGTH),),
         inlet=Inlet(site, Q_max=0.0, T=T or network.inlet.T),
         junctions=(),
         outlets=(Pressure(site),),

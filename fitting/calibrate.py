@@ -23,6 +23,7 @@ import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.balance import NoSteadyState
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -188,7 +189,7 @@ def calibrate(
 
 def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> tuple[str, ...]:
     if INFLOW not in beats.values:
-        raise ValueError(
+        raise InputError(
             f"{beats.source}: it has no {INFLOW}, which drives the simulation; record the inflow, or fit the wall of "
             "one site from its P and R."
         )
@@ -196,15 +197,15 @@ def _channels(beats: Beats, network: Network, chosen: Sequence[str] | None) -> t
     names = tuple(recorded if chosen is None else chosen)
     for name in names:
         if name not in recorded:
-            raise ValueError(f"channel {name}: {beats.source} has no such channel; it has {', '.join(recorded)}.")
+            raise InputError(f"channel {name}: {beats.source} has no such channel; it has {', '.join(recorded)}.")
         if name not in network.output_units():
             sites = ", ".join(site.name for site in network.sites)
-            raise ValueError(
+            raise InputError(
                 f"{beats.source}: its channel {name} is no output of network {network.name} (sites {sites}); "
                 "add the site to the network or choose other channels."
             )
     if not names:
-        raise ValueError(f"{beats.source}: it has no channel but {INFLOW}; P, Q or R at one site at least is needed.")
+        raise InputError(f"{beats.source}: it has no channel but {INFLOW}; P, Q or R at one site at least is needed.")
     return names
 
 
@@ -212,7 +213,7 @@ def _harmonics(beats: Beats, names: Sequence[str], settings: Settings) -> int:
     """K: as far as any channel is above its noise, both record and solver resolve it, and at most 40."""
     steps = math.ceil(beats.T / settings.dt - 1e-9)
     if steps < _FEWEST_STEPS:
-        raise ValueError(
+        raise InputError(
             f"{beats.source}: its period of {beats.T:g} s has {steps} steps of {settings.dt:g} s, fewer than "
             f"{_FEWEST_STEPS}; choose a smaller dt or check the unit of its time."
         )
@@ -245,7 +246,7 @@ def _refusal(what: str) -> Iterator[None]:
     try:
         yield
     except (NonPhysicalState, NotPeriodic, NoSteadyState) as error:
-        raise ValueError(f"{what}: {error}") from None
+        raise InputError(f"{what}: {error}") from None
 
 
 # --- the result ---------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.units import INFLOW
 
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
@@ -168,7 +169,7 @@ def _plan(
     starts = parameters.start_values()
     further = [name for name in fmu.inputs if name.endswith((".inlet.Q", ".inlet.P"))]
     if further:
-        raise ValueError(
+        raise InputError(
             f"{fmu.name}: an FMU with further inlets ({_some(further)}), but records say what drives one; "
             "check the FMU of a network with one inlet."
         )
@@ -176,7 +177,7 @@ def _plan(
         mode, driver, source = "network", INFLOW, INFLOW
         compared = tuple(name for name in record.channels if name in fmu.outputs)
         if not compared:
-            raise ValueError(
+            raise InputError(
                 f"{record.path}: none of its channels ({_some(record.channels)}) is an output of the FMU {fmu.name} "
                 f"({_some(fmu.outputs)}); check it against the FMU of the network that was recorded."
             )
@@ -185,12 +186,12 @@ def _plan(
         mode, driver, source, compared = "bench", f"{site}.outlet.P_venous", f"{site}.P", (f"{site}.R",)
         starts = own_values(site, parameters).start_values()
         if not any(name.startswith(f"{site}.") for name in starts):
-            raise ValueError(
+            raise InputError(
                 f"parameter set {parameters.name}: it has no value of {site}, the site on the bench; use its own set."
             )
     for name in starts:
         if name not in fmu.parameters and name not in fmu.inputs:
-            raise ValueError(
+            raise InputError(
                 f"{name} of the parameter set {parameters.name}: the FMU {fmu.name} has no such variable; "
                 "use the FMU of the network that the set belongs to, or leave the value out."
             )
@@ -204,7 +205,7 @@ def _check_arteries(parameters: ParameterSet, fmu: FMU) -> None:
             continue
         own, value = float(fmu.starts[name]), entry.value
         if not 1.0 / ANOTHER < value / own < ANOTHER:
-            raise ValueError(
+            raise InputError(
                 f"parameter set {parameters.name}: its {name} is {1e3 * value:.4g} mm, that of the FMU {fmu.name} is "
                 f"{1e3 * own:.4g} mm: the set is of another artery or network; use the FMU that it belongs to."
             )
@@ -226,13 +227,13 @@ def _bench_site(fmu: FMU, record: Record) -> str:
         name for name in fmu.parameters if name.startswith(f"{site}.outlet.")
     ]  # R_t, R1 …: not a prescribed pressure
     if not driven or own:
-        raise ValueError(
+        raise InputError(
             f"{record.path}: it has no inlet.Q, which the FMU {fmu.name} needs; record the inflow, "
             "or check P and R of one site with a bench FMU of it."
         )
     missing = [name for name in (f"{site}.P", f"{site}.R") if name not in record.channels]
     if missing:
-        raise ValueError(
+        raise InputError(
             f"{record.path}: {' and '.join(missing)} is missing for the bench FMU {fmu.name}; "
             f"it holds {_some(record.channels)}."
         )

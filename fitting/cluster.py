@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
+from solver.errors import InputError
+
 from .provenance import software
 from .threads import single_threaded
 
@@ -28,7 +30,7 @@ def stream(function: Callable[[Task], Answer], tasks: Sequence[Task], scheduler:
     try:
         from distributed import Client, as_completed
     except ImportError:
-        raise ValueError("--scheduler: distributed is not installed; run pip install 'arterial-fmu[scale]'.") from None
+        raise InputError("--scheduler: distributed is not installed; run pip install 'arterial-fmu[scale]'.") from None
     if not tasks:
         return
     with _client(Client, scheduler) as client:
@@ -50,12 +52,12 @@ def _client(make: Callable[..., Any], scheduler: str) -> Any:
     except ValueError:
         host, port = None, None
     if host is None or port is None:
-        raise ValueError(f"--scheduler {scheduler}: not an address; write it like tcp://192.168.0.1:8786.")
+        raise InputError(f"--scheduler {scheduler}: not an address; write it like tcp://192.168.0.1:8786.")
     try:
         socket.create_connection((host, port), CONNECT).close()  # a client that fails goes on trying for a while
         return make(scheduler, timeout=CONNECT, set_as_default=False)
     except OSError as error:  # a time that is over is one, too
-        raise ValueError(
+        raise InputError(
             f"--scheduler {scheduler}: no scheduler answers there ({error.strerror or error}); start one with "
             "dask scheduler, or check the address."
         ) from None
@@ -65,7 +67,7 @@ def _await_worker(client: Any, scheduler: str) -> None:
     try:
         client.wait_for_workers(1, timeout=APPEAR)
     except TimeoutError:
-        raise ValueError(
+        raise InputError(
             f"--scheduler {scheduler}: it has no workers after {APPEAR:g} s; start some with dask worker {scheduler}."
         ) from None
 
@@ -76,7 +78,7 @@ def _answer(future: Any, scheduler: str) -> Any:
     try:
         return future.result()
     except KilledWorker as error:
-        raise ValueError(
+        raise InputError(
             f"--scheduler {scheduler}: several workers died with the same task ({str(error).splitlines()[0]}); look at "
             "their logs, and give them more memory."
         ) from None
@@ -86,7 +88,7 @@ def _answer(future: Any, scheduler: str) -> Any:
 def _done(function: Callable[[Task], Answer], task: Task, software_there: str) -> Answer:
     """A task in a worker."""
     if software() != software_there:
-        raise ValueError(
+        raise InputError(
             f"a worker of the cluster has {software()}, this process {software_there}; install the same version there."
         )
     return function(task)

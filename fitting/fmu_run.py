@@ -20,6 +20,7 @@ import fmpy
 import numpy as np
 from fmpy.model_description import ScalarVariable
 
+from solver.errors import InputError
 from solver.exit_codes import ExitCode
 from solver.host_died import HostDied
 from solver.simulate import change_of
@@ -81,16 +82,16 @@ def read_fmu(path: str | os.PathLike[str]) -> FMU:
     try:
         description = fmpy.read_model_description(source)
     except OSError as error:
-        raise ValueError(f"{source}: cannot be read ({error.strerror or 'not a file'}); check the path.") from None
+        raise InputError(f"{source}: cannot be read ({error.strerror or 'not a file'}); check the path.") from None
     except (zipfile.BadZipFile, KeyError):
-        raise ValueError(f"{source}: not an FMU; build one with arterial-fmu build.") from None
+        raise InputError(f"{source}: not an FMU; build one with arterial-fmu build.") from None
     variables = {variable.name: variable for variable in description.modelVariables}
     names = {
         kind: tuple(name for name, variable in variables.items() if variable.causality == kind)
         for kind in ("input", "parameter", "output")
     }
     if INFLOW not in names["input"] or "solver.dt" not in names["parameter"]:
-        raise ValueError(
+        raise InputError(
             f"{source}: not an arterial FMU (it has no {INFLOW} or solver.dt); use one that arterial-fmu build makes."
         )
     return FMU(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from solver.errors import InputError
 from solver.legible import rounded
 from solver.network import Segment
 from solver.quantity import quantities
@@ -87,7 +88,7 @@ def _with_sd(fit: WallFit, P_mean: float, rho: float) -> tuple[Array, Array]:
     made = _of_law(fit, P_mean, rho)
     value = made(fit.values)
     if not np.isfinite(value).all():
-        raise ValueError(
+        raise InputError(
             f"site {fit.site}: the fitted wall cannot carry the mean pressure of {P_mean:g} Pa; fit it to these beats."
         )
     slope = _slope(fit, made)

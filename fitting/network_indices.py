@@ -6,6 +6,7 @@ import numpy as np
 
 from solver import Settings, simulate_periodic
 from solver.coefficients import coefficients
+from solver.errors import InputError
 from solver.network import Network
 
 from .calibrate import Calibration
@@ -75,13 +76,13 @@ def _check_network(calibration: Calibration, network: Network) -> None:
     }
     laws = {"network.elastic_law": network.elastic_law, "network.viscous_law": network.viscous_law}
     if laws != calibration.laws:
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: its laws ({', '.join(laws.values())}) are not those of the calibration "
             f"({', '.join(calibration.laws.values())}); give the network that was calibrated."
         )
     for name, value in {**calibration.others, **calibration.values}.items():
         if not np.isclose(given.get(name, np.nan), value, rtol=1e-12, atol=0.0):
-            raise ValueError(
+            raise InputError(
                 f"network {network.name}: with it, {name} of the calibration of {calibration.network} is "
                 f"{given.get(name, np.nan):g} instead of {value:g}; give the network with the values it was calibrated "
                 "from."

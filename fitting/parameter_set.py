@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 
 from solver import outlets
 from solver.catalogue import terms_of
+from solver.errors import InputError
 from solver.files import check_keys, did_you_mean, parse_quantity, read_text, write_whole
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Fluid, Junction, Network, Segment
@@ -67,17 +68,17 @@ class ParameterSet:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip() or not self.name.isprintable():
-            raise ValueError(f"parameter set name {self.name!r}: must be one printable line; rename it.")
+            raise InputError(f"parameter set name {self.name!r}: must be one printable line; rename it.")
         values = {name: _checked(name, value) for name, value in self.values.items()}
         for name, text in self.texts.items():
             if name not in _TEXTS:
-                raise ValueError(f"{name}: not a text of a parameter set; use one of {', '.join(_TEXTS)}.")
+                raise InputError(f"{name}: not a text of a parameter set; use one of {', '.join(_TEXTS)}.")
             if text not in _TEXTS[name]:
-                raise ValueError(f"{name} = {text!r}: must be one of {', '.join(_TEXTS[name])}.")
+                raise InputError(f"{name} = {text!r}: must be one of {', '.join(_TEXTS[name])}.")
         try:  # so that a set equals what is read back: tuples become lists, keys text
             provenance = json.loads(json.dumps(dict(self.provenance), allow_nan=False))
         except (TypeError, ValueError) as error:
-            raise ValueError(f"provenance: cannot be written as JSON ({error}); keep to texts and numbers.") from None
+            raise InputError(f"provenance: cannot be written as JSON ({error}); keep to texts and numbers.") from None
         for key, checked in (("values", values), ("texts", dict(self.texts)), ("provenance", provenance)):
             object.__setattr__(self, key, checked)
 
@@ -106,7 +107,7 @@ def quantity_of(name: str) -> Quantity:
     what = prefix if prefix in ("network", "fluid") else last if last in ("outlet", "junction") else "segment"
     known = _quantities(what)
     if not dot or not prefix or key not in known:
-        raise ValueError(
+        raise InputError(
             f"{name}: no {what} has a parameter {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}."
         )
     return known[key]
@@ -124,9 +125,9 @@ def read_set(path: str | os.PathLike[str]) -> ParameterSet:
     try:
         return reader(text)
     except RecursionError:
-        raise ValueError(f"{path}: its lists are nested too deeply; correct it.") from None
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise InputError(f"{path}: its lists are nested too deeply; correct it.") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def write_set(parameters: ParameterSet, path: str | os.PathLike[str]) -> None:
@@ -148,7 +149,7 @@ def _find(path: str | os.PathLike[str]) -> Path:
     if not Path(path).is_file() and os.fspath(path) in names:
         return _BUNDLED / f"{os.fspath(path)}.json"
     if not Path(path).exists():
-        raise ValueError(
+        raise InputError(
             f"{os.fspath(path)}: neither a file nor a bundled parameter set; give a path or one of {', '.join(names)}."
         )
     return Path(path)
@@ -158,7 +159,7 @@ def set_format(path: Path) -> str:
     """ ".json" or ".ssv". Raises ValueError for a file that is neither."""
     suffix = path.suffix.lower()
     if suffix not in (".json", ".ssv"):
-        raise ValueError(f"{path}: a parameter set is a .json or an .ssv file; give one whose name ends so.")
+        raise InputError(f"{path}: a parameter set is a .json or an .ssv file; give one whose name ends so.")
     return suffix
 
 
@@ -177,15 +178,15 @@ def _quantities(what: str) -> dict[str, Quantity]:
 def _checked(name: str, value: Value) -> Value:
     unit = unit_of(name)
     if value.unit != unit:
-        raise ValueError(f"{name}: the unit {value.unit} must be {unit}, that of the FMU variable; convert the value.")
+        raise InputError(f"{name}: the unit {value.unit} must be {unit}, that of the FMU variable; convert the value.")
     number = _finite(name, value.value)
     if value.ci95 is None:
         return Value(number, unit)
     if len(value.ci95) != 2:
-        raise ValueError(f"{name}: ci95 = {value.ci95!r} must be two numbers, low and high.")
+        raise InputError(f"{name}: ci95 = {value.ci95!r} must be two numbers, low and high.")
     low, high = (_finite(f"{name} ci95", end) for end in value.ci95)
     if low > high:
-        raise ValueError(f"{name}: ci95 = [{low:g}, {high:g}] {unit} must be low before high; swap them.")
+        raise InputError(f"{name}: ci95 = [{low:g}, {high:g}] {unit} must be low before high; swap them.")
     return Value(number, unit, (low, high))
 
 
@@ -195,7 +196,7 @@ def _finite(name: str, value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise ValueError(f"{name} = {value!r}: must be a finite number; correct it or leave the parameter out.")
+        raise InputError(f"{name} = {value!r}: must be a finite number; correct it or leave the parameter out.")
     return number
 
 
@@ -225,13 +226,13 @@ def set_json(parameters: ParameterSet) -> str:
 def _from_json(text: str) -> ParameterSet:
     data = _json(text)
     if not isinstance(data, dict) or data.get("format") != _FORMAT:
-        raise ValueError(f'not a parameter set: it must be a JSON object with "format": "{_FORMAT}".')
+        raise InputError(f'not a parameter set: it must be a JSON object with "format": "{_FORMAT}".')
     check_keys("top level", data, _KEYS)
     for key in ("texts", "values", "provenance"):
         if not isinstance(data.get(key, {}), dict):
-            raise ValueError(f"{key}: must be a JSON object, such as {{}}.")
+            raise InputError(f"{key}: must be a JSON object, such as {{}}.")
     if "values" not in data or "name" not in data:
-        raise ValueError(f"the key {'name' if 'name' not in data else 'values'} is missing; add it.")
+        raise InputError(f"the key {'name' if 'name' not in data else 'values'} is missing; add it.")
     values = {name: _value(name, entry) for name, entry in data["values"].items()}
     return ParameterSet(data["name"], values, data.get("texts", {}), data.get("provenance", {}))
 
@@ -242,28 +243,28 @@ def _json(text: str) -> Any:
         if len(table) < len(pairs):
             names = [key for key, _ in pairs]
             twice = next(key for key in names if names.count(key) > 1)
-            raise ValueError(f"the key {twice!r} occurs twice; keep one.")
+            raise InputError(f"the key {twice!r} occurs twice; keep one.")
         return table
 
     def refuse(constant: str) -> NoReturn:
-        raise ValueError(f"{constant} is not a finite number; correct it or leave the parameter out.")
+        raise InputError(f"{constant} is not a finite number; correct it or leave the parameter out.")
 
     try:
         return json.loads(text, object_pairs_hook=unique, parse_constant=refuse)
     except json.JSONDecodeError as error:
-        raise ValueError(f"not valid JSON: {error.msg} in line {error.lineno}; correct that line.") from None
+        raise InputError(f"not valid JSON: {error.msg} in line {error.lineno}; correct that line.") from None
 
 
 def _value(name: str, entry: Any) -> Value:
     unit = unit_of(name)
     if not isinstance(entry, dict) or "value" not in entry:
-        raise ValueError(f'{name}: must be an object such as {{"value": 1, "unit": "{unit}"}}.')
+        raise InputError(f'{name}: must be an object such as {{"value": 1, "unit": "{unit}"}}.')
     check_keys(name, entry, _VALUE_KEYS)
     if not isinstance(entry.get("unit"), str):
-        raise ValueError(f'{name}: its unit is missing; add "unit": "{unit}" or the one the value is in.')
+        raise InputError(f'{name}: its unit is missing; add "unit": "{unit}" or the one the value is in.')
     interval = entry.get("ci95")
     if interval is not None and not (isinstance(interval, list) and len(interval) == 2):
-        raise ValueError(f"{name}: ci95 = {json.dumps(interval)} must be two numbers, low and high.")
+        raise InputError(f"{name}: ci95 = {json.dumps(interval)} must be two numbers, low and high.")
     number = _in_unit(name, entry["value"], entry["unit"], unit)
     ends = [_in_unit(f"{name} ci95", end, entry["unit"], unit) for end in interval or ()]
     return Value(number, unit, (ends[0], ends[1]) if ends else None)
@@ -310,15 +311,15 @@ def _from_ssv(text: str) -> ParameterSet:
     try:
         root = ElementTree.fromstring(text.encode("utf-8"))
     except ElementTree.ParseError as error:
-        raise ValueError(f"not valid XML: {error}; correct that line.") from None
+        raise InputError(f"not valid XML: {error}; correct that line.") from None
     if root.tag != f"{{{_SSV}}}ParameterSet" or not root.get("version", "").startswith("1."):
-        raise ValueError(f"not a parameter set of SSV 1: its root must be ParameterSet of {_SSV}, version 1.")
+        raise InputError(f"not a parameter set of SSV 1: its root must be ParameterSet of {_SSV}, version 1.")
     values: dict[str, Value] = {}
     texts: dict[str, str] = {}
     for entry in root.iterfind("ssv:Parameters/ssv:Parameter", _NAMES):
         name = entry.get("name", "")
         if name in values or name in texts:
-            raise ValueError(f"the parameter {name!r} occurs twice; keep one.")
+            raise InputError(f"the parameter {name!r} occurs twice; keep one.")
         real, integer, *named = (
             entry.find(f"ssv:{kind}", _NAMES) for kind in ("Real", "Integer", "Enumeration", "String")
         )
@@ -332,7 +333,7 @@ def _from_ssv(text: str) -> ParameterSet:
             number = parse_quantity(f"{real.get('value', '')} {real.get('unit') or unit}", unit, name)
             values[name] = Value(number, unit)
         else:
-            raise ValueError(
+            raise InputError(
                 f"{name}: must be a Real, or an Integer or a name for a law; there are no other parameters."
             )
     extra = _annotation(root)
@@ -344,7 +345,7 @@ def _numbered(name: str, number: str) -> str:
     laws = dict(enumerate(_TEXTS.get(name, ()), start=1))
     if not number.isdecimal() or int(number) not in laws:
         known = " or ".join(f"{i} ({law})" for i, law in laws.items()) or "a Real"
-        raise ValueError(f"{name} = {number!r}: must be {known}.")
+        raise InputError(f"{name} = {number!r}: must be {known}.")
     return laws[int(number)]
 
 
@@ -355,7 +356,7 @@ def _annotation(root: ElementTree.Element) -> dict[str, Any]:
             intervals = extra.get("value_and_ci95", {}) if isinstance(extra, dict) else None
             whole = isinstance(intervals, dict) and all(isinstance(e, list) and len(e) == 3 for e in intervals.values())
             if not whole or not isinstance(extra.get("provenance", {}), dict):
-                raise ValueError(f"its annotation {_ANNOTATION} is damaged; remove it or write the file anew.")
+                raise InputError(f"its annotation {_ANNOTATION} is damaged; remove it or write the file anew.")
             return extra
     return {}
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver.coordinate import SCALE, SHIFT, Coordinate
+from solver.errors import InputError
 from solver.network import Network
 
 from .inference.prior import Calibrated, along
@@ -52,40 +53,40 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     and for parameters that the network has not.
     """
     if not Path(path).is_file():
-        raise ValueError(f"{path}: there is no such file; {_AGAIN}.")
+        raise InputError(f"{path}: there is no such file; {_AGAIN}.")
     if Path(path).suffix.lower() != ".json":  # an .ssv file has values alone
-        raise ValueError(f"{path}: is no .json file, and other files hold no covariance; {_AGAIN}.")
+        raise InputError(f"{path}: is no .json file, and other files hold no covariance; {_AGAIN}.")
     found = read_set(path)
     origin = found.provenance
     if origin.get("method") != "network calibration":
-        raise ValueError(f"{path}: is no result of a calibration of a network, and has no covariance; {_AGAIN}.")
+        raise InputError(f"{path}: is no result of a calibration of a network, and has no covariance; {_AGAIN}.")
     if origin.get("network") != network.name:
-        raise ValueError(
+        raise InputError(
             f"{path}: is the calibration of network {origin.get('network')}, not of {network.name}; give the network "
             f"that was calibrated, or the calibration of this one."
         )
     foreign = [name for name in found.values if name not in network.parameters()]
     if foreign:
-        raise ValueError(
+        raise InputError(
             f"{path}: {foreign[0]} is no parameter of network {network.name}; give the network that was calibrated."
         )
     try:
         coordinates, covariance = _told(found)
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise ValueError(f"{path}: holds no covariance of what was calibrated, or a broken one; {_AGAIN}.") from None
+        raise InputError(f"{path}: holds no covariance of what was calibrated, or a broken one; {_AGAIN}.") from None
     moved = {variable for c in coordinates for variable, _ in c.moves}
     if not moved <= set(found.values):
-        raise ValueError(
+        raise InputError(
             f"{path}: its covariance is of {min(moved - set(found.values))}, which has no value; {_AGAIN}."
         )
     try:
         here = found.apply(network)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     values = here.parameters()
     flat = [v for c in coordinates if c.kind == SCALE for v, _ in c.moves if not values[v] > 0.0]
     if flat:
-        raise ValueError(f"{path}: {flat[0]} = {values[flat[0]]:g} has no logarithm to be uncertain by; {_AGAIN}.")
+        raise InputError(f"{path}: {flat[0]} = {values[flat[0]]:g} has no logarithm to be uncertain by; {_AGAIN}.")
     return Prior(here, along(coordinates, covariance, here), os.fspath(path), str(origin.get("sha256", "")))
 
 

@@ -18,7 +18,7 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
     if not wanted or ctx.resilient_parsing:
         return
     given: dict[str, Any] = ctx.params
-    with sentences(ValueError):
+    with sentences():
         path = given["record"] if "record" in given else read_cohort(given["cohort"])[0].record
         found = preview(path, Reading.asked(given["mapped"], given["decimal"]))
     if given["as_json"]:

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from solver.errors import InputError
+
 _SIGNS = {"study": ("plan.json",), "discover": ("verdict.json", ".state")}  # both have a folder figures
 
 
@@ -15,7 +17,7 @@ def check_unmixed(folder: Path, command: str) -> None:
     """Raise ValueError if a folder holds the results of another command, whose files would mix with this one's."""
     for other, names in _SIGNS.items():
         if other != command and any((folder / name).exists() for name in names):
-            raise ValueError(f"{folder}: it holds the results of {other}; give {command} another folder (--out).")
+            raise InputError(f"{folder}: it holds the results of {other}; give {command} another folder (--out).")
 
 
 def json_text(content: Mapping[str, Any], indent: int = 2) -> str:

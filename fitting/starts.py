@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from solver import Settings
+from solver.errors import InputError
 from solver.network import Network
 
 from .calibrate import Calibration, Progress, calibrate
@@ -129,11 +130,11 @@ def calibrate_from(
     Raises ValueError, one sentence, for numbers that cannot be, and as that function where no start leads anywhere.
     """
     if not 1 <= starts <= MOST:
-        raise ValueError(f"--starts = {starts}: must be a whole number of starts from 1 to {MOST}.")
+        raise InputError(f"--starts = {starts}: must be a whole number of starts from 1 to {MOST}.")
     if not 0 <= seed < 2**32:
-        raise ValueError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
+        raise InputError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
     if jobs is not None and jobs < 1:
-        raise ValueError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
+        raise InputError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
     found = parse_unknowns(unknowns, network)
     tasks = [
         _Task(beats, network, found, channels, settings, x if i else None)
@@ -158,7 +159,7 @@ def calibrate_from(
         if progress:
             progress(n / starts, f"{n} of {starts} starts")
     if not ended:
-        raise ValueError(failures[0])
+        raise InputError(failures[0])
     return Starts(starts, seed, minima(ended), failures)
 
 
@@ -225,5 +226,5 @@ def _calibrated(task: _Task) -> Calibration | str:
             settings=task.settings,
             x0=task.x0,
         )
-    except ValueError as error:
+    except InputError as error:
         return str(error)

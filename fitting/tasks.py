@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
+from solver.errors import InputError
+
 from .workers import Workers, cores
 
 Task = TypeVar("Task")
@@ -27,6 +29,6 @@ def done(
         yield from stream(function, tasks, scheduler)
         return
     if jobs is not None and jobs < 1:
-        raise ValueError(f"jobs {jobs!r}: must be a whole number of processes, at least 1.")
+        raise InputError(f"jobs {jobs!r}: must be a whole number of processes, at least 1.")
     with Workers(cores() if jobs is None else jobs) as workers:
         yield from workers.stream(tasks, function)

@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.laws import ELASTIC_LAWS
 from solver.network import Network, Segment
 from solver.quantity import quantities
@@ -219,7 +220,7 @@ def _check_start(values: Mapping[str, float], R: float) -> None:
 def _check_thickness(site: str, R: float, h: float) -> None:
     low, high = _THIN
     if not low <= R / h <= high:
-        raise ValueError(
+        raise InputError(
             f"{site}.h = {h:g} m is not allowed: with a mean radius of {R:.3g} m, R/h = {R / h:.3g} must lie in "
             f"[{low:g}, {high:g}]; check the units of h and R, and that P and R are not swapped."
         )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver import loop
+from solver.errors import InputError
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS, ElasticLaw, ViscousLaw
 from solver.network import Segment
 from solver.quantity import quantities
@@ -70,9 +71,9 @@ def model(name: str, elastic: str) -> WallModel:
         "extended monotone": ("monotone", (*_NONLINEAR, "ENL")),
     }
     if name not in laws:
-        raise ValueError(f"model {name!r} is not known; use one of {', '.join(laws)}.")
+        raise InputError(f"model {name!r} is not known; use one of {', '.join(laws)}.")
     if elastic not in ELASTIC_LAWS:
-        raise ValueError(f"elastic law {elastic!r} is not known; use one of {', '.join(ELASTIC_LAWS)}.")
+        raise InputError(f"elastic law {elastic!r} is not known; use one of {', '.join(ELASTIC_LAWS)}.")
     viscous, free = laws[name]
     return WallModel(name, elastic, viscous, free)
 

@@ -32,6 +32,8 @@ from pythonfmu import DefaultExperiment
 from pythonfmu.enums import Fmi2Causality, Fmi2Initial, Fmi2Status, Fmi2Variability
 from pythonfmu.variables import Integer, Real, ScalarVariable
 
+from solver.errors import InputError
+
 from .component import Component
 from .description import complete
 from .refusal import sentence
@@ -106,9 +108,9 @@ class ComponentSlave(SavingSlave):
         def set_up() -> None:
             self._require("setup_experiment", INSTANTIATED)
             if not math.isfinite(start_time):
-                raise ValueError(f"start time of {start_time:g} s: must be finite.")
+                raise InputError(f"start time of {start_time:g} s: must be finite.")
             if stop_time is not None and not stop_time >= start_time:
-                raise ValueError(
+                raise InputError(
                     f"stop time of {stop_time:g} s: must not lie before the start time of {start_time:g} s."
                 )
             self.t0, self.stop_time = start_time, stop_time
@@ -157,13 +159,13 @@ class ComponentSlave(SavingSlave):
     def _check_end(self, t: float, h: float) -> None:
         """Refuse a step beyond the stop time, but for the round-off of communication points."""
         if self.stop_time is not None and t > self.stop_time + 1e-6 * abs(h) + 1e-9 * abs(t):
-            raise ValueError(
+            raise InputError(
                 f"step to t = {t:.9g} s: the stop time is {self.stop_time:.9g} s; end there, or set up a later one."
             )
 
     def _require(self, call: str, phase: str) -> None:
         if self.phase != phase:
-            raise ValueError(f"{call} in phase {self.phase!r}: it belongs to phase {phase!r}; reset the component.")
+            raise InputError(f"{call} in phase {self.phase!r}: it belongs to phase {phase!r}; reset the component.")
 
     # --- values ---------------------------------------------------------------------------------------------------
 
@@ -228,18 +230,18 @@ class ComponentSlave(SavingSlave):
 
     def _check_setting(self, variable: Variable, value: Any) -> None:
         if variable.causality == "output":
-            raise ValueError(f"{variable.name} is an output and cannot be set.")
+            raise InputError(f"{variable.name} is an output and cannot be set.")
         if variable.variability == "fixed" and self.phase in (STEPPING, TERMINATED):
-            raise ValueError(f"{variable.name} is fixed: set it before initialization ends, or reset the component.")
+            raise InputError(f"{variable.name} is fixed: set it before initialization ends, or reset the component.")
         variable.check(value)
 
     def _check_kind(self, vrs: list[int], kind: frozenset[int]) -> None:
         if not kind.issuperset(vrs):
             vr = next(vr for vr in vrs if vr not in kind)
             if not 0 <= vr < len(self.table):
-                raise ValueError(f"value reference {vr}: there is no such variable.")
+                raise InputError(f"value reference {vr}: there is no such variable.")
             right = "a Real variable" if vr in self.numbers else "an Enumeration (Integer)"
-            raise ValueError(f"{self.table[vr].name} is {right}; read and set it as such.")
+            raise InputError(f"{self.table[vr].name} is {right}; read and set it as such.")
 
     def _initialize(self) -> None:
         self.component.initialize(self.t0, dict(zip(self.names, self.values, strict=True)))
@@ -250,7 +252,7 @@ class ComponentSlave(SavingSlave):
         outputs = self.component.outputs()
         if not all(map(math.isfinite, outputs)):
             i = next(i for i, value in enumerate(outputs) if not math.isfinite(value))
-            raise ValueError(
+            raise InputError(
                 f"{self.names[self.first_output + i]} would be {outputs[i]:g}: must be finite; check the values of "
                 "inputs and parameters, and their units."
             )
@@ -266,7 +268,7 @@ class ComponentSlave(SavingSlave):
         """Refuse to run the code of another FMU: a process keeps the first module of a name."""
         expected = Path(self.resources) / "slavemodule.txt"
         if expected.is_file() and expected.read_text().strip() != self.code_name:
-            raise ValueError(
+            raise InputError(
                 f"this process runs module {self.code_name} instead of {expected.read_text().strip()}; rebuild the FMU."
             )
 
@@ -290,7 +292,7 @@ def _read(subject: Callable[[Any], Subject], file: Path) -> Subject:
     try:
         return subject(json.loads(file.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{file.name}: not the one of this FMU ({error}); build the FMU anew.") from None
+        raise InputError(f"{file.name}: not the one of this FMU ({error}); build the FMU anew.") from None
 
 
 _INITIAL = {"parameter": Fmi2Initial.exact, "output": Fmi2Initial.calculated}  # FMI forbids it on inputs

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from solver.quantity import quantity
+from solver.saved import Kind, dataclasses
 
 from .component import Component, check_time
 from .lumped import with_values
-from .state import Kind, dataclasses
 
 EXCHANGES = ("end", "start")
 

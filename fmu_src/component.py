@@ -7,7 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from .state import Kind
+from solver.errors import InputError
+from solver.saved import Kind
 
 _SLACK = 2e-9  # s, by which the communication points of a master may differ from ours by round-off
 
@@ -15,9 +16,9 @@ _SLACK = 2e-9  # s, by which the communication points of a master may differ fro
 def check_time(t: float, h: float, stands: float, slack: float = _SLACK) -> None:
     """Raise ValueError unless a step from t of length h [s] begins where the component stands."""
     if not (math.isfinite(h) and h > 0.0):
-        raise ValueError(f"communication step of {h:g} s: must be positive.")
+        raise InputError(f"communication step of {h:g} s: must be positive.")
     if not abs(t - stands) <= slack + 1e-12 * abs(t):
-        raise ValueError(
+        raise InputError(
             f"step from t = {t:.9g} s, but the component stands at {stands:.9g} s; step on from there or reset."
         )
 

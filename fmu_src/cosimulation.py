@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.inlet import Inlet
 from solver.network import Network
 from solver.outputs import reporter, venous_flow, volume_weights
+from solver.saved import Kind, dataclasses
 from solver.scheme.failure import NonPhysicalState
 from solver.scheme.mesh import Layout
 from solver.scheme.model import Model, Settings, build
@@ -21,7 +23,6 @@ from solver.start import periodic_state
 from .component import Component, check_time
 from .drive import inlet_with, own_drive
 from .ports import Impedances, endless, impedances, port_names, port_values
-from .state import Kind, dataclasses
 from .stretch import Drive, Position, Stretch, rounded
 
 Array = np.ndarray
@@ -246,7 +247,7 @@ class CoSimulation(Component):
     def _check_time(self, t: float, h: float) -> None:
         check_time(t, h, self.time, 2 * _ON_GRID * self.dt)
         if h > _MOST_STEPS * self.dt:
-            raise ValueError(
+            raise InputError(
                 f"communication step of {h:g} s: more than {_MOST_STEPS} internal steps of {self.dt:g} s; "
                 "take shorter communication steps."
             )

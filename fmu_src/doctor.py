@@ -28,7 +28,8 @@ from xml.etree import ElementTree
 import typer
 from rich.table import Column, Table
 
-from solver.console import put, say, sentences, show
+from solver.console import faults, put, say, sentences, show
+from solver.errors import InputError
 from solver.exit_codes import ExitCode
 from solver.host_died import ended as died
 from solver.options import Json, files_for, one_command
@@ -99,7 +100,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
         findings.append(Finding("execution tool", NOTE, "the FMU says that it needs Python on the host", remedy))
     try:
         where = interpreter(python)
-    except ValueError as error:
+    except InputError as error:
         return [*findings, Finding("Python", PROBLEM, str(error))]
     findings += [*_python(where, archive.python), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
@@ -379,4 +380,5 @@ def _plain(text: str) -> str:
 
 
 if __name__ == "__main__":
-    one_command(main)()
+    with faults():
+        one_command(main)()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.inlet import Inlet
 from solver.network import Network
 
@@ -30,7 +31,7 @@ def own_drive(network: Network, values: Mapping[str, Any]) -> Callable[[Array], 
     inlets = [inlet_with(inlet, values) for inlet in network.inlets]
     for inlet in inlets:
         if inlet.given is None:
-            raise ValueError(
+            raise InputError(
                 f"inlet.drive = network: network {network.name} gives no curve of {inlet.drive}; add one to the "
                 "network file and build the FMU anew, or take inlet.drive = input and set it."
             )

@@ -24,10 +24,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from solver.saved import Kind, dataclasses
+
 from .component import Component, check_time
 from .heart_parts import Aorta, Chamber, Filling, Heart, Pace, Valve, Ventricle
 from .heart_step import HeartState, Port, ValveState, initial_state, step
-from .state import Kind, dataclasses
 
 INPUTS = ("aorta.P_0", "aorta.Z", "aorta.Z_0", "venous.P")
 OUTPUTS = (

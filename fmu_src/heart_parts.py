@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from solver.errors import InputError
 from solver.quantity import quantity
 
 from .lumped import with_values
@@ -109,7 +110,7 @@ class Heart:
         for key in ("left_ventricle", "left_atrium"):
             chamber = getattr(heart, key)
             if chamber.rise + chamber.fall > 1.0:
-                raise ValueError(
+                raise InputError(
                     f"{key}.rise + {key}.fall = {chamber.rise + chamber.fall:g}: contraction and relaxation must end "
                     "within a beat, so at most 1; shorten them."
                 )

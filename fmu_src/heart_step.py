@@ -18,6 +18,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from solver.errors import InputError
+
 from .heart_parts import Chamber, Heart, Valve
 
 _CLOSED = 1e-12  # an opening below this counts as none
@@ -86,7 +88,7 @@ def step(heart: Heart, state: HeartState, h: float, port: Port, P_venous: float)
     """
     rate = heart.heart.rate
     if not (math.isfinite(h) and 0.0 < h <= _LARGEST_STEP / rate):
-        raise ValueError(
+        raise InputError(
             f"communication step of {h:g} s: a heart of {rate:g} beats per second needs steps above 0 and up to "
             f"{_LARGEST_STEP / rate:g} s; take shorter ones."
         )
@@ -172,7 +174,7 @@ class _Trial:
         """The flows [m³/s] through the mitral and the aortic valve at the end. Raises ValueError."""
         found = self._newton() or self._one_by_one()
         if found is None:
-            raise ValueError(
+            raise InputError(
                 f"t = {self.state.t + self.h:.6g} s: the flows through the valves have no solution over a step of "
                 f"{self.h:g} s (aorta.P_0 = {self.port.P_0:g} Pa, aorta.Z = {self.port.Z:g} Pa.s/m^3); "
                 "take shorter steps."

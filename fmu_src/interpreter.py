@@ -10,6 +10,8 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from solver.errors import InputError
+
 # Where libpython lies differs: beside an interpreter of its own, in the system's folder of libraries (Debian), or in
 # the folder of the configuration. An installation without a shared library has none.
 _ASK = """
@@ -72,10 +74,10 @@ def interpreter(python: str = sys.executable) -> Interpreter:
     """The installation behind a command such as ``python3.12``. Raises ValueError if it does not start."""
     command = shutil.which(python)
     if command is None:
-        raise ValueError(f"{python}: there is no such Python; give the path of one, for example {sys.executable}.")
+        raise InputError(f"{python}: there is no such Python; give the path of one, for example {sys.executable}.")
     try:
         done = subprocess.run([command, "-c", _ASK], capture_output=True, text=True, timeout=60)
         facts = json.loads(done.stdout)
     except (OSError, ValueError, subprocess.SubprocessError) as error:
-        raise ValueError(f"{command}: does not start as Python ({type(error).__name__}); give another.") from None
+        raise InputError(f"{command}: does not start as Python ({type(error).__name__}); give another.") from None
     return Interpreter(**{**facts, "command": command, "version": tuple(facts["version"])})

@@ -9,6 +9,7 @@ from typing import Any
 
 from solver import effects
 from solver.catalogue import quantities_of
+from solver.errors import InputError
 from solver.files import dumps
 from solver.laws import ELASTIC_LAWS, VISCOUS_LAWS
 from solver.network import Network, to_dict
@@ -92,7 +93,7 @@ def body_model(species: str = "human", starts: Starts | None = None) -> Model:
 def of(species: str) -> tuple[Heart, Body]:
     """The heart and the body of a species. Raises ValueError for an unknown one."""
     if species not in SPECIES:
-        raise ValueError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
+        raise InputError(f"species {species!r}: there is none of this name; use one of {', '.join(SPECIES)}.")
     return SPECIES[species]
 
 
@@ -112,7 +113,7 @@ def _check_code(network: Network) -> None:
     for name, thing, home in used:
         kind = type(thing)
         if kind.__module__.partition(".")[0] != "solver":
-            raise ValueError(
+            raise InputError(
                 f"{name}: its class {kind.__name__} is in {kind.__module__}, and an FMU carries only the code of the "
                 f"package solver; move the class and its entry into {home}, or leave {name} out, and build again."
             )

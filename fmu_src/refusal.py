@@ -7,6 +7,7 @@ import traceback
 
 from pythonfmu import Fmi2Slave
 
+from solver.errors import InputError
 from solver.scheme.failure import NonPhysicalState
 
 
@@ -21,7 +22,7 @@ def sentence(who: str, error: BaseException, what: str) -> str:
 
     A user's mistake is one sentence. Of a fault of ours, which must not kill the host either, it is everything.
     """
-    if isinstance(error, (ValueError, NonPhysicalState)):
+    if isinstance(error, (InputError, NonPhysicalState)):
         text = str(error)
     elif isinstance(error, KeyboardInterrupt):
         text = f"interrupted while {what}."

@@ -26,7 +26,8 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2Warning
 from fmpy.model_description import ModelDescription
 
-from solver.console import put, ranges, say_written, sentences
+from solver.console import faults, put, ranges, say_written, sentences
+from solver.errors import InputError
 from solver.files import parse_quantity, read_text
 from solver.interrupts import interrupts_later
 from solver.options import Json, Quiet, files_for, one_command
@@ -79,13 +80,13 @@ def run_fmu(
     variables = {variable.name: variable for variable in description.modelVariables}
     drive = _drive(variables, fmu)
     if drive in inputs:
-        raise ValueError(f"{drive}: it is an input of its own; give it as inflow.")
+        raise InputError(f"{drive}: it is an input of its own; give it as inflow.")
     _check_inputs(inputs, variables, fmu)
     own = {"inlet.drive": "network"} if inflow is None and "inlet.drive" in variables else {}
     starts = _start_values({"inlet.interpolation": "linear", **own, **(start_values or {})}, variables, fmu)
     given = {} if inflow is None else {drive: inflow}
     if given and starts.get("inlet.drive") == _BY_NETWORK:
-        raise ValueError(f"{drive}: ignored with inlet.drive = network; leave one of them out.")
+        raise InputError(f"{drive}: ignored with inlet.drive = network; leave one of them out.")
     driving = {name: _sampled("inflow", u, time) for name, u in given.items()}
     shown = driving | {name: _sampled(name, u, time) for name, u in inputs.items()}
     middle = 0.5 * (time[1:] + time[:-1])
@@ -105,7 +106,7 @@ def _communication_points(stop_time: float, step: float) -> Array:
     """Times 0, step, … stop_time : (n + 1,) [s]. Raises ValueError unless both are positive."""
     for name, value in (("stop_time", stop_time), ("step", step)):
         if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} = {value!r} s: must be a positive, finite number.")
+            raise InputError(f"{name} = {value!r} s: must be a positive, finite number.")
     n = max(1, math.ceil(stop_time / step - 1e-9))
     return np.minimum(np.arange(n + 1) * step, stop_time)
 
@@ -113,7 +114,7 @@ def _communication_points(stop_time: float, step: float) -> Array:
 def _sampled(name: str, u: Input, time: Array) -> Array:
     values = np.asarray(u(time), float)
     if values.shape != time.shape:
-        raise ValueError(
+        raise InputError(
             f"{name}: for {time.size} times it gave shape {values.shape}; it must give one value per time."
         )
     return values
@@ -122,7 +123,7 @@ def _sampled(name: str, u: Input, time: Array) -> Array:
 def _drive(variables: Mapping[str, Any], fmu: str | os.PathLike[str]) -> str:
     """What drives the inlet: inlet.Q, or inlet.P where that is an input. Raises ValueError where there is no inlet."""
     if "inlet.Q" not in variables:
-        raise ValueError(
+        raise InputError(
             f"{os.fspath(fmu)}: it has no inlet, so it is no FMU of arteries and is not run alone; arterial-fmu build "
             "system makes a system of heart, arteries and body for simulators that read SSP."
         )
@@ -139,18 +140,18 @@ def _check_inputs(names: Iterable[str], variables: Mapping[str, Any], fmu: str |
     known = [name for name, variable in variables.items() if variable.causality == "input"]
     for name in names:
         if name not in known:
-            raise ValueError(f"{name}: not an input of {os.fspath(fmu)}; use one of {', '.join(known)}.")
+            raise InputError(f"{name}: not an input of {os.fspath(fmu)}; use one of {', '.join(known)}.")
 
 
 def _read(fmu: str | os.PathLike[str]) -> ModelDescription:
     try:
         return fmpy.read_model_description(os.fspath(fmu))
     except OSError as error:
-        raise ValueError(
+        raise InputError(
             f"{os.fspath(fmu)}: cannot be read ({error.strerror or 'not a file'}); check the path."
         ) from None
     except (zipfile.BadZipFile, KeyError):
-        raise ValueError(f"{os.fspath(fmu)}: not an FMU; build one with arterial-fmu build.") from None
+        raise InputError(f"{os.fspath(fmu)}: not an FMU; build one with arterial-fmu build.") from None
 
 
 def _start_values(
@@ -163,17 +164,17 @@ def _start_values(
     result: dict[str, float | int] = {}
     for name, value in starts.items():
         if name not in variables:
-            raise ValueError(
+            raise InputError(
                 f"{name}: {os.fspath(fmu)} has no such variable; see its modelDescription.xml"
                 f"{did_you_mean(name, variables)}."
             )
         if variables[name].type == "Enumeration":
             items = {item.name: int(item.value) for item in variables[name].declaredType.items}
             if value not in items and value not in items.values():
-                raise ValueError(f"{name} = {value!r}: must be one of {', '.join(items)}.")
+                raise InputError(f"{name} = {value!r}: must be one of {', '.join(items)}.")
             result[name] = items[value] if isinstance(value, str) else int(value)
         elif isinstance(value, str):
-            raise ValueError(f"{name} = {value!r}: must be a number.")
+            raise InputError(f"{name} = {value!r}: must be a number.")
         else:
             result[name] = float(value)
     return result
@@ -209,11 +210,11 @@ def _unpack(fmu: str | os.PathLike[str], folder: str) -> None:
     try:
         fmpy.extract(os.fspath(fmu), folder)
     except (zipfile.BadZipFile, zlib.error, EOFError):
-        raise ValueError(
+        raise InputError(
             f"{os.fspath(fmu)}: is damaged; copy it once more, or build it with arterial-fmu build."
         ) from None
     except OSError as error:
-        raise ValueError(
+        raise InputError(
             f"{os.fspath(fmu)}: cannot be unpacked to {folder} ({error.strerror}); set TMPDIR to a folder with room."
         ) from None
 
@@ -287,7 +288,7 @@ def main(
     quiet: Quiet = False,
 ) -> None:
     """Run an FMU of an arterial network from its start to a stop time; without --inputs its own inflow drives it."""
-    with sentences(ValueError, FMUError):
+    with sentences(FMUError):
         check_destinations(out)
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         drive = _drive(variables, fmu)
@@ -320,10 +321,10 @@ def _read_inputs(path: Path, variables: Mapping[str, Any], fmu: Path, stop_time:
     titles = [re.fullmatch(r"\s*([^\s\[]+)\s*(?:\[(.*)\])?\s*", title) for title in rows[0]] if rows else []
     names = [match[1] if match else "" for match in titles]
     if len(rows) < 2 or names[0] != "time" or len(set(names)) < len(names):
-        raise ValueError(f'{path}: must begin with the line "time [s],inlet.Q [m^3/s]", each name once, then numbers.')
+        raise InputError(f'{path}: must begin with the line "time [s],inlet.Q [m^3/s]", each name once, then numbers.')
     for i, row in enumerate(rows[1:], 2):
         if len(row) != len(names) or not all(map(_finite, row)):
-            raise ValueError(f"{path}: line {i}: must hold {len(names)} finite numbers; correct it.")
+            raise InputError(f"{path}: line {i}: must hold {len(names)} finite numbers; correct it.")
     table = np.array(rows[1:], float)
     _check_inputs(names[1:], variables, fmu)
     for k, match in enumerate(titles):
@@ -332,9 +333,9 @@ def _read_inputs(path: Path, variables: Mapping[str, Any], fmu: Path, stop_time:
             table[:, k] *= parse_quantity(f"1 {match[2]}", unit, f"{path}: {names[k]}")
     time = table[:, 0]
     if (np.diff(time) <= 0.0).any():
-        raise ValueError(f"{path}: line {int(np.argmax(np.diff(time) <= 0.0)) + 3}: the time must increase; sort it.")
+        raise InputError(f"{path}: line {int(np.argmax(np.diff(time) <= 0.0)) + 3}: the time must increase; sort it.")
     if time[0] > 0.0 or time[-1] < stop_time * (1.0 - 1e-12):
-        raise ValueError(
+        raise InputError(
             f"{path}: covers {time[0]:g} s to {time[-1]:g} s, but the run is from 0 to {stop_time:g} s; "
             "give inputs for all of it or stop earlier."
         )
@@ -360,17 +361,17 @@ def _units(variables: Mapping[str, Any]) -> dict[str, tuple[str, str | None]]:
 def _read_start_values(path: Path, variables: Mapping[str, Any]) -> dict[str, float | str]:
     """Start values of a parameter set, or of a JSON object. Raises ValueError."""
     if path.suffix.lower() == ".ssv":
-        raise ValueError(f"{path}: SSV is for simulators that import it; give the parameter set as .json.")
+        raise InputError(f"{path}: SSV is for simulators that import it; give the parameter set as .json.")
     try:
         values = json.loads(read_text(path))
     except (json.JSONDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: not valid JSON ({error}); correct it.") from None
+        raise InputError(f"{path}: not valid JSON ({error}); correct it.") from None
     if isinstance(values, dict) and isinstance(values.get("values"), dict):
         values = _of_set(values, path, _units(variables))
     if not isinstance(values, dict) or not all(
         isinstance(value, str | float | int) and not isinstance(value, bool) for value in values.values()
     ):
-        raise ValueError(f'{path}: must be a JSON object of numbers and texts, such as {{"CA.phi0": 0}}.')
+        raise InputError(f'{path}: must be a JSON object of numbers and texts, such as {{"CA.phi0": 0}}.')
     return values
 
 
@@ -381,7 +382,7 @@ def _of_set(
     found: dict[str, float | str] = dict(parameters.get("texts", {}))
     for name, entry in parameters["values"].items():
         if not isinstance(entry, dict) or not {"value", "unit"} <= entry.keys():
-            raise ValueError(f"{path}: {name}: must have a value and a unit; correct it.")
+            raise InputError(f"{path}: {name}: must have a value and a unit; correct it.")
         unit = units.get(name, (entry["unit"], None))[0]  # a name that the FMU has not is refused with the others
         found[name] = parse_quantity(f"{entry['value']} {'' if entry['unit'] == '1' else entry['unit']}", unit, name)
     return found
@@ -394,4 +395,5 @@ def _write_result(path: Path, result: Mapping[str, Array], variables: Mapping[st
 
 
 if __name__ == "__main__":
-    one_command(main)()
+    with faults():
+        one_command(main)()

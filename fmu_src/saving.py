@@ -10,9 +10,11 @@ from typing import Any, TypeVar
 
 from pythonfmu import Fmi2Slave
 
+from solver.errors import InputError
+from solver.saved import from_bytes, to_bytes
+
 from .component import Component
 from .refusal import compensate, sentence
-from .state import from_bytes, to_bytes
 
 INSTANTIATED, INITIALIZING, STEPPING, TERMINATED = "instantiated", "initialization mode", "stepping", "terminated"
 
@@ -129,4 +131,4 @@ class SavingSlave(Fmi2Slave):
 
 def _check_state(state: Any, guid: str) -> None:
     if not isinstance(state, Snapshot) or state.guid != guid:
-        raise ValueError("the state is not one of this FMU; give one that this FMU saved.")
+        raise InputError("the state is not one of this FMU; give one that this FMU saved.")

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
+from solver.errors import InputError
+
 
 @contextmanager
 def unpacking_folder(prefix: str) -> Iterator[str]:
@@ -27,7 +29,7 @@ def unpacking_folder(prefix: str) -> Iterator[str]:
         with made as folder:
             yield folder
         return
-    raise ValueError(
+    raise InputError(
         f"no folder to unpack the FMU into, among {', '.join(map(str, tried))}: each cannot be written, or its path "
         "has characters on which the FMU's wrapper crashes; set TMPDIR to a folder of letters, digits, blanks "
         "and - . _ ~."

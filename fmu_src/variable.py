@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from solver.errors import InputError
 from solver.quantity import Quantity
 
 
@@ -32,13 +33,13 @@ class Variable:
         if self.quantity is not None:
             self.quantity.check(self.name, value)  # type: ignore[arg-type]
         elif value not in self.choices:
-            raise ValueError(f"{self.name} = {value!r}: must be one of {', '.join(self.choices)}.")
+            raise InputError(f"{self.name} = {value!r}: must be one of {', '.join(self.choices)}.")
 
     def choice(self, number: int) -> str:
         """The choice with a number of the Enumeration; ValueError, one sentence, if there is none."""
         if not 1 <= number <= len(self.choices):
             known = " or ".join(f"{i} ({choice})" for i, choice in enumerate(self.choices, start=1))
-            raise ValueError(f"{self.name} = {number}: must be {known}.")
+            raise InputError(f"{self.name} = {number}: must be {known}.")
         return self.choices[number - 1]
 
     def number(self, choice: str) -> int:
@@ -51,7 +52,7 @@ def with_starts(table: tuple[Variable, ...], starts: Mapping[str, float | str]) 
     known = {variable.name for variable in table if variable.causality != "output"}
     for name in starts:
         if name not in known:
-            raise ValueError(f"{name}: not an input or parameter; the FMU's modelDescription.xml has the names.")
+            raise InputError(f"{name}: not an input or parameter; the FMU's modelDescription.xml has the names.")
     changed = {variable.name: replace(variable, start=starts.get(variable.name, variable.start)) for variable in table}
     for name, value in starts.items():
         changed[name].check(value)

@@ -5,6 +5,7 @@
 >>> beat["CA.P"].max()  # Pa
 """
 
+from .errors import InputError
 from .files import bundled, find_network, read_network, write_network
 from .harmonics import beat_harmonics
 from .inflow import sampled_inflow
@@ -26,6 +27,7 @@ __all__ = [
     "Channel",
     "Fluid",
     "Inlet",
+    "InputError",
     "Junction",
     "MusclSettings",
     "Network",

@@ -11,7 +11,8 @@ import typer
 from rich.table import Table
 
 from . import commands
-from .console import put, ranges, right, say_notes, say_written, sentences, show
+from .console import faults, put, ranges, right, say_notes, say_written, sentences, show
+from .errors import InputError
 from .files import find_network, parse_quantity, read_network
 from .legible import number
 from .muscl.settings import MusclSettings
@@ -58,7 +59,7 @@ def main(
     quiet: Quiet = False,
 ) -> None:
     """Simulate a network of arteries and report pressure, flow and radius at its sites."""
-    with sentences(ValueError, NonPhysicalState, NotPeriodic):
+    with sentences(NonPhysicalState, NotPeriodic):
         check_destinations(out)
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
@@ -90,7 +91,7 @@ def _settings(
     for option, value in ({"--element-length": element_length} if muscl else volumes).items():
         if value is not None:
             whose = "staggered" if muscl else "muscl"
-            raise ValueError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
+            raise InputError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
     if not muscl:
         return Settings(dt, typed_quantity(element_length or "5 cm", "m", "--element-length"))
     own, length = MusclSettings(), typed_quantity(cell or "5 mm", "m", "--cell")
@@ -165,6 +166,7 @@ def _show(network: Network, result: Waveforms) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
-        commands.app()
-    one_command(main)()
+    with faults():
+        if sys.argv[1:2] and sys.argv[1] in {"list", "import", "export"}:
+            commands.app()
+        one_command(main)()

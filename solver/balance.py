@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .errors import InputError
 from .memory import weights
 from .scheme import terms
 from .scheme.elimination import Factor
@@ -43,7 +44,7 @@ _MEAN = 1e4  # s, of the mean as a wave so slow that everything follows it; a lo
 _SETTLED = 1e-8  # last correction in such a step, relative to the flows there
 
 
-class NoSteadyState(ValueError):
+class NoSteadyState(InputError):
     """A network that the mean of its drive does not let come to rest; the message says where, and what to do."""
 
 

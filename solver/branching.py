@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from .errors import InputError
 from .network import Fluid, Network, Segment
 from .quantity import quantities
 
@@ -25,7 +26,7 @@ def murray_radius(parent: Segment, siblings: Iterable[Segment]) -> float:
     siblings = list(siblings)
     rest = parent.R0**3 - sum(s.R0**3 for s in siblings)
     if rest <= 0.0:
-        raise ValueError(
+        raise InputError(
             f"{' and '.join(f'{s.name}.R0 = {s.R0:g} m' for s in siblings)}: too large for Murray's law at the end of "
             f"{parent.name} with R0 = {parent.R0:g} m, which leaves no room for a further branch (sum of R0^3 must be "
             f"below {parent.R0**3:g} m^3); check the radii or leave the branch out."
@@ -46,7 +47,7 @@ def matched_modulus(parent: Segment, siblings: Iterable[Segment], R0: float, h: 
     rho, eta = 1.0, 0.0
     Y_parent, Y_siblings = admittance(parent, rho, eta), sum(admittance(s, rho, eta) for s in siblings)
     if Y_siblings >= Y_parent:
-        raise ValueError(
+        raise InputError(
             f"{_names(siblings)}: the admittance at the end of {parent.name} is {Y_siblings / Y_parent:.4g} of "
             f"{parent.name}'s, so no further branch can match it (the ratio must be below 1); "
             f"check R0, h and E of {_names(siblings)} and {parent.name} or leave the branch out."
@@ -93,7 +94,7 @@ def reflection_coefficient(parents: Iterable[Segment], children: Iterable[Segmen
     """
     parents = list(parents)
     if not parents:
-        raise ValueError("reflection coefficient: no parents; name at least one artery that flows in.")
+        raise InputError("reflection coefficient: no parents; name at least one artery that flows in.")
     Y_parents, Y_children = sum(map(admittance, parents)), sum(map(admittance, children))
     return (Y_parents - Y_children) / (Y_parents + Y_children)
 

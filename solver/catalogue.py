@@ -9,6 +9,7 @@ import numpy as np
 
 from . import effects
 from .effect import Array, check_known
+from .errors import InputError
 from .quantity import Quantity, quantities
 from .sensors import Sensor
 
@@ -38,7 +39,7 @@ def neutral_value(key: str, variable: str = "") -> float:
     for effect in effects.ALL:
         if key in effect.neutral:
             return effect.neutral[key]
-    raise ValueError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
+    raise InputError(f"{variable or key}: no parameter of the network and no term of the catalogue.")
 
 
 # --- the measurement chain as a whole -----------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import effects
 from .effect import Effect
+from .errors import InputError
 from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 from .network import Network
 from .outlets import Outlet
@@ -131,12 +132,12 @@ def batch_size(parameters: Parameters) -> int | None:
     first = next(iter(sizes), "")
     for name, shape in sizes.items():
         if len(shape) != 1 or shape[0] == 0:
-            raise ValueError(
+            raise InputError(
                 f"{name}: batch of shape {shape}, where that of B parameter sets is (B,), B at least 1; give a number "
                 "or a one-dimensional array."
             )
         if shape != sizes[first]:
-            raise ValueError(
+            raise InputError(
                 f"{name}: batch of shape {shape} does not fit {first} of shape {sizes[first]}; give numbers and arrays "
                 "of one length."
             )

@@ -11,6 +11,7 @@ import typer
 from rich.table import Column, Table
 
 from .console import put, right, say, say_notes, say_written, sentences, show
+from .errors import InputError
 from .files import bundled_names, find_network, from_sections, read_network
 from .importers import sections as written
 from .importers.openbf import read_openbf
@@ -62,7 +63,7 @@ def import_openbf(
     as_json: Json = False,
 ) -> None:
     """A network of openBF."""
-    with sentences(ValueError):
+    with sentences():
         check_destinations(out)
         _write(read_openbf(file, as_run=as_run), file, out, force, as_json)
 
@@ -75,7 +76,7 @@ def import_csv(
     as_json: Json = False,
 ) -> None:
     """A table of vessels."""
-    with sentences(ValueError):
+    with sentences():
         check_destinations(out)
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
@@ -105,8 +106,8 @@ def _write(
     """folder : where files that the sections name are looked for; default: beside the source."""
     try:
         network = from_sections(sections, folder or source.parent)
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
     files = written.write(sections, out or Path(f"{network.name}.toml"), force=force)
     if as_json:
         put(_plain(network) | {"written": list(map(str, files))})
@@ -123,7 +124,7 @@ def export_csv(
     as_json: Json = False,
 ) -> None:
     """Write a network as a table with one row per vessel."""
-    with sentences(ValueError):
+    with sentences():
         model = read_network(find_network(network))
         path = out or Path(f"{model.name}.csv")
         check_destinations(path)

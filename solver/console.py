@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ import typer
 from rich.console import Console, RenderableType
 from rich.table import Column
 
+from .errors import InputError
 from .exit_codes import ExitCode
 
 Array = np.ndarray
@@ -21,19 +23,34 @@ Array = np.ndarray
 
 @contextmanager
 def sentences(*kinds: type[Exception], interrupted: str = "nothing was written.") -> Iterator[None]:
-    """Turn errors of these kinds, what a user can put right, into one sentence and an exit code (typer.Exit),
+    """Turn InputError and errors of these kinds, what a user can put right, into one sentence and an exit code,
     that of the error where it has one.
 
     interrupted : what is said to one who has had enough.
     """
+    told: tuple[type[Exception], ...] = (InputError, *kinds)
     try:
         yield
-    except kinds as error:
+    except told as error:
         complain(f"Error: {error}")
         raise typer.Exit(getattr(error, "exit_code", ExitCode.BAD_INPUT)) from None
     except KeyboardInterrupt:
         complain(f"Interrupted: {interrupted}")
         raise typer.Exit(ExitCode.INTERRUPTED) from None
+
+
+@contextmanager
+def faults() -> Iterator[None]:
+    """Turn any error that gets this far, a fault of the program, into a traceback, a request and an exit code."""
+    try:
+        yield
+    except Exception:
+        traceback.print_exc()
+        complain(
+            "This is a fault of the program, not of what you gave it: please report it, with your command and the "
+            "lines above. No file was left half written."
+        )
+        raise SystemExit(ExitCode.FAULT) from None
 
 
 def complain(text: str) -> None:

@@ -17,6 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
+from .errors import InputError
+
 Array = np.ndarray
 
 INTERPOLATIONS = ("cubic", "linear", "fourier")
@@ -44,33 +46,33 @@ class Curve:
     def __post_init__(self) -> None:
         t, y, name = np.array(self.t, float), np.array(self.values, float), self.signal
         if len(t) != len(y):
-            raise ValueError(f"{name}: {len(y)} values for {len(t)} times; give one value per time.")
+            raise InputError(f"{name}: {len(y)} values for {len(t)} times; give one value per time.")
         if not 3 <= len(t) <= _MOST:
-            raise ValueError(f"{name}: a table of {len(t)} rows; it must have 3 to {_MOST}.")
+            raise InputError(f"{name}: a table of {len(t)} rows; it must have 3 to {_MOST}.")
         if not (np.isfinite(t).all() and np.isfinite(y).all()):
-            raise ValueError(f"{name}: times and values must be finite numbers; complete the table.")
+            raise InputError(f"{name}: times and values must be finite numbers; complete the table.")
         back = np.flatnonzero(np.diff(t) <= 0.0)
         if t[0] != 0.0 or back.size:
             at = f"t = {t[back[0] + 1]:g} s after {t[back[0]]:g} s" if back.size else f"the first is {t[0]:g} s"
-            raise ValueError(f"{name}: times must start at 0 and increase, but {at}; correct the table.")
+            raise InputError(f"{name}: times must start at 0 and increase, but {at}; correct the table.")
         if y[0] != y[-1]:
-            raise ValueError(f"{name}: the last value must be the first one, {y[0]:g}; close the table.")
+            raise InputError(f"{name}: the last value must be the first one, {y[0]:g}; close the table.")
         self._check_interpolation()
 
     def _check_interpolation(self) -> None:
         if self.interpolation not in INTERPOLATIONS:
-            raise ValueError(f"interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
+            raise InputError(f"interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
         if self.interpolation != "fourier":
             if self.harmonics:
-                raise ValueError(f"harmonics = {self.harmonics}: only a Fourier series has them; leave it out.")
+                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; leave it out.")
             return
         most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
         if not 1 <= self.harmonics <= most:
             given = f"harmonics = {self.harmonics}" if self.harmonics else "harmonics is missing"
-            raise ValueError(f"{given}: a Fourier series has at least 1, and with {len(self.t)} rows {most} at most.")
+            raise InputError(f"{given}: a Fourier series has at least 1, and with {len(self.t)} rows {most} at most.")
         size = np.linalg.svd(self._waves, compute_uv=False)
         if size[-1] < _TELLS * size[0]:
-            raise ValueError(
+            raise InputError(
                 f"harmonics = {self.harmonics}: the times of the table are too uneven for so many; give fewer."
             )
 
@@ -96,9 +98,9 @@ class Curve:
         if period > last * (1.0 + 1e-12):
             t, values = np.append(t, period), np.append(values, values[:1])
         elif period < last * (1.0 - 1e-12):
-            raise ValueError(f"T = {period:g} s: shorter than the table, {last:g} s; give one period.")
+            raise InputError(f"T = {period:g} s: shorter than the table, {last:g} s; give one period.")
         elif gap > _CLOSED * size:
-            raise ValueError(
+            raise InputError(
                 f"{signal}: the table ends at {values[-1]:g} and begins at {values[0]:g}; end it with its first "
                 "value, or give the period T after its last time."
             )
@@ -114,7 +116,7 @@ class Curve:
         """
         K = len(cos)
         if not 1 <= K <= _MOST_HARMONICS or len(sin) != K:
-            raise ValueError(
+            raise InputError(
                 f"{signal}_cos: {K} cosines and {len(sin)} sines; give as many of each, 1 to {_MOST_HARMONICS}."
             )
         n = 2 * K + 2

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 
 from .coordinate import SCALE, SHIFT, Coordinate, allowed
+from .errors import InputError
 from .quantity import Quantity
 from .wall import Wall
 
@@ -167,7 +168,7 @@ class Effect:
         targets = self._targets(network, (place,))
         if place not in self.where(network, (place,)) and not (self.owner == "fluid" and place == "fluid"):
             there = ", ".join(self.where(network)) or "no place in this network"
-            raise ValueError(f"{self.name}: it cannot act at {place!r} in network {network.name}; use {there}.")
+            raise InputError(f"{self.name}: it cannot act at {place!r} in network {network.name}; use {there}.")
         names = targets if place in (ALL_PLACES, "fluid") else (place,)
         return {key: tuple(f"{name}{_SUFFIX.get(self.owner, '')}.{key}" for name in names) for key in self.terms}
 
@@ -280,7 +281,7 @@ def check_known(where: str, keys: Iterable[str], known: Iterable[str]) -> None:
     """Raise ValueError for the first key that is not known."""
     for key in keys:
         if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}.")
+            raise InputError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}.")
 
 
 def small_wave_impedance(network: Described, segment: Any) -> float:

@@ -28,6 +28,7 @@ from .effect import (
     check_known,
     small_wave_impedance,
 )
+from .errors import InputError
 from .outlets import Reflection, Windkessel
 from .partial import SideBranch, Stenosis, WallStiffness
 from .quantity import Quantity, quantities
@@ -312,7 +313,7 @@ class TerminalCompliance(Effect):
         given = {"P_venous": outlet.P_venous} | kept | {key: float(value) for key, value in values.items()}
         missing = [key for key in self.terms if key not in given]
         if missing:
-            raise ValueError(f"{self.name} at {place}: give {', '.join(missing)} too; it needs R1, C and R2.")
+            raise InputError(f"{self.name} at {place}: give {', '.join(missing)} too; it needs R1, C and R2.")
         return network.with_outlet(Windkessel(place, **given))
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:

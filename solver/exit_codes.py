@@ -12,14 +12,16 @@ class ExitCode(IntEnum):
     DOES_NOT_RUN = 1
     BAD_INPUT = 2
     UNUSABLE = 3
+    FAULT = 70
     INTERRUPTED = 130
 
 
 MEANING = {
     ExitCode.DONE: "done, whatever was found: a fit, a check that disagrees, a verdict",
-    ExitCode.DOES_NOT_RUN: "an FMU does not run here, or ended the process that ran it; with a traceback: our fault",
+    ExitCode.DOES_NOT_RUN: "an FMU does not run here, or ended the process that ran it",
     ExitCode.BAD_INPUT: "something given is wrong; one sentence on the error stream says what, and what to do",
     ExitCode.UNUSABLE: "`discover`: the record cannot be used; the report says why",
+    ExitCode.FAULT: "a fault of the program: a traceback on the error stream; please report it",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
 }
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from . import inlet_curves, spellings
 from .catalogue import quantities_of, terms_of, value_of
+from .errors import InputError
 from .inlet import CAUSALITY, Inlet
 from .network import Channel, Fluid, Junction, Network, Segment, Site
 from .outlets import OUTLETS, Outlet, Pressure
@@ -55,11 +56,11 @@ def _carried(fmu: str | os.PathLike[str]) -> str:
         with zipfile.ZipFile(fmu) as archive:
             return archive.read("resources/network.toml").decode("utf-8")
     except KeyError:
-        raise ValueError(f"{fmu}: it carries no network of arteries; give the FMU of one, or a network file.") from None
+        raise InputError(f"{fmu}: it carries no network of arteries; give the FMU of one, or a network file.") from None
     except OSError as error:
-        raise ValueError(f"{fmu}: cannot be read ({error.strerror}); check the path.") from None
+        raise InputError(f"{fmu}: cannot be read ({error.strerror}); check the path.") from None
     except (zipfile.BadZipFile, zlib.error, UnicodeDecodeError):
-        raise ValueError(f"{fmu}: not an FMU, or damaged; build one with arterial-fmu build.") from None
+        raise InputError(f"{fmu}: not an FMU, or damaged; build one with arterial-fmu build.") from None
 
 
 def loads(text: str, name: str, folder: Path | None = None) -> Network:
@@ -71,21 +72,21 @@ def loads(text: str, name: str, folder: Path | None = None) -> Network:
         data = tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         if text.lstrip("\ufeff").startswith("time"):
-            raise ValueError(
+            raise InputError(
                 f"{name}: not a network file but a recording (CSV); give the network that it is of."
             ) from None
         if not isinstance(error, tomllib.TOMLDecodeError):
-            raise ValueError(f"{name}: not valid TOML: an integer of thousands of digits; correct it.") from None
+            raise InputError(f"{name}: not valid TOML: an integer of thousands of digits; correct it.") from None
         reason = str(error).replace("at end of document", f"at line {text.count(chr(10)) + 1}, the end of the file")
-        raise ValueError(
+        raise InputError(
             f'{name}: not valid TOML: {reason}; correct that line (a value with a unit stands in quotes: "4 cm").'
         ) from None
     except RecursionError:
-        raise ValueError(f"{name}: not a network file: its lists are nested too deeply; correct it.") from None
+        raise InputError(f"{name}: not a network file: its lists are nested too deeply; correct it.") from None
     try:
         return from_sections(data, folder)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def write_network(network: Network, path: str | os.PathLike[str]) -> None:
@@ -119,7 +120,7 @@ def bundled(name: str) -> Path:
     """The file of a network that comes with the package ("sheep"). Raises ValueError that lists them."""
     names = bundled_names()
     if name not in names:
-        raise ValueError(
+        raise InputError(
             f"{name}: neither a file nor a bundled network; "
             f"give a path or one of {', '.join(names)}{did_you_mean(name, names)}."
         )
@@ -175,7 +176,7 @@ def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, 
     """An inlet beside the first one, whose period T [s] is its own too."""
     where = f"{segment}.inlet"
     if "segment" in table:
-        raise ValueError(f"{where}.segment: the name of the section says it; leave it out.")
+        raise InputError(f"{where}.segment: the name of the section says it; leave it out.")
     period = {} if inlet_curves.signals(table) else {"T": T}
     return _inlet({**period, **table, "segment": segment}, folder, where)
 
@@ -186,12 +187,12 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
     numbers = _numbers(Inlet, where, {key: table[key] for key in quantities(Inlet) if key in table})
     segment, signals = _text(table, "segment", where), inlet_curves.signals(table)
     for other in (*signals[1:], *(["Q_max"] if signals and "Q_max" in table else [])):
-        raise ValueError(f"{where}: {signals[0]} and {other} each say what is given there; keep one of them.")
+        raise InputError(f"{where}: {signals[0]} and {other} each say what is given there; keep one of them.")
     curve = inlet_curves.read(table, where, folder, numbers.get("T"))
     given = "flow" if curve is None else CAUSALITY[curve.signal]
     causality = _text({"causality": given, **table}, "causality", where)
     if curve is not None and causality != given:
-        raise ValueError(
+        raise InputError(
             f'{where}.causality = "{causality}": {curve.signal} is given, which is a {given}; leave causality out, or '
             "give the other one."
         )
@@ -214,11 +215,11 @@ def _sites(data: Mapping[str, Any]) -> tuple[Site, ...]:
 
 def _junction(entry: Any) -> Junction:
     if not isinstance(entry, dict):
-        raise ValueError('junctions: must be sections [[junctions]] with in = ["A"] and out = ["B", "C"].')
+        raise InputError('junctions: must be sections [[junctions]] with in = ["A"] and out = ["B", "C"].')
     for key in ("in", "out"):
         names = entry.get(key)
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise ValueError(f'junction {entry}: the key {key} must list segment names; write {key} = ["AA"].')
+            raise InputError(f'junction {entry}: the key {key} must list segment names; write {key} = ["AA"].')
     inflow, outflow = tuple(entry["in"]), tuple(entry["out"])
     name = Junction(inflow, outflow).name
     return Junction(inflow, outflow, **_numbers(Junction, f"junction {name}", entry, ("in", "out")))
@@ -233,12 +234,12 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     found = [kind for kind in OUTLETS if any(key in table for key in own[kind])]
     choices = " or ".join(", ".join(keys) or "P_venous alone" for keys in own.values())
     if len(found) > 1:
-        raise ValueError(
+        raise InputError(
             f"{where}: an outlet with two conditions ({' and '.join(kind.__name__ for kind in found)}: "
             f"{', '.join(table)}); keep one of {choices}."
         )
     if not found and not table:
-        raise ValueError(f"{where}: it has no condition; give one of {choices}.")
+        raise InputError(f"{where}: it has no condition; give one of {choices}.")
     kind = found[0] if found else Pressure
     return kind(segment, **_numbers(kind, where, table))
 
@@ -246,7 +247,7 @@ def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
 def _channel(name: str, table: Mapping[str, Any]) -> Channel:
     """The terms of a channel; its unit is known only if it ends in a signal, which Network checks."""
     if name.rpartition(".")[1:] not in {(".", signal) for signal in "PQR"}:
-        raise ValueError(
+        raise InputError(
             f"channels.{name}: not the name of an output; write it in quotes and with its signal, such as "
             '[channels."CA.P"].'
         )
@@ -263,7 +264,7 @@ def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[s
     for f in fields(kind):
         if f.name in own and f.default is MISSING and f.name not in table:
             wanted = own[f.name]
-            raise ValueError(
+            raise InputError(
                 f"{where}: the key {f.name} ({wanted.description}) is missing; "
                 f'add it, such as {f.name} = "{example(wanted.display or wanted.unit)}".'
             )
@@ -294,16 +295,16 @@ def _lines(values: Mapping[str, float], known: Mapping[str, Quantity]) -> list[s
 
 def _text(table: Mapping[str, Any], key: str, where: str) -> str:
     if key not in table:
-        raise ValueError(f'{where}: the key {key} is missing; add {key} = "...".')
+        raise InputError(f'{where}: the key {key} is missing; add {key} = "...".')
     if not isinstance(table[key], str):
-        raise ValueError(f"{where}: {key} = {table[key]!r} must be text; put it in quotes.")
+        raise InputError(f"{where}: {key} = {table[key]!r} must be text; put it in quotes.")
     return table[key]
 
 
 def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
     table = data.get(key, {})
     if not isinstance(table, dict):
-        raise ValueError(f"{key} = {table!r}: must be a section; write [{key}] with its keys below.")
+        raise InputError(f"{key} = {table!r}: must be a section; write [{key}] with its keys below.")
     return table
 
 
@@ -311,12 +312,12 @@ def _tables(data: Mapping[str, Any], key: str) -> list[tuple[str, dict[str, Any]
     section = _table(data, key)
     for name, table in section.items():
         if not isinstance(table, dict):
-            raise ValueError(f"{key}.{name} = {table!r}: must be a section; write [{key}.{name}] with its keys below.")
+            raise InputError(f"{key}.{name} = {table!r}: must be a section; write [{key}.{name}] with its keys below.")
     return list(section.items())
 
 
 def _list(data: Mapping[str, Any], key: str) -> list[Any]:
     entries = data.get(key, [])
     if not isinstance(entries, list):
-        raise ValueError(f"{key}: must be a list of sections; write [[{key}]] with double brackets.")
+        raise InputError(f"{key}: must be a list of sections; write [[{key}]] with double brackets.")
     return entries

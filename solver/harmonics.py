@@ -8,6 +8,7 @@ import numpy as np
 
 from .balance import MOST, Waves, amplitudes, balanced, moments, samples, spectrum, steady, storable
 from .coefficients import Parameters
+from .errors import InputError
 from .inflow import Drives, Inflows, drives_of
 from .network import Network
 from .outputs import reporter
@@ -41,7 +42,7 @@ def beat_harmonics(
     _check(network, names, K, more, tolerance)
     T = network.inlet.T if period is None else period
     if not (isinstance(T, (int, float, np.number)) and 0.0 < T < np.inf):
-        raise ValueError(f"period = {T!r} s: must be a positive number.")
+        raise InputError(f"period = {T!r} s: must be a positive number.")
     model = build(network, parameters, settings)
     B = model.coefficients.B
     drives, fit = drives_of(network, inflow, B), B * storable(model) // (K + more)
@@ -62,11 +63,11 @@ def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance:
     known = network.output_units()
     for name in names:
         if name not in known:
-            raise ValueError(f"{name} is no output of network {network.name}; it has {', '.join(known)}.")
+            raise InputError(f"{name} is no output of network {network.name}; it has {', '.join(known)}.")
     if not (K >= 0 and more >= 1 and K + more <= MOST):
-        raise ValueError(f"K = {K} harmonics and more = {more} beyond them: 0 and 1 at least, together {MOST} at most.")
+        raise InputError(f"K = {K} harmonics and more = {more} beyond them: 0 and 1 at least, together {MOST} at most.")
     if not tolerance > 0.0:
-        raise ValueError(f"tolerance = {tolerance!r} must be a positive number.")
+        raise InputError(f"tolerance = {tolerance!r} must be a positive number.")
 
 
 def _of_all(

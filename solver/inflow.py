@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .errors import InputError
 from .network import Network
 
 Array = np.ndarray
@@ -21,13 +22,13 @@ def sampled_inflow(t: Array, Q: Array, period: float | None = None) -> Inflow:
     """
     t, Q = np.asarray(t, float), np.asarray(Q, float)
     if t.ndim != 1 or t.shape != Q.shape or len(t) < 2:
-        raise ValueError(
+        raise InputError(
             f"inflow samples: t and Q must be one-dimensional and of one length; got {t.shape}, {Q.shape}."
         )
     if period is not None and not (np.isfinite(period) and period >= t[-1] - t[0] > 0.0):
-        raise ValueError(f"inflow samples: period = {period!r} s must be finite and no shorter than the samples.")
+        raise InputError(f"inflow samples: period = {period!r} s must be finite and no shorter than the samples.")
     if not (np.isfinite(t).all() and np.isfinite(Q).all() and (np.diff(t) > 0).all()):
-        raise ValueError("inflow samples: t must increase and all values must be finite; remove gaps first.")
+        raise InputError("inflow samples: t must increase and all values must be finite; remove gaps first.")
     return lambda at: np.interp(at, t, Q, period=period)
 
 
@@ -38,11 +39,11 @@ def drives_of(network: Network, inflow: Inflows | None, B: int) -> Drives:
     own = {inlet.drive: inlet.given for inlet in network.inlets}
     for name in given:
         if name not in own:
-            raise ValueError(f"inflow: {name} does not drive an inlet of network {network.name}; use {', '.join(own)}.")
+            raise InputError(f"inflow: {name} does not drive an inlet of network {network.name}; use {', '.join(own)}.")
     found = {name: given.get(name, default) for name, default in own.items()}
     for name, drive in found.items():
         if drive is None:
-            raise ValueError(f"network {network.name}: nothing drives {name}; give it as inflow, P(t) in Pa.")
+            raise InputError(f"network {network.name}: nothing drives {name}; give it as inflow, P(t) in Pa.")
     return Drives({name: drive for name, drive in found.items() if drive}, B)
 
 
@@ -77,12 +78,12 @@ class Drives:
         """The flow [m³/s] or pressure [Pa] that drives an inlet at times t [s] : t.shape, or t.shape + (B,)."""
         Q, B = np.asarray(self.inflows[name](t.ravel()), float), self.B
         if Q.shape not in (t.ravel().shape, (t.size, B)):
-            raise ValueError(
+            raise InputError(
                 f"inflow {name}: for {t.size} times it gave shape {Q.shape}; it must give one value per time, or "
                 f"one for each of the {B} parameter sets, {(t.size, B)}."
             )
         bad = np.argwhere(~np.isfinite(Q))
         if len(bad):
             first = tuple(bad[0])
-            raise ValueError(f"inflow {name}: {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
+            raise InputError(f"inflow {name}: {Q[first]} at t = {t.ravel()[first[0]]:g} s; all values must be finite.")
         return Q.reshape(t.shape + Q.shape[1:])

@@ -18,6 +18,7 @@ import numpy as np
 
 from . import tables
 from .curve import Curve
+from .errors import InputError
 from .inlet import CAUSALITY
 from .text import did_you_mean, parse_quantity
 from .units import SIGNAL_UNITS
@@ -45,7 +46,7 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
     found = signals(table)
     for key in _OF_TABLES:
         if key in table and not any(signal in CAUSALITY for signal in found):
-            raise ValueError(f"{where}.{key}: it belongs to a table; give Q or P too.")
+            raise InputError(f"{where}.{key}: it belongs to a table; give Q or P too.")
     if not found:
         return None
     made = _of_table(found[0], table, where, folder) if found[0] in CAUSALITY else None
@@ -54,10 +55,10 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
             return _series(found[0][0], table, period)
         interpolation, harmonics = table.get("interpolation", "cubic"), table.get("harmonics", 0)
         if not isinstance(harmonics, int) or isinstance(harmonics, bool):
-            raise ValueError(f"harmonics = {harmonics!r}: must be a whole number.")
+            raise InputError(f"harmonics = {harmonics!r}: must be a whole number.")
         return Curve.through(found[0], *made, interpolation, period, harmonics)
-    except ValueError as error:
-        raise ValueError(f"{where}.{error}") from None
+    except InputError as error:
+        raise InputError(f"{where}.{error}") from None
 
 
 def lines(curve: Curve) -> list[str]:
@@ -72,13 +73,13 @@ def _series(signal: str, table: Mapping[str, Any], period: float | None) -> Curv
     for part in _SERIES:
         key = f"{signal}_{part}"
         if key not in table:
-            raise ValueError(f"{key}: it is missing; a series has {signal}_mean, {signal}_cos and {signal}_sin.")
+            raise InputError(f"{key}: it is missing; a series has {signal}_mean, {signal}_cos and {signal}_sin.")
         if isinstance(table[key], list) != (part != "mean"):
-            raise ValueError(f"{key} = {table[key]!r}: must be {'one number' if part == 'mean' else 'a list'}.")
+            raise InputError(f"{key} = {table[key]!r}: must be {'one number' if part == 'mean' else 'a list'}.")
         numbers[part] = _numbers(table[key] if part != "mean" else [table[key]], SIGNAL_UNITS[signal], key)
     if period is None or not period > 0.0:
         given = "it is missing" if period is None else f"{period:g} s is no period"
-        raise ValueError(f'T: {given}; a series needs a positive one, such as T = "1 s".')
+        raise InputError(f'T: {given}; a series needs a positive one, such as T = "1 s".')
     return Curve.series(signal, float(numbers["mean"][0]), numbers["cos"], numbers["sin"], period)
 
 
@@ -88,14 +89,14 @@ def _of_table(signal: str, table: Mapping[str, Any], where: str, folder: Path | 
     if isinstance(given, list):
         times = table.get("t")
         if not isinstance(times, list) or len(times) != len(given):
-            raise ValueError(f"{name}: a list of {len(given)} values needs a list t of as many times; add t.")
+            raise InputError(f"{name}: a list of {len(given)} values needs a list t of as many times; add t.")
         return _numbers(times, "s", f"{where}.t"), _numbers(given, SIGNAL_UNITS[signal], name)
     if not isinstance(given, str):
-        raise ValueError(f'{name} = {given!r}: must be the name of a table in quotes, such as "inflow.csv".')
+        raise InputError(f'{name} = {given!r}: must be the name of a table in quotes, such as "inflow.csv".')
     if "t" in table:
-        raise ValueError(f"{where}.t: the times are in the table; leave t out.")
+        raise InputError(f"{where}.t: the times are in the table; leave t out.")
     if folder is None and not Path(given).is_absolute():
-        raise ValueError(f"{name} = {given!r}: text has no folder to look in; read the network from its file.")
+        raise InputError(f"{name} = {given!r}: text has no folder to look in; read the network from its file.")
     return read_signal(signal, (folder or Path()) / given)
 
 
@@ -115,7 +116,7 @@ def read_signal(name: str, path: str | os.PathLike[str]) -> tuple[Array, Array]:
         if len(columns) != 1:
             near = did_you_mean(wanted[-1], table.names)
             have = ", ".join(table.names)
-            raise ValueError(f"{path}: it needs one column {' or '.join(wanted)} and has {have}{near}; rename one.")
+            raise InputError(f"{path}: it needs one column {' or '.join(wanted)} and has {have}{near}; rename one.")
         i = columns[0]
         texts = [(f"{path}, line {n}", cells[i]) for n, cells in table.rows]
         found.append(np.array([tables.number(cell, table.units[i], unit, where, wanted[0]) for where, cell in texts]))

@@ -28,6 +28,7 @@ import numpy as np
 
 from .coefficients import Coefficients, Parameters, changes, coefficients
 from .effect import Points
+from .errors import InputError
 from .network import Network
 from .scheme.mesh import Topology, topology
 from .wall import Wall
@@ -66,7 +67,7 @@ def propagation(network: Network, omega: Array, parameters: Parameters | None = 
     """
     omega = _frequencies(omega)
     if np.any(omega == 0.0):
-        raise ValueError("omega = 0 rad/s: a steady flow has no propagation constant; give frequencies above 0.")
+        raise InputError("omega = 0 rad/s: a steady flow has no propagation constant; give frequencies above 0.")
     c = coefficients(network, parameters)
     _, Z, Y, _ = _line(network, c, omega)
     return _things_first(np.sqrt(Z * Y), c.batched), _things_first(np.sqrt(Z / Y), c.batched)
@@ -88,7 +89,7 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     for each in given:
         other_batch = each.ndim == 2 and c.batched and len(each) != c.B
         if each.ndim not in (1, 2) or each.shape[-1:] != omega.shape or other_batch:
-            raise ValueError(
+            raise InputError(
                 f"Q has shape {each.shape} with {len(omega)} frequencies and a batch of {c.B}: "
                 "give Q as (n,) or (B, n)."
             )
@@ -137,11 +138,11 @@ def waveforms(network: Network, Q: Inflows, T: float, parameters: Parameters | N
     given = {name: np.asarray(each, float) for name, each in _of_inlets(network, Q).items()}
     for each in given.values():
         if each.ndim not in (1, 2) or each.shape[-1] == 0 or not np.all(np.isfinite(each)):
-            raise ValueError(
+            raise InputError(
                 f"Q of shape {each.shape}: must hold finite samples [m^3/s] over one period, (n,) or (B, n)."
             )
     if not (np.isfinite(T) and T > 0.0):
-        raise ValueError(f"T = {T:g} s: the period must be positive.")
+        raise InputError(f"T = {T:g} s: the period must be positive.")
     n = next(iter(given.values())).shape[-1]
     omega = 2.0 * np.pi / T * np.arange(n // 2 + 1)
     h = solve(network, {name: np.fft.rfft(each, norm="forward") for name, each in given.items()}, omega, parameters)
@@ -169,10 +170,10 @@ def _of_inlets(network: Network, Q: Inflows) -> dict[str, Array]:
     names = [inlet.drive for inlet in network.inlets]
     if not isinstance(Q, Mapping):
         if len(names) > 1:
-            raise ValueError(f"Q: network {network.name} has {len(names)} inlets; give {', '.join(names)} by name.")
+            raise InputError(f"Q: network {network.name} has {len(names)} inlets; give {', '.join(names)} by name.")
         return {names[0]: Q}
     if set(Q) != set(names):
-        raise ValueError(f"Q: it names {', '.join(Q)}; give what drives the inlets, {', '.join(names)}.")
+        raise InputError(f"Q: it names {', '.join(Q)}; give what drives the inlets, {', '.join(names)}.")
     return {name: Q[name] for name in names}
 
 
@@ -182,7 +183,7 @@ def _of_inlets(network: Network, Q: Inflows) -> dict[str, Array]:
 def _frequencies(omega: Array) -> Array:
     omega = np.asarray(omega, float)
     if omega.ndim != 1 or not np.all(np.isfinite(omega)) or np.any(omega < 0.0):
-        raise ValueError(f"omega of shape {omega.shape}: must be a list of finite angular frequencies >= 0 rad/s.")
+        raise InputError(f"omega of shape {omega.shape}: must be a list of finite angular frequencies >= 0 rad/s.")
     return omega
 
 
@@ -200,14 +201,14 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
         A = c.wall.area(c.P_0)
         stiffness = c.wall.stiffness(A)
     for b, i in np.argwhere(~(stiffness > 0.0)):
-        raise ValueError(
+        raise InputError(
             f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
     viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None] * c.wall.responses(iw).sum(axis=0)
     compliance = 1.0 / (stiffness[:, None] + viscosity)
     if c.wall.leakage.any() and np.any(omega == 0.0):
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: the mean flow of a leak depends on the mean pressure; leave out omega = 0."
         )
     Y = iw * compliance + c.wall.leakage[:, None]
@@ -241,7 +242,7 @@ def _refuse_varying(network: Network, c: Coefficients) -> None:
     segments = np.arange(c.L.shape[1])
     start, *others = (c.wall_at(segments, np.full(len(segments), x)) for x in _PLACES)
     for i in np.flatnonzero(np.any([start.differs(other) for other in others], axis=0)):
-        raise ValueError(
+        raise InputError(
             f"segment {network.segments[i].name}: its wall varies along it, which the frequency domain does not cover; "
             "switch off what makes it vary, or run the network in time."
         )
@@ -295,7 +296,7 @@ def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
     for ends in c.outlets:
         for b, i in np.argwhere(ends.kind.unreachable(ends.numbers, wall.at(ends.index), c.P_0)):
             o = ends.index[i]
-            raise ValueError(
+            raise InputError(
                 f"outlet {network.outlets[o].segment}: no stable wall carries P_0 - P_venous = "
                 f"{c.P_0[b, 0] - c.P_venous[b, o]:g} Pa; bring P_venous nearer to P_0 - P_ref."
             )
@@ -304,7 +305,7 @@ def _refuse_unreachable(network: Network, c: Coefficients, wall: Wall) -> None:
 def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b: Array) -> None:
     """a, b : of a F + b P' = r at the open ends. A given flow or a closed end has b = 0, a given pressure a = 0."""
     if np.any(np.all(b == 0.0, axis=-1)):
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: all outlets are closed, so the mean pressure is undetermined; "
             "open one (R_t below 1) or leave out omega = 0."
         )
@@ -312,7 +313,7 @@ def _check_mean(network: Network, c: Coefficients, nodes: Topology, a: Array, b:
     prescribed = int(np.sum(np.all(a == 0.0, axis=(0, 1))))
     loops = len(nodes.start) - nodes.n_nodes + 1 + max(prescribed - 1, 0)
     if loops > 0 and np.any(c.C_f == 0.0):
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: without friction the mean flow round its {loops} loop(s) is undetermined; "
             "give nu and friction above 0 or leave out omega = 0."
         )
@@ -350,7 +351,7 @@ def _middles(
     except np.linalg.LinAlgError:
         singular = True
     if singular:
-        raise ValueError(
+        raise InputError(
             "a frequency is a resonance of elastic vessels without friction: the answer is unbounded or not unique; "
             "give nu and friction or phi0 above 0, or move the frequency."
         )

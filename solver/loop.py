@@ -14,6 +14,7 @@ import numpy as np
 
 from .catalogue import neutral_value
 from .coefficients import Parameters, coefficients
+from .errors import InputError
 from .memory import Moment
 from .network import Network
 from .wall import Wall
@@ -29,7 +30,7 @@ def wall_of(network: Network, segment: str, parameters: Parameters | None = None
     """
     names = [s.name for s in network.segments]
     if segment not in names:
-        raise ValueError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
+        raise InputError(f"loop: there is no segment {segment!r}; use one of {', '.join(names)}.")
     return coefficients(network, parameters, checked=False).wall_at(np.array([names.index(segment)]), np.array([0.5]))
 
 
@@ -103,7 +104,7 @@ def loop_pressure(network: Network, segment: str, R: Array, T: float) -> Array:
     """
     R = np.asarray(R, float)
     if R.ndim != 1 or len(R) < 3 or not np.all(R > 0.0) or not (np.isfinite(T) and T > 0.0):
-        raise ValueError(
+        raise InputError(
             f"loop of {segment}: give at least 3 positive radii [m] and a positive period, not T = {T!r} s."
         )
     return pressure(wall_of(network, segment), R, derivative_matrix(len(R), T) @ R, T)[0]
@@ -118,7 +119,7 @@ def column(network: Network, variable: str, R: Array, T: float) -> Array:
     segments = [s.name for s in network.segments]
     prefix, _, key = variable.rpartition(".")
     if prefix not in segments and len(segments) > 1:
-        raise ValueError(f"{variable}: not of a segment, and network {network.name} has {len(segments)}; cut one out.")
+        raise InputError(f"{variable}: not of a segment, and network {network.name} has {len(segments)}; cut one out.")
     segment = prefix if prefix in segments else segments[0]
     if variable not in network.parameters():
         network = network.with_terms({variable: neutral_value(key, variable)})

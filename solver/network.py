@@ -19,6 +19,7 @@ from . import effects
 from .catalogue import quantities_of, terms_of, value_of
 from .curve import Curve
 from .effect import Effect
+from .errors import InputError
 from .inlet import Inlet
 from .outlets import OUTLETS, Outlet
 from .quantity import Quantity, quantities, quantity
@@ -243,7 +244,7 @@ class Network:
     def _with(self, values: Mapping[str, float]) -> Network:
         for name, value in values.items():
             if np.ndim(value):
-                raise ValueError(
+                raise InputError(
                     f"{name}: one network holds one number, not {np.size(value)}; batches go to simulate()."
                 )
 

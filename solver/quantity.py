@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .errors import InputError
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -44,7 +46,7 @@ class Quantity:
     def check(self, name: str, value: float) -> None:
         """Raise ValueError with one sentence unless ``value`` is a number inside the allowed range."""
         if not isinstance(value, (int, float, np.floating, np.integer)) or isinstance(value, bool):
-            raise ValueError(f"{name} = {value!r}: must be a number{self.in_unit}.")
+            raise InputError(f"{name} = {value!r}: must be a number{self.in_unit}.")
         try:
             value = float(value)
         except OverflowError:  # an integer beyond the largest double
@@ -52,7 +54,7 @@ class Quantity:
         below = value <= self.low if self.open_low else value < self.low
         if not math.isfinite(value) or below or value > self.high:
             bracket = "(" if self.open_low else "["
-            raise ValueError(
+            raise InputError(
                 f"{name} = {value:g} {self.unit_text} is not allowed: {self.description} must lie in "
                 f"{bracket}{self.low:g}, {self.high:g}] {self.unit_text}; check the value and its unit."
             )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from . import muscl, outputs, start
+from .errors import InputError
 from .muscl import MusclSettings
 from .outputs import Reporter
 from .scheme import model, step
@@ -43,11 +44,11 @@ def scheme_of(name: str, settings: AnySettings | None) -> tuple[Scheme, AnySetti
     Raises ValueError for an unknown name, or for settings of another scheme.
     """
     if name not in SCHEMES:
-        raise ValueError(f"scheme = {name!r}: must be {' or '.join(map(repr, SCHEMES))}.")
+        raise InputError(f"scheme = {name!r}: must be {' or '.join(map(repr, SCHEMES))}.")
     scheme = SCHEMES[name]
     settings = scheme.settings() if settings is None else settings
     if not isinstance(settings, scheme.settings):
-        raise ValueError(
+        raise InputError(
             f"settings: scheme {name!r} takes {scheme.settings.__name__}, not {type(settings).__name__}; give these."
         )
     return scheme, settings

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .coefficients import Parameters
+from .errors import InputError
 from .inflow import Drives, Inflows, drives_of
 from .mixing import Beats, fills_slowly
 from .network import Network
@@ -43,6 +44,9 @@ class NotPeriodic(ArithmeticError):
         )
 
 
+BROKEN = (NonPhysicalState, NotPeriodic, InputError, np.linalg.LinAlgError)  # what a parameter set may end in
+
+
 def simulate(
     network: Network,
     inflow: Inflows | None = None,
@@ -69,9 +73,9 @@ def simulate(
     made, settings = scheme_of(scheme, settings)
     duration = network.inlet.T if duration is None else duration
     if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0):
-        raise ValueError(f"duration = {duration!r} s: must be a positive, finite number.")
+        raise InputError(f"duration = {duration!r} s: must be a positive, finite number.")
     if start not in STARTS:
-        raise ValueError(
+        raise InputError(
             f"start = {repr(start)[:40]}: must be {' or '.join(map(repr, STARTS))}; an earlier result is a start of "
             "simulate_periodic."
         )
@@ -196,13 +200,13 @@ def _periodic_run(
     made, settings = scheme_of(scheme, settings)
     period = network.inlet.T if period is None else period
     if not (isinstance(period, (int, float, np.number)) and math.isfinite(period) and period >= settings.dt):
-        raise ValueError(
+        raise InputError(
             f"period = {period!r} s: must be a finite number of at least one time step ({settings.dt:g} s)."
         )
     if not (isinstance(tolerance, (int, float, np.number)) and tolerance > 0.0):
-        raise ValueError(f"tolerance = {tolerance!r} must be a positive number.")
+        raise InputError(f"tolerance = {tolerance!r} must be a positive number.")
     if not (isinstance(max_beats, (int, np.integer)) and max_beats >= 2):
-        raise ValueError(f"max_beats = {max_beats!r} must be a whole number of at least 2: beats are compared.")
+        raise InputError(f"max_beats = {max_beats!r} must be a whole number of at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
     return _run(network, inflow, parameters, made, settings, period / n), n
 
@@ -210,7 +214,7 @@ def _periodic_run(
 def check_network(network: Any) -> None:
     """Raise ValueError unless it is a Network."""
     if not isinstance(network, Network):
-        raise ValueError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
+        raise InputError(f"network = {network!r}: must be a Network; load() makes one of a file or of a name.")
 
 
 def _run(
@@ -238,11 +242,11 @@ class _Run:
         if start == "periodic":
             return self.scheme.periodic_state(self.model, self.drives, period, dt=self.dt)
         if not isinstance(start, Waveforms):
-            raise ValueError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
+            raise InputError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:
-            raise ValueError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
+            raise InputError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
         if not start.end.mesh.same_as(self.model.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:
-            raise ValueError(
+            raise InputError(
                 f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "
                 "keep period, settings, lengths and stenoses, or start from rest."
             )
@@ -269,7 +273,7 @@ class _Run:
         """A state near the periodic one, or rest."""
         try:
             return self.begin("periodic", period)
-        except ValueError:  # no steady state under the mean inflow
+        except InputError:  # no steady state under the mean inflow
             return self.begin("rest", period)
 
     def table(self, state: Any, n: int, progress: Progress | None, label: str) -> tuple[Array, Any]:
@@ -277,7 +281,7 @@ class _Run:
         B, names = self.model.coefficients.B, self.report.names
         size = 8.0 * n * B * len(names)
         if size > _LARGEST_TABLE:
-            raise ValueError(
+            raise InputError(
                 f"{n * self.dt:g} s in steps of {self.dt:g} s: the outputs would take {size / 1e9:.0f} GB, more than "
                 f"{_LARGEST_TABLE / 1e9:.0f} GB; run for a shorter time, with fewer sites or a smaller batch."
             )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import effects
+from .errors import InputError
 from .quantity import Quantity
 
 Array = np.ndarray
@@ -63,7 +64,7 @@ def segment(
 
     def needed(key: str, whose: str) -> Array:
         if key not in at and key not in left:
-            raise ValueError(f"{name}: {whose} needs {key} beside it; add {key}.")
+            raise InputError(f"{name}: {whose} needs {key} beside it; add {key}.")
         if key not in at:
             at[key] = np.full(2, _checked(name, key, left[key], every[key], parse))
         return at[key]
@@ -78,7 +79,7 @@ def segment(
         R0, h = needed("R0", "C_v"), needed("h", "C_v")
         C_v = at.pop("C_v")
         if C_v[0] != C_v[1]:
-            raise ValueError(f"{name}.C_v = {table['C_v']}: phi0 is constant along a segment; give one number.")
+            raise InputError(f"{name}.C_v = {table['C_v']}: phi0 is constant along a segment; give one number.")
         at["phi0"] = np.full(2, 2.0 * plate * rho * R0.mean() * C_v[0] / h.mean())
     for key, (a, b) in at.items():
         left[key] = float(a) if a == b else 0.5 * float(a + b)
@@ -101,12 +102,12 @@ def _both(name: str, key: str, value: Any, every: Mapping[str, Quantity], parse:
         return np.full(2, _checked(name, key, value, every[key], parse))
     may = [*ENDS, *SEGMENT]
     if key not in may:
-        raise ValueError(
+        raise InputError(
             f"{name}.{key} = {value}: must be a number{every[key].in_unit}; only {', '.join(may)} may be given "
             "at both ends."
         )
     if len(value) != 2:
-        raise ValueError(f"{name}.{key} = {value}: must be one number or two, at both ends; write [first, last].")
+        raise InputError(f"{name}.{key} = {value}: must be one number or two, at both ends; write [first, last].")
     return np.array([_checked(name, key, each, every[key], parse) for each in value])
 
 
@@ -119,4 +120,4 @@ def _checked(name: str, key: str, value: Any, quantity: Quantity, parse: Parse) 
 def _alone(name: str, table: Mapping[str, Any], key: str, others: tuple[str, ...]) -> None:
     for other in others:
         if key in table and other in table:
-            raise ValueError(f"{name}: {key} and {other} say the same; keep one of them.")
+            raise InputError(f"{name}: {key} and {other} say the same; keep one of them.")

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from .errors import InputError
 from .text import check_keys, parse_quantity, read_text
 
 _HEADING = re.compile(r"(.*?)\s*\[(.*)\]")
@@ -33,19 +34,19 @@ def read(path: str | os.PathLike[str]) -> Table:
     kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = [(n, tuple(cell.strip() for cell in next(csv.reader([line])))) for n, line in kept]
     if len(rows) < 2:
-        raise ValueError(f"{path}: a table of {len(rows)} rows; it must have a row of names and rows of numbers.")
+        raise InputError(f"{path}: a table of {len(rows)} rows; it must have a row of names and rows of numbers.")
     headings, rows = rows[0][1], rows[1:]
     if len(headings) == 1 and re.search(r"[;\t]", headings[0]):
-        raise ValueError(f"{path}: its cells are separated by ; or tabs; separate them by commas.")
+        raise InputError(f"{path}: its cells are separated by ; or tabs; separate them by commas.")
     for n, cells in rows:
         if len(cells) != len(headings):
-            raise ValueError(f"{path}, line {n}: {len(cells)} cells under {len(headings)} names; correct that line.")
+            raise InputError(f"{path}, line {n}: {len(cells)} cells under {len(headings)} names; correct that line.")
     split = [_HEADING.fullmatch(heading) for heading in headings]
     names = tuple(found[1] if found else text for found, text in zip(split, headings, strict=True))
     units = tuple(found[2] if found else "" for found in split)
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{path}: the column {name!r} occurs {names.count(name)} times; keep one.")
+            raise InputError(f"{path}: the column {name!r} occurs {names.count(name)} times; keep one.")
     if not any(units) and all(cell in _NO_UNIT or not _is_number(cell) for cell in rows[0][1]):
         units, rows = tuple(cell.strip("[]") for cell in rows[0][1]), rows[1:]
     return Table(str(path), names, tuple("" if u in _NO_UNIT else u for u in units), tuple(rows), comments)

@@ -19,6 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from .errors import InputError
 from .units import display_units
 
 
@@ -28,12 +29,12 @@ def read_text(path: str | os.PathLike[str]) -> str:
         return Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         if zipfile.is_zipfile(path):
-            raise ValueError(f"{path}: an FMU or another archive, where text was expected; give a text file.") from None
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
+            raise InputError(f"{path}: an FMU or another archive, where text was expected; give a text file.") from None
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8.") from None
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path.") from None
     except ValueError:  # a path with a zero character
-        raise ValueError(f"{str(path)!r}: cannot be read (no name of a file); check the path.") from None
+        raise InputError(f"{str(path)!r}: cannot be read (no name of a file); check the path.") from None
 
 
 # --- numbers and units --------------------------------------------------------------------------------------------
@@ -53,7 +54,7 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
     numeric = isinstance(value, str | float | int) and not isinstance(value, bool)
     match = _NUMBER.fullmatch(str(value).strip()) if numeric else None
     if match is None:
-        raise ValueError(
+        raise InputError(
             f'{shown}: must be {wanted}; write it bare or with a unit in quotes, such as "{example(unit)}".'
         )
     magnitude = float(match[1])
@@ -65,7 +66,7 @@ def parse_quantity(value: str | float, unit: str, name: str) -> float:
     except OverflowError:
         result = math.inf
     if not math.isfinite(result):
-        raise ValueError(f"{shown}: must be {wanted} that is finite; check the value.")
+        raise InputError(f"{shown}: must be {wanted} that is finite; check the value.")
     return result
 
 
@@ -78,7 +79,7 @@ def typed_quantity(text: str, unit: str, name: str, display: str | None = None) 
     match = _NUMBER.fullmatch(text.strip())
     if match and not match[2] and unit not in ("1", "s") and float(match[1]) != 0.0:
         proposed = f'"{text.strip()} {typed_unit(unit, display)}"'
-        raise ValueError(f"{name} = {text}: it has no unit; write one, such as {proposed}.")
+        raise InputError(f"{name} = {text}: it has no unit; write one, such as {proposed}.")
     return parse_quantity(text, unit, name)
 
 
@@ -97,7 +98,7 @@ def assignments(texts: Iterable[str], units: Mapping[str, tuple[str, str | None]
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not equals:
-            raise ValueError(f'--set {text}: must look like NAME=VALUE, for example "CA.phi0=0 kPa*s".')
+            raise InputError(f'--set {text}: must look like NAME=VALUE, for example "CA.phi0=0 kPa*s".')
         if name in units:
             unit, display = units[name]
             found[name] = typed_quantity(value, unit, f"--set {name}", display)
@@ -122,12 +123,12 @@ def _factor(text: str, unit: str, shown: str) -> Fraction:
         given = registry.parse_units(pint_spelling(text)) if text else registry.parse_units(wanted)
     # the parser of pint lets all of these through for text that is not a unit
     except (tokenize.TokenError, AssertionError, AttributeError, ValueError, TypeError, ArithmeticError, LookupError):
-        raise ValueError(
+        raise InputError(
             f'{shown}: the unit {text} is not known; expected {wanted or "no unit"}, such as "{example(unit)}".'
         ) from None
     target = registry.parse_units(wanted)
     if given.dimensionality != target.dimensionality:
-        raise ValueError(
+        raise InputError(
             f"{shown}: the unit {text} does not convert to the expected {wanted or 'number without unit'}; "
             f'correct the unit or the key, such as "{example(unit)}".'
         )
@@ -159,7 +160,7 @@ def check_keys(where: str, table: Iterable[str], known: Iterable[str]) -> None:
     known = list(known)
     for key in table:
         if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}.")
+            raise InputError(f"{where}: unknown key {key!r}; use one of {', '.join(known)}{did_you_mean(key, known)}.")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

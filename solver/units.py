@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 
+from .errors import InputError
+
 INFLOW = "inlet.Q"  # the channel of a record, and the input of an FMU, that drives a network
 MMHG = 133.322387415  # conventional millimetre of mercury [Pa]
 
@@ -100,7 +102,7 @@ def _powers(unit: str) -> list[int]:
         factor = _FACTOR.match(unit, at)
         known = _symbol(factor[3]) if factor else None
         if factor is None or known is None:
-            raise ValueError(f"unit {unit!r}: not understood at {unit[at:]!r}; write it like Pa.s, m^3/s, m^2/(Pa.s).")
+            raise InputError(f"unit {unit!r}: not understood at {unit[at:]!r}; write it like Pa.s, m^3/s, m^2/(Pa.s).")
         sign = -1 if factor[1] == "/" else 1
         if factor[2]:
             group, sign = sign, 1

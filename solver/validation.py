@@ -13,6 +13,7 @@ import numpy as np
 
 from .catalogue import quantities_of, terms_of, value_of
 from .effect import Described
+from .errors import InputError
 from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
@@ -26,7 +27,7 @@ def check_network(network: Described) -> None:
     _check_names("segment", [s.name for s in network.segments])
     _check_names("site", [s.name for s in network.sites])
     if not network.segments:
-        raise ValueError(f"network {network.name}: it has no segments; give at least one.")
+        raise InputError(f"network {network.name}: it has no segments; give at least one.")
     _check_law("elastic_law", network.elastic_law, ELASTIC_LAWS)
     _check_law("viscous_law", network.viscous_law, VISCOUS_LAWS)
     for inlet in network.inlets:
@@ -56,18 +57,18 @@ def _all_owners(network: Described) -> Iterator[tuple[str, Any]]:
 def _check_keys(where: str, owner: Any) -> None:
     for key in getattr(owner, "terms", {}):
         if key not in terms_of(owner.OWNER):
-            raise ValueError(f"{where}.{key}: not a term of a {owner.OWNER}; {suggest(key, terms_of(owner.OWNER))}")
+            raise InputError(f"{where}.{key}: not a term of a {owner.OWNER}; {suggest(key, terms_of(owner.OWNER))}")
 
 
 def _check_channels(network: Described) -> None:
     names, known = [channel.name for channel in network.channels], network.channel_names()
     for channel in network.channels:
         if channel.name not in known:
-            raise ValueError(
+            raise InputError(
                 f"channel {channel.name!r}: network {network.name} has no such output; {suggest(channel.name, known)}"
             )
         if names.count(channel.name) > 1:
-            raise ValueError(f"channel {channel.name}: it occurs {names.count(channel.name)} times; keep one.")
+            raise InputError(f"channel {channel.name}: it occurs {names.count(channel.name)} times; keep one.")
         _check_keys(channel.name, channel)
         for key, value in channel.terms.items():
             channel.quantities()[key].check(f"{channel.name}.{key}", value)
@@ -82,7 +83,7 @@ def check_terms(network: Described, values: Mapping[str, Any]) -> None:
         if key not in terms_of(owners.get(prefix, "")):
             terms = [f"{prefix}.{term}" for term in terms_of(owners.get(prefix, ""))]
             known = [*network.parameter_quantities(), *terms]
-            raise ValueError(
+            raise InputError(
                 f"{name}: neither a parameter nor a term of network {network.name}; {suggest(name, known)}"
             )
 
@@ -92,7 +93,7 @@ def _check_ratio(segment: str, phi0: np.ndarray, phiNL: np.ndarray) -> None:
     phi0, phiNL = (x.ravel() for x in np.broadcast_arrays(phi0, phiNL))
     bad = np.abs(phiNL) > _LARGEST_RATIO * phi0
     if bad.any():
-        raise ValueError(
+        raise InputError(
             f"{segment}.phiNL = {phiNL[bad][0]:g} Pa.s^2 is too large for {segment}.phi0 = {phi0[bad][0]:g} Pa.s: "
             f"phiNL/phi0 must lie in [-{_LARGEST_RATIO:g}, {_LARGEST_RATIO:g}] s; "
             f"set {segment}.phiNL to 0 or raise {segment}.phi0."
@@ -103,18 +104,18 @@ def _check_names(kind: str, names: list[str], reserved: set[str] = _RESERVED) ->
     times = Counter(names)
     for name in names:
         if not isinstance(name, str) or not _NAME.match(name):
-            raise ValueError(
+            raise InputError(
                 f"{kind} name {name!r}: must start with a letter and hold only letters, digits and _; rename it."
             )
         if name in reserved:
-            raise ValueError(f"{kind} name {name!r} is reserved ({', '.join(sorted(reserved))}); rename it.")
+            raise InputError(f"{kind} name {name!r} is reserved ({', '.join(sorted(reserved))}); rename it.")
         if times[name] > 1:
-            raise ValueError(f"{kind} {name}: the name occurs {times[name]} times; names must be unique.")
+            raise InputError(f"{kind} {name}: the name occurs {times[name]} times; names must be unique.")
 
 
 def _check_law(key: str, name: str, laws: Iterable[str]) -> None:
     if name not in laws:
-        raise ValueError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
+        raise InputError(f"{key} = {name!r}: must be one of {', '.join(laws)}.")
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
@@ -132,7 +133,7 @@ def _check_references(network: Described) -> None:
     mentions += [(inlet.name, inlet.segment) for inlet in network.inlets]
     for where, segment in mentions:
         if segment not in names:
-            raise ValueError(f"{where}: there is no segment {segment!r}; {suggest(segment, names)}")
+            raise InputError(f"{where}: there is no segment {segment!r}; {suggest(segment, names)}")
 
 
 def _check_topology(network: Described) -> None:
@@ -144,7 +145,7 @@ def _check_topology(network: Described) -> None:
     for junction in network.junctions:
         if not junction.inflow or not junction.outflow:
             there = ", ".join(junction.inflow + junction.outflow) or "nothing"
-            raise ValueError(
+            raise InputError(
                 f"junction of {there}: it has no partner; "
                 "name at least one segment that flows in and one that flows out."
             )
@@ -155,22 +156,22 @@ def _check_topology(network: Described) -> None:
     for outlet in network.outlets:
         ends[outlet.segment].append("an outlet condition")
     if not network.outlets:
-        raise ValueError(f"network {network.name}: it has no outlet; give one to every segment that ends freely.")
+        raise InputError(f"network {network.name}: it has no outlet; give one to every segment that ends freely.")
     roots = [name for name, at in starts.items() if not at]
     if roots:
-        raise ValueError(
+        raise InputError(
             f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
             f"{network.inlet.segment}; let a junction flow into it, give it an inlet [inlets.{roots[0]}] or remove it."
         )
     for name, at in ends.items():
         if not at:
-            raise ValueError(
+            raise InputError(
                 f"segment {name}: its downstream end has neither junction nor outlet; give one (for example R_t = 0)."
             )
     for which, joined in (("upstream", starts), ("downstream", ends)):
         for name, at in joined.items():
             if len(at) > 1:
-                raise ValueError(
+                raise InputError(
                     f"segment {name}: its {which} end is joined twice ({' and '.join(at)}); keep one of them."
                 )
     _check_reachable(network)
@@ -179,7 +180,7 @@ def _check_topology(network: Described) -> None:
 def _check_periods(network: Described) -> None:
     for inlet in network.inlets[1:]:
         if abs(inlet.T - network.inlet.T) > _SAME_PERIOD * inlet.T:
-            raise ValueError(
+            raise InputError(
                 f"{inlet.name}.T = {inlet.T:g} s: all inlets of a network have one period and inlet.T is "
                 f"{network.inlet.T:g} s; give both the same."
             )
@@ -197,7 +198,7 @@ def _check_reachable(network: Described) -> None:
         reached |= new
     for segment in network.segments:
         if segment.name not in reached:
-            raise ValueError(
+            raise InputError(
                 f"segment {segment.name}: it cannot be reached from the inlet of {network.inlet.segment}; "
                 f"join it with a junction or remove it."
             )
@@ -210,13 +211,13 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
         if name not in known:
             inflow = "the inflow stands under [inlet] in the network file; change it there."
             hint = inflow if name.startswith("inlet.") else suggest(name, known)
-            raise ValueError(f"{name}: not a parameter of network {network.name}; {hint}")
+            raise InputError(f"{name}: not a parameter of network {network.name}; {hint}")
         try:
             flat = np.asarray(value)
         except ValueError:  # rows of different lengths
             flat = np.asarray(None)
         if flat.dtype.kind not in "fiu":
-            raise ValueError(f"{name} = {value!r}: must be a number{known[name].in_unit}, or an array (B,) of them.")
+            raise InputError(f"{name} = {value!r}: must be a number{known[name].in_unit}, or an array (B,) of them.")
         for single in flat.ravel():
             known[name].check(name, float(single))
     for segment in network.segments:

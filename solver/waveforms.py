@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .errors import InputError
 from .muscl.step import State as CellState
 from .notebook.shown import Shown
 from .scheme.step import State
@@ -84,7 +85,7 @@ class Waveforms(Shown, Mapping[str, Array]):
         Raises ValueError for a batch (write its members) or when the file cannot be written.
         """
         if any(value.ndim != 1 for value in self.columns.values()):
-            raise ValueError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
+            raise InputError("a batch does not fit one table; write member(i).to_csv(...) for each parameter set.")
         from .files import write_whole
 
         header = ",".join(["time [s]", *map(self.heading, self.columns)])

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from .errors import InputError
 from .interrupts import interrupts_later
 
 Name = str | os.PathLike[str]
@@ -32,7 +33,7 @@ def write_all(files: Mapping[Name, Content] | Mapping[Path, Content], gone: Iter
             _check_regular(Path(path))
             target = Path(path).resolve()  # a link stays a link
             if target in asides:
-                raise ValueError(f"{path}: two files have this name; give another for one of them.")
+                raise InputError(f"{path}: two files have this name; give another for one of them.")
             asides[target] = target.with_name(f".{target.name}.{os.getpid()}.part")
             asides[target].write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
         with interrupts_later():
@@ -77,7 +78,7 @@ def make_folder(path: Name) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         _check_way(folder)
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); give another folder.") from None
     return folder
 
 
@@ -92,7 +93,7 @@ def check_destinations(*paths: Path | None, folders: bool = False) -> None:
         _check_regular(path)
         place = path.resolve().parent if path.is_symlink() else path.parent
         if not folders and not place.is_dir():
-            raise ValueError(f"{path}: cannot be written (no folder {place}); make the folder or give another.")
+            raise InputError(f"{path}: cannot be written (no folder {place}); make the folder or give another.")
         _check_way(place)
         there = next(each for each in (place, *place.absolute().parents) if each.is_dir())
         try:
@@ -107,13 +108,13 @@ def check_new(files: Mapping[Path, Content], force: bool) -> None:
     for path, content in files.items():
         if not force and path.is_file():
             if path.read_bytes() != (content.encode("utf-8") if isinstance(content, str) else content):
-                raise ValueError(f"{path}: is there already and may have been edited; give another name, or --force.")
+                raise InputError(f"{path}: is there already and may have been edited; give another name, or --force.")
 
 
 def _check_regular(path: Path) -> None:
     """Raise ValueError for a path that a rename would replace, such as a device, or fail on, such as a folder."""
     if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: cannot be written (not a regular file); give the name of a file.")
+        raise InputError(f"{path}: cannot be written (not a regular file); give the name of a file.")
 
 
 def _check_way(folder: Path) -> None:
@@ -121,7 +122,7 @@ def _check_way(folder: Path) -> None:
     file = next((each for each in (folder, *folder.parents) if each.exists() and not each.is_dir()), None)
     if file is not None:
         what = "is a file, not a folder" if file == folder else f"cannot be made, as {file} is a file"
-        raise ValueError(f"{folder}: {what}; give another folder.")
+        raise InputError(f"{folder}: {what}; give another folder.")
 
 
 def _unwritable(path: Path, error: OSError) -> ValueError:

@@ -91,7 +91,7 @@ def test_contents(fmu: Path, sheep: Network) -> None:
     assert re.fullmatch(r"arterial_[0-9a-f]{8}", name)
     assert guid(fmu).startswith(f"{{{name.removeprefix('arterial_')}")
     code = {n.removeprefix(f"resources/_{name}/") for n in names if n.startswith(f"resources/_{name}/")}
-    modules = "__init__ base component cosimulation description host ports refusal slave state stretch".split()
+    modules = "__init__ base component cosimulation description host ports refusal slave stretch".split()
     modules += ["drive", "saving", "variable", "variables", "wrapper"]
     assert {n for n in code if n.startswith("fmu_src/")} == {f"fmu_src/{module}.py" for module in modules}
     # the physics, and nothing of files, terminals, runs or drawings

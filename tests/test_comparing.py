@@ -16,10 +16,11 @@ from discrepancy.further import _firsts
 from discrepancy.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.show import Gap
 from discrepancy.summary import _bent, sentence
-from discrepancy.verdict import Naming, _said, _without
-from discrepancy.weigh import Named, ranked
+from discrepancy.verdict import Naming, _said, _without, decided
+from discrepancy.weigh import Named, ranked, shares
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
+from fitting.inference.misfit import Block
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown
@@ -140,3 +141,22 @@ def test_walls_that_may_be_bent(verdict: str, complete: bool, deviation: float, 
     naming = Naming(verdict, problem, pair(), (), (), {}, (), 0.9, complete=complete)
     walls = Walls("individual", {}, {"A.E": OwnNumber(1.0, Estimate(1.1, "Pa", (1.0, 1.2)), deviation)})
     assert _bent(walls, naming) is expected
+
+
+class Lawless:
+    """A bench on which no wall law holds where the hypotheses ended: no error of it can be estimated."""
+
+    kind, site, signals = "bench", "A", ("A.P", "A.R")
+
+    def blocks(self, fit: Fit) -> list[Block]:
+        return []
+
+
+def test_nothing_explains_the_record_and_no_error_can_be_estimated() -> None:
+    """Nothing is weighed: unknown, at even odds; among no hypotheses nothing has a share."""
+    assert shares(()) == []
+    problem: Any = Lawless()
+    none, best = (replace(pair(*e), misfit=99.0) for e in ((), (WALL,)))
+    naming = decided(Compared(problem, (none,), (best,), {}, ()), ())
+    assert (naming.verdict, naming.confidence, naming.best) == ("unknown", 0.5, best)
+    assert naming.reason is not None and "whitened RMS" in naming.reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -24,7 +25,7 @@ from truth.records import Case, Made, make, write
 from build_fmu import build
 from discrepancy import report, workflow
 from discrepancy.asked import Asked
-from discrepancy.journal import Journal, parted
+from discrepancy.journal import Journal
 from discrepancy.name import name
 from discrepancy.outcome import VERDICTS, Outcome, verdict_json
 from discrepancy.show import Gap, Run, compared, own_parity
@@ -42,6 +43,7 @@ from fitting.inference.terms import Term
 from fitting.records.record import Record
 from solver import load
 from solver.files import read_network, write_network
+from solver.saved import Kind, to_bytes
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -100,7 +102,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 def test_a_killed_study_goes_on(study: Study) -> None:
     """Nothing but its state is there after Ctrl-C; the second run does not name again; then the state is gone."""
-    assert study.kept == [".state", "naming.pickle", "run_before.pickle", "run_given.pickle"]
+    assert study.kept == [".state", "naming.stage", "run_before.stage", "run_given.stage"]
     assert study.namings == 1
     assert not (study.folder / "out" / ".state").exists()
     assert not [p for p in (study.folder / "out").rglob("*") if p.suffix in (".part", ".tmp")]
@@ -284,7 +286,7 @@ def test_an_interrupt_while_files_are_written(
             discover(*arguments)
     after = {p.relative_to(out): p.read_bytes() for p in out.rglob("*") if p.is_file() and ".state" not in p.parts}
     assert after == before if stage == "report" else not (out / "verdict.json").exists()
-    assert "naming.pickle" in {p.name for p in (out / ".state").iterdir()} and not (out / ".state" / "out").exists()
+    assert "naming.stage" in {p.name for p in (out / ".state").iterdir()} and not (out / ".state" / "out").exists()
     verdict = discover(*arguments).verdict
     assert verdict == json.loads((out / "verdict.json").read_text(encoding="utf-8"))["verdict"] == "none"
     assert {p.name for p in out.iterdir()} == {"verdict.json", "report.html", "figures"}
@@ -448,15 +450,20 @@ def test_a_side_run_that_fails(
 # --- the journal -----------------------------------------------------------------------------------------------------
 
 
-def test_a_naming_survives_a_journal_bit_by_bit() -> None:
-    """Two effects, one of a sensor: pickled and read back: every number and every term is the same."""
+def _never() -> Any:
+    raise AssertionError("it is there")
+
+
+def test_a_naming_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
+    """Two effects, one of a sensor: written and read back: every number and every term is the same."""
     hidden = (Effect("nonlinear_elasticity", (SITE,), 3.0), Effect("catheter_resonance", (f"{SITE}.P",), 1 / 15, 0.1))
     made = make(Case("bench", SITE, 40.0, hidden), 5)
     study, naming = judge(Record("made", "", made.time, made.channels, {}), made.base)
     assert naming.verdict == "several"
-    kept, individual, weights = pickle.loads(pickle.dumps(parted(naming)))
-    assert not individual
-    again = replace(kept, problem=study.problem.restored(weights))
+    Journal(tmp_path, []).naming(study.problem, lambda: naming)
+    again = Journal(tmp_path, []).naming(study.problem, _never)
+    assert [again.ranked.index(n) for n in again.members] == [naming.ranked.index(n) for n in naming.members]
+    assert all(any(n is each for each in again.ranked) for n in again.members)
     assert (again.verdict, again.reason, again.terms) == (naming.verdict, naming.reason, naming.terms)
     assert [n.label for n in again.members] == [n.label for n in naming.members]
     for a, b in zip((again.base, *again.ranked), (naming.base, *naming.ranked), strict=True):
@@ -470,12 +477,13 @@ def test_a_naming_survives_a_journal_bit_by_bit() -> None:
     assert all(np.array_equal(again.columns[k], naming.columns[k]) for k in naming.columns)
 
 
-def test_a_run_survives_a_journal_bit_by_bit() -> None:
+def test_a_run_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     """Complex coefficients, beats and gaps."""
     rng = np.random.default_rng(0)
     X = rng.normal(size=(4, 2)) + 1j * rng.normal(size=(4, 2))
     run = Run(X, {"A.P": rng.normal(size=9)}, Gap((1.1, 2.2), {"A.P": (0.1 + 0.2, 1 / 3)}))
-    again = pickle.loads(pickle.dumps(run))
+    Journal(tmp_path, []).stage("run", lambda: run)
+    again: Run = Journal(tmp_path, []).stage("run", _never)
     assert np.array_equal(again.X, run.X) and again.gap == run.gap
     assert np.array_equal(again.beats["A.P"], run.beats["A.P"])
 
@@ -492,8 +500,33 @@ def test_stages_count_only_for_the_same_inputs(tmp_path: Path) -> None:
         return Journal(tmp_path, inputs).stage("one", compute)
 
     assert [stage(["a"]), stage(["a"]), stage(["b"]), stage(["b"])] == [1, 1, 2, 2]
-    file = tmp_path / ".state" / "one.pickle"
+    file = tmp_path / ".state" / "one.stage"
     file.write_bytes(file.read_bytes()[:-3])
     assert stage(["b"]) == 3
     Journal(tmp_path, ["b"]).close()
     assert not list(tmp_path.iterdir())
+
+
+class Poison:
+    """Makes a file when a pickle of it is read."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.file,)
+
+
+def test_a_poisoned_folder_runs_nothing(tmp_path: Path) -> None:
+    """A pickle under the seal that its inputs make, and an object that a stage does not hold: both are made anew."""
+    inputs, poison = ["a"], Poison(tmp_path / "ran")
+    journal, content = Journal(tmp_path, inputs), pickle.dumps(poison)
+    seal = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode() + b"\n" + content).hexdigest().encode()
+    foreign = to_bytes(journal.key, poison, {Poison: Kind(lambda x: {"file": str(x.file)}, Poison)})
+    for i, file in enumerate((content, seal + b"\n" + content, foreign)):
+        for suffix in ("pickle", "stage"):
+            (tmp_path / ".state" / f"{i}.{suffix}").write_bytes(file)
+        assert journal.stage(str(i), lambda: "made anew") == journal.stage(str(i), _never) == "made anew"
+    assert not (tmp_path / "ran").exists()
+    pickle.loads(content)
+    assert (tmp_path / "ran").exists()  # else this test says nothing

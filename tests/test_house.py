@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from collections import defaultdict
@@ -47,6 +48,17 @@ def test_imports_run_one_way(package: str) -> None:
 def _shows(module: str) -> bool:
     """Whether a module is what a notebook shows of results."""
     return "notebook" in module.split(".")
+
+
+def test_no_file_runs_code() -> None:
+    """Pickles go between our own processes alone, and nothing else of what runs code as it reads is there."""
+    readers = {"pickle", "shelve", "marshal", "dill", "cloudpickle", "joblib", "distributed"}
+    taken = {(module, name) for module in MODULES for name, _ in imports_of(MODULES[module]) if name in readers}
+    assert taken == {("fitting.workers", "pickle"), ("fitting.cluster", "distributed")}
+    trees = {module: ast.parse(path.read_text(encoding="utf-8")) for module, path in MODULES.items()}
+    nodes = [(module, node) for module, tree in trees.items() for node in ast.walk(tree)]
+    calls = {(module, ast.unparse(node.func)) for module, node in nodes if isinstance(node, ast.Call)}
+    assert {each for each in calls if each[1] in {"eval", "exec", "np.load", "yaml.unsafe_load"}} == set()
 
 
 def test_no_circle() -> None:

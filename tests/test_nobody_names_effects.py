@@ -34,7 +34,6 @@ OWN = {
     "solver/coefficients.py": {"k"},  # of every junction: a coefficient of the scheme
     "solver/units.py": {"k"},  # kilo
     "solver/importers/openbf.py": {"P_ext"},  # its reference pressures, where vessels differ
-    "fmu_src/state.py": {"C"},  # the order of an array's numbers
     "fmu_src/system.py": {"C", "R2"},  # of the outlets of one network, made for one heart
 }
 

@@ -11,11 +11,13 @@ from forked import NETWORK, clean, record
 from scipy.special import ndtr, ndtri
 from small_network import term
 
+from discrepancy import thresholds
 from discrepancy.intervals import stated
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named, found_from
+from discrepancy.weigh import Named, found_from, price
 from fitting.estimate import Estimate
 from fitting.inference.added import estimates
+from fitting.inference.evidence import LOG_RANGE
 from fitting.inference.fit import Fit
 from fitting.inference.jackknife import without_groups
 from fitting.inference.network import NetworkProblem, network_problem
@@ -91,7 +93,7 @@ def test_an_interval_far_from_the_threshold_is_the_fit_s() -> None:
     """Common walls that are certain, d' = 50: that of the fit, to round-off."""
     found, common = naming(50.0)
     (stiff,) = found.terms
-    assert found_from(found.terms, stiff) < 46.0
+    assert found_from(found.terms, stiff, common) < 46.0
     plain = estimates(NETWORK, common.fit, stiff, quantile(found.problem.dof_of_noise))
     (told,) = stated(NETWORK, found, common, stiff).values()
     assert told.ci95 == pytest.approx(plain["B.E_scale"].ci95, rel=1e-12)
@@ -124,12 +126,47 @@ def test_an_interval_keeps_to_its_range() -> None:
 
 def test_an_interval_near_the_threshold_reaches_toward_none() -> None:
     """Just found: below the fit's interval, toward a factor of 1."""
-    limit = found_from(naming(50.0)[0].terms, term("wall_stiffness", "B"))
-    found, common = naming(limit + 0.3)
+    found, common = naming(50.0)
+    found, common = naming(found_from(found.terms, term("wall_stiffness", "B"), common) + 0.3)
     (stiff,) = found.terms
     plain = estimates(NETWORK, common.fit, stiff, quantile(found.problem.dof_of_noise))["B.E_scale"]
     (told,) = stated(NETWORK, found, common, stiff).values()
     assert told.ci95[0] < plain.ci95[0] and told.ci95[1] < plain.ci95[1]
+
+
+def beside(d: float) -> tuple[Naming, Named]:
+    """B and C stiffer, each by one typical size that is known to 1/d of it, and the one without the other."""
+    found, common = naming(d)
+    both = (*found.terms, term("wall_stiffness", "C"))
+    unknowns = found.problem.hypothesis(both)
+    x = np.array([float(any(u in t.unknowns for t in both)) for u in unknowns])
+    none = np.zeros(len(unknowns))
+    pair = replace(common, fit=Fit(both, unknowns, x, none, d * np.eye(len(unknowns)), none, none))
+    return replace(found, verdict="several", ranked=(pair,), members=(pair,), terms=both), pair
+
+
+@pytest.mark.parametrize("d", [11.0, 12.5])
+def test_each_of_two_effects_is_found_as_a_second_one(d: float) -> None:
+    """-2 ln of the prior of both is by the price of a second effect above that of the other alone. Both are said only
+    where they show with a d' of 12: at 12.5 the interval is that of a size of which this is known."""
+    found, pair = beside(d)
+    for mine in pair.fit.terms:
+        (other,) = (t for t in pair.fit.terms if t is not mine)
+        price_of_it = price(pair.fit, found.terms, 0) - price(replace(pair.fit, terms=(other,)), found.terms, 0)
+        limit = found_from(found.terms, mine, pair)
+        if d < thresholds.VISIBLE:  # the size of such an effect pays for its width
+            assert limit**2 == pytest.approx(
+                price_of_it + 2.0 * math.log(2.0 * limit * LOG_RANGE / math.sqrt(2 * math.pi))
+            )
+        else:
+            assert limit == thresholds.VISIBLE
+        half = quantile(found.problem.dof_of_noise)
+        (plain,) = estimates(NETWORK, pair.fit, mine, half).values()
+        (told,) = stated(NETWORK, found, pair, mine).values()
+        sd = math.sqrt(float(np.diag(pair.fit.covariance)[pair.fit.unknowns.index(mine.unknowns[0])]))
+        toward, away = reach(1.0 / sd, limit, half)
+        expected = plain.value - toward / half * (plain.value - plain.ci95[0])
+        assert told.ci95[0] == pytest.approx(expected) and (toward > 1.2 * half) == (d > thresholds.VISIBLE)
 
 
 # --- without a site ---------------------------------------------------------------------------------------------------

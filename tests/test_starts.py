@@ -24,7 +24,7 @@ from fitting.inference.asked import parse_unknowns
 from fitting.records.beats import Beats
 from fitting.records.record import write_record
 from fitting.starts import Starts, calibrate_from, starting_points
-from solver import Network, Reflection
+from solver import InputError, Network, Reflection
 from solver.files import write_network
 
 UNKNOWNS = ("B.E", "C.E")
@@ -121,7 +121,7 @@ def test_a_start_that_breaks_down(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def broken(*given: Any, x0: Any, **options: Any) -> Calibration:
         if len(lost) == 2 or x0 is not None:
-            raise ValueError("too soft to be simulated.")
+            raise InputError("too soft to be simulated.")
         return calibrate(*given, **options)
 
     lost = [1]

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmu_src.state import FORMAT, MAGIC, dataclasses, from_bytes, to_bytes
+from solver.saved import FORMAT, MAGIC, dataclasses, from_bytes, to_bytes
 
 GUID = "{0123}"
 
@@ -50,7 +50,7 @@ def test_plain_values(value: Any) -> None:
     assert repr(again(value)) == repr(value)
 
 
-@pytest.mark.parametrize("dtype", [float, np.float32, int, np.int32, np.uint8, bool])
+@pytest.mark.parametrize("dtype", [float, np.float32, complex, int, np.int32, np.uint8, bool])
 def test_arrays(dtype: type) -> None:
     """Bits, type, shape and order in memory: numbers are summed in the same order afterwards."""
     table = np.arange(12).reshape(3, 4).astype(dtype)
@@ -130,9 +130,9 @@ def sealed(header: Any, content: bytes = b"") -> bytes:
         {"fmu": GUID, "arrays": [], "values": ["Place", ["z", 1.0]]},
         {"fmu": GUID, "arrays": [], "values": ["dict", 3]},
         {"fmu": GUID, "arrays": [], "values": []},
-        {"fmu": GUID, "arrays": [["<f8", [10**9], "C"]], "values": 1},
-        {"fmu": GUID, "arrays": [["<f8", [-3], "C"]], "values": 1},
-        {"fmu": GUID, "arrays": [["O", [1], "C"]], "values": 1},
+        {"fmu": GUID, "arrays": [["<f8", [10**9], "rows"]], "values": 1},
+        {"fmu": GUID, "arrays": [["<f8", [-3], "rows"]], "values": 1},
+        {"fmu": GUID, "arrays": [["O", [1], "rows"]], "values": 1},
         {"fmu": GUID, "arrays": [["<f8", [1], "K"]], "values": 1},
     ],
 )

@@ -16,6 +16,7 @@ from fitting.records.felt import Felt
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
 from fitting.records.rounding import converter_step, rounded_harmonics, rounding
+from solver import InputError
 from solver.units import MMHG
 
 DT = 1.0 / 125.0
@@ -297,7 +298,7 @@ def test_a_given_period_where_none_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     found = align(made)
 
     def none(*_: object) -> None:
-        raise ValueError("no periodicity found")
+        raise InputError("no periodicity found")
 
     monkeypatch.setattr("fitting.records.align.usual_period", none)
     with pytest.raises(ValueError, match="no periodicity"):

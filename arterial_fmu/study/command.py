@@ -10,6 +10,7 @@ from rich.table import Table
 
 from fitting.result_files import finite
 from solver.console import put, right, say, say_notes, say_written, sentences, show
+from solver.errors import InputError
 from solver.legible import DASH, significant
 from solver.options import Json, Quiet, networks_for
 from solver.progress import PACE, bar
@@ -62,7 +63,7 @@ def main(
     Thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. First and total indices of
     pressures, flows and radii, percentiles of waveforms, and one HTML page.
     """
-    with sentences(ValueError, interrupted=f"what is done is in {out}; the same command goes on from there."):
+    with sentences(interrupted=f"what is done is in {out}; the same command goes on from there."):
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
             check_destinations(*(out / name for name in ("plan.json", *WRITTEN)), folders=True)
@@ -70,7 +71,7 @@ def main(
             varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)
             plan = plan_of(studied, varied, samples, seed, sites)
             if jobs is not None and jobs < 1:
-                raise ValueError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
+                raise InputError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
             store = Store(out, plan)
             run(plan, store, jobs=jobs, scheduler=scheduler, progress=progress, meanwhile=_imported)
             progress(1.0, "indices and figures")

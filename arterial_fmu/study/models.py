@@ -14,16 +14,17 @@ import numpy as np
 from fitting.records.align import align
 from fitting.records.inflow import Inflow, inflow
 from fitting.records.record import read_record
-from solver import Network, NonPhysicalState, NotPeriodic, Settings, repeating_beat
+from solver import Network, Settings, repeating_beat
+from solver.errors import InputError
 from solver.files import dumps, find_network, parse_quantity, read_network
 from solver.quantity import Quantity
+from solver.simulate import BROKEN
 from solver.text import typed_quantity
 from solver.units import INFLOW
 
 Array = np.ndarray
 Beats = Mapping[str, Array]  # by channel [SI], (N,) or (n, N): sample j at time j T/N
 
-BROKEN = (NonPhysicalState, NotPeriodic, ValueError)  # what a parameter set may end in
 MAX_BEATS = 30
 
 
@@ -197,17 +198,17 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
     """
     seconds = parse_quantity(dt, "s", "--dt")
     if not 0.0 < tolerance <= 0.1:
-        raise ValueError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
+        raise InputError(f"--tolerance = {tolerance:g}: must be above 0, and 0.1 at most.")
     if source.lower().endswith(".fmu"):
         return _fmu_model(source, driven_by)
     network = read_network(find_network(source))
     settings = Settings(seconds, typed_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
     if driven_by is None:
         if any(inlet.given is None for inlet in network.inlets):
-            raise ValueError(f"{source}: what is given at its inlet is not known; add a curve to the network file.")
+            raise InputError(f"{source}: what is given at its inlet is not known; add a curve to the network file.")
         return NetworkModel(network, settings, tolerance)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
-        raise ValueError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
+        raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
     return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds))
 
 
@@ -223,7 +224,7 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
 
     fmu = read_fmu(path)
     if driven_by is None:
-        raise ValueError(
+        raise InputError(
             f"{path}: an FMU is driven by an inflow; add --inflow with a network, such as sheep, or a record with "
             f"{INFLOW}."
         )
@@ -247,7 +248,7 @@ def _flow(source: str, dt: float) -> Inflow:
     if not source.lower().endswith(".csv"):
         inlet = read_network(find_network(source)).inlet
         if inlet.causality != "flow":
-            raise ValueError(f"--inflow {source}: a pressure is given at its inlet; give a network with a flow.")
+            raise InputError(f"--inflow {source}: a pressure is given at its inlet; give a network with a flow.")
         n = 2 * max(4, int(inlet.T / (2.0 * dt)))
         X = np.fft.rfft(inlet.Q(np.arange(n) * (inlet.T / n)), norm="forward")
         X[-1] *= 0.5

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from fmu_src import __version__
+from solver.errors import InputError
 
 from .measures import WAVES, measures
 from .models import Model, NetworkModel
@@ -106,7 +107,7 @@ def base_of(samples: int, D: int) -> int:
     """The largest power of two N with N (D + 2) <= samples. Raises ValueError where there is none of at least 2."""
     least = 2 * (D + 2)
     if samples < least:
-        raise ValueError(
+        raise InputError(
             f"--samples = {samples}: {D} ranges need {least} parameter sets at least, thousands for narrow intervals."
         )
     return 1 << ((samples // (D + 2)).bit_length() - 1)
@@ -121,7 +122,7 @@ def sites_of(model: Model, text: str | None) -> tuple[str, ...]:
     asked = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
     for site in asked:
         if site not in there:
-            raise ValueError(f"--sites {text}: {model.name} has no site {site!r}; use some of {', '.join(there)}.")
+            raise InputError(f"--sites {text}: {model.name} has no site {site!r}; use some of {', '.join(there)}.")
     return asked
 
 
@@ -130,9 +131,9 @@ def plan_of(model: Model, varied: Sequence[Varied], samples: int, seed: int, sit
     try:
         import SALib  # noqa: F401
     except ImportError:
-        raise ValueError("study: SALib is not installed; run pip install 'arterial-fmu[study]'.") from None
+        raise InputError("study: SALib is not installed; run pip install 'arterial-fmu[study]'.") from None
     if not 0 <= seed < 2**32:
-        raise ValueError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
+        raise InputError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
     where = sites_of(model, sites)
     if isinstance(model, NetworkModel):
         model = model.at(where)

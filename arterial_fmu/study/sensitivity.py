@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from solver.errors import InputError
+
 from .batch import FAILED
 from .plan import Plan
 from .store import GROUP
@@ -70,7 +72,7 @@ def findings(plan: Plan, sets: pl.DataFrame) -> Findings:
     """What the results of a study say. Raises ValueError if no set could be simulated."""
     failed = sets.filter(pl.col(FAILED).is_not_null())
     if len(failed) == len(sets):
-        raise ValueError(f"none of the {len(sets)} parameter sets could be simulated; the first: {failed[FAILED][0]}")
+        raise InputError(f"none of the {len(sets)} parameter sets could be simulated; the first: {failed[FAILED][0]}")
     good = sets.filter(pl.col(FAILED).is_null())
     percentiles = {name: tuple(np.percentile(good[name].to_numpy(), LEVELS).tolist()) for name in plan.measures}
     lost = failed[GROUP].unique()

@@ -15,6 +15,7 @@ from typing import Any
 import polars as pl
 
 from fitting.result_files import check_unmixed, json_text
+from solver.errors import InputError
 from solver.writing import make_folder, write_folder, write_whole
 
 from .batch import FAILED, SET, parquet
@@ -35,7 +36,7 @@ class Store:
         if path.is_file():
             different = _difference(_read(path), json.loads(text))
             if different:
-                raise ValueError(
+                raise InputError(
                     f"{self.folder}: it holds another study ({different}); give another folder, or the same options."
                 )
         write_folder(self.folder, {path.name: text})
@@ -89,14 +90,14 @@ def _table(path: Path) -> pl.DataFrame:
     try:
         return pl.read_parquet(path.read_bytes())
     except (OSError, pl.exceptions.PolarsError) as error:
-        raise ValueError(f"{path}: cannot be read ({str(error).splitlines()[0]}); remove it, and go on.") from None
+        raise InputError(f"{path}: cannot be read ({str(error).splitlines()[0]}); remove it, and go on.") from None
 
 
 def _read(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise ValueError(f"{path}: not the plan of a study; give another folder.") from None
+        raise InputError(f"{path}: not the plan of a study; give another folder.") from None
 
 
 def _difference(there: Any, asked: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.files import parse_quantity
 from solver.quantity import Quantity
 from solver.text import did_you_mean, typed_unit
@@ -52,14 +53,14 @@ def parse_varied(
     """
     found = tuple(_parse(text, known, nominal, model) for text in texts)
     if not found:
-        raise ValueError(
+        raise InputError(
             f'{OPTION}: nothing is varied; name at least one parameter, such as {OPTION} "all.E=0.8..1.2x".'
         )
     moved: dict[str, str] = {}
     for each in found:
         for name in each.nominal:
             if name in moved:
-                raise ValueError(f"{OPTION} {each.name}: {name} is varied by {moved[name]}, too; keep one of them.")
+                raise InputError(f"{OPTION} {each.name}: {name} is varied by {moved[name]}, too; keep one of them.")
             moved[name] = each.name
     return found
 
@@ -67,7 +68,7 @@ def parse_varied(
 def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float], model: str) -> Varied:
     name, equals, span = (part.strip() for part in text.partition("="))
     if not equals or not _RANGE.fullmatch(span):
-        raise ValueError(
+        raise InputError(
             f'{OPTION} {text}: must look like NAME=LOW..HIGH, for example "CA.phi0=10..120kPa*s" or "all.E=0.8..1.2x".'
         )
     option = f"{OPTION} {name}"
@@ -79,18 +80,18 @@ def _parse(text: str, known: Mapping[str, Quantity], nominal: Mapping[str, float
     else:
         low, high = _ends(span, unit, option, display)
     if not low < high:
-        raise ValueError(f"{option}={span}: the range must begin with its lower end; give two values that differ.")
+        raise InputError(f"{option}={span}: the range must begin with its lower end; give two values that differ.")
     found = Varied(name, {n: nominal[n] for n in names}, low, high, "1" if factors else unit, bool(factors), span)
     for end in (low, high):
         for each, value in found.values(np.array(end)).items():
             if factors and nominal[each] == 0.0:
-                raise ValueError(
+                raise InputError(
                     f"{option}={span}: {each} is 0 in {model}, which no factor can change; give a range with its unit."
                 )
             try:
                 known[each].check(each, float(value))
-            except ValueError as error:
-                raise ValueError(f"{option}={span}: {error}") from None
+            except InputError as error:
+                raise InputError(f"{option}={span}: {error}") from None
     return found
 
 
@@ -103,7 +104,7 @@ def _ends(span: str, unit: str, option: str, display: str | None) -> tuple[float
         first += " " + _BARE.sub("", last, count=1).strip()
     if unit not in ("1", "s") and _BARE.fullmatch(last):
         proposed = f'"{span}{typed_unit(unit, display)}"'
-        raise ValueError(f"{option}={span}: it has no unit; write one, such as {proposed}, or x for factors.")
+        raise InputError(f"{option}={span}: it has no unit; write one, such as {proposed}, or x for factors.")
     return parse_quantity(first.strip(), unit, option), parse_quantity(last, unit, option)
 
 
@@ -115,14 +116,14 @@ def _names(name: str, option: str, known: Mapping[str, Quantity], model: str) ->
         keys = {n.partition(".")[2] for n in known if n.partition(".")[0] not in _NOT_ALL}
         if not names:
             close = did_you_mean(key, keys).replace("(did you mean ", "(did you mean all.")
-            raise ValueError(f"{option}: nothing in {model} has {key or 'no name'}; check the name{close}.")
+            raise InputError(f"{option}: nothing in {model} has {key or 'no name'}; check the name{close}.")
         return names
     names = [f"{part.strip()}.{key}" for part in target.split("+")]
     for each in names:
         if each not in known:
-            raise ValueError(
+            raise InputError(
                 f"{option}: {each} is not a parameter of {model}; check the name{did_you_mean(each, known)}."
             )
         if names.count(each) > 1:
-            raise ValueError(f"{option}: {each} occurs twice; name it once.")
+            raise InputError(f"{option}: {each} occurs twice; name it once.")
     return names

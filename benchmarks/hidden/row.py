@@ -17,6 +17,7 @@ from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Runs
 from fitting.records.record import Record
+from solver.simulate import BROKEN
 from tests.truth.anatomy import anatomy
 from tests.truth.bench import NoPeriodicRadius
 from tests.truth.detect import detect
@@ -112,7 +113,7 @@ def gap(study: Study, naming: Naming) -> Line:
     fitted = {"refitted": _rms(base.chi2, len(base.z)), "best": _rms(best.chi2, len(best.z))}
     try:
         held = held_out(study, fits)
-    except (ValueError, ArithmeticError) as error:
+    except BROKEN as error:
         return {"fit": fitted, "held_out": {}, "error": str(error)}
     return {"fit": fitted, "held_out": held}
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .mixed_model import Contrast, RandomIntercept, random_intercept
 
 Cells = Mapping[tuple[str, str], float]  # by (animal, site)
@@ -76,7 +78,7 @@ def constant_relaxation_time(values: Cells, margin: float = RATIO_MARGIN) -> Cla
     logs = {cell: float(np.log(value)) for cell, value in values.items()}
     try:
         fit = random_intercept(np.array(list(logs.values())), *_labels(logs))
-    except ValueError as error:
+    except InputError as error:
         return Claim(name, statement, OPEN, f"{statement}: not decided: {error}", (), "1", 0.9, n, margin)
     parts = [_Part(s, c, _count(values, s)) for s, c in zip(fit.sites, fit.deviations(), strict=True)]
     own = _own_scatter(logs, fit, parts)
@@ -105,7 +107,7 @@ def same_radius(ratios: Cells, margin: float = RADIUS_MARGIN) -> Claim:
     claim = _ratios(name, statement, parts, margin, _animals(ratios), "of the measured")
     try:
         pooled = random_intercept(np.log(list(ratios.values())), *_labels(ratios)).overall()
-    except ValueError:
+    except InputError:
         return claim
     low, high = np.expm1(pooled.interval(0.95))
     bias = float(np.expm1(pooled.estimate))

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from solver.errors import InputError
 from solver.files import parse_quantity, read_text
 from solver.network import Segment
 from solver.quantity import quantities
@@ -60,14 +61,14 @@ def read_cohort(path: str | os.PathLike[str]) -> list[Entry]:
                 where = f"line {rows.line_num}"
                 entry = _entry(row, places, units, noun, Path(path).parent, where)
                 if any((e.animal, e.site) == (entry.animal, entry.site) for e in entries):
-                    raise ValueError(f"{where}: {entry.animal} has a line for {entry.site} already; keep one.")
+                    raise InputError(f"{where}: {entry.animal} has a line for {entry.site} already; keep one.")
                 entries.append(entry)
         if not entries:
-            raise ValueError("line 2: there is no recording below the header; add a line for each.")
+            raise InputError("line 2: there is no recording below the header; add a line for each.")
     except csv.Error as error:
-        raise ValueError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
+        raise InputError(f"{source}: line {rows.line_num}: not CSV ({error}); correct the line.") from None
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
     return entries
 
 
@@ -84,11 +85,11 @@ def _header(titles: Sequence[str]) -> tuple[dict[str, int], dict[str, str], str]
                 said = (
                     f"the column {name} occurs twice" if len(set(nouns)) < 2 else f"{' and '.join(nouns)} are columns"
                 )
-                raise ValueError(f"line 1: {said}; keep one.")
+                raise InputError(f"line 1: {said}; keep one.")
             places[name], units[name] = i, unit
     missing = [name for name in _COLUMNS if name not in places]
     if missing:
-        raise ValueError(
+        raise InputError(
             f"line 1: the column {' and '.join(missing)} is missing; the header must be "
             f"animal,site,record,h [mm],R0 [mm], or {', '.join(_WHO[1:])} for animal."
         )
@@ -100,10 +101,10 @@ def _entry(row: list[str], places: dict[str, int], units: dict[str, str], noun: 
     for name in ("animal", "site", "record", "h"):
         if not cells[name]:
             called = noun if name == "animal" else name
-            raise ValueError(f"{where}: {called} is missing; only R0 may be left empty.")
+            raise InputError(f"{where}: {called} is missing; only R0 may be left empty.")
     record = folder / cells["record"]
     if not record.is_file():
-        raise ValueError(f"{where}: there is no record file {record}; correct the name or remove the line.")
+        raise InputError(f"{where}: there is no record file {record}; correct the name or remove the line.")
     lengths = {}
     for name in ("h", "R0"):
         if cells[name]:

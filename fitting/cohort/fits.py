@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.laws import ELASTIC_LAWS
 
 from ..elastic_law import LawEvidence
@@ -158,7 +159,7 @@ class Cohort:
         """The fits of one model by (animal, site). Raises ValueError for a model that was not fitted."""
         name = self.main if model is None else model
         if name not in self.models:
-            raise ValueError(f"model {name!r} was not fitted; use one of {', '.join(self.models)}.")
+            raise InputError(f"model {name!r} was not fitted; use one of {', '.join(self.models)}.")
         return {(r.entry.animal, r.entry.site): r.fits[name] for r in self.recordings if name in r.fits}
 
     def values(self, quantity: str, model: str | None = None) -> Cells:
@@ -187,7 +188,7 @@ class Cohort:
         name = self.main if model is None else model
         fits = self.fits(name)
         if not fits:
-            raise ValueError(f"the {name} model fits no recording of the cohort; use another model.")
+            raise InputError(f"the {name} model fits no recording of the cohort; use another model.")
         first = next(iter(fits.values()))
         law = first.model
         values = {"network.eta": Value(first.eta, "1")}
@@ -274,7 +275,7 @@ def fit_cohort(
     for name in names:
         model(name, laws[0])
     if not names or not entries:
-        raise ValueError("a cohort needs at least one recording and one model; give them.")
+        raise InputError("a cohort needs at least one recording and one model; give them.")
     tasks = [_Task(entry, names, laws, eta, reading, as_measured) for entry in entries]
     found: list[dict[str, _Found]] = [{} for _ in tasks]
     if progress:
@@ -286,7 +287,7 @@ def fit_cohort(
     by_law = {law: _cohort(names, [each[law] for each in found], law) for law in laws}
     first = by_law[laws[0]]
     if not any(recording.fits for cohort in by_law.values() for recording in cohort.recordings):
-        raise ValueError(
+        raise InputError(
             f"none of the {len(entries)} recordings of the cohort could be fitted; the first: "
             f"{first.failures[0].sentence}"
         )
@@ -333,7 +334,7 @@ def _fit(task: _Task) -> dict[str, _Found]:
             check_plausible(record, {entry.site: Artery(entry.R0, entry.h)})
         beats = align(record)
         beats.site(entry.site)
-    except ValueError as error:
+    except InputError as error:
         return dict.fromkeys(task.laws, _Found(None, (Failure(entry, "", str(error)),)))
     fits: dict[str, dict[str, WallFit]] = {law: {} for law in task.laws}
     failures: dict[str, list[Failure]] = {law: [] for law in task.laws}
@@ -341,7 +342,7 @@ def _fit(task: _Task) -> dict[str, _Found]:
         for law in task.laws:
             try:
                 fits[law][name] = fit(beats, entry.site, entry.h, model(name, law), eta=task.eta)
-            except ValueError as error:
+            except InputError as error:
                 failures[law].append(Failure(entry, name, f"{name} model: {error}"))
     told = _evidence(task, beats, fits) if len(fits) > 1 else None
     return {law: _Found(Recording(entry, beats.sha256, fits[law], told), tuple(failures[law])) for law in task.laws}
@@ -355,7 +356,7 @@ def _evidence(task: _Task, beats: Beats, fits: Mapping[str, Mapping[str, WallFit
         return evidence(weights, tuple(law for law, each in fits.items() if name not in each)) if weights else None
     try:
         return fit(beats, task.entry.site, task.entry.h, _main(task.models), eta=task.eta).evidence
-    except ValueError:  # it is among the failures already
+    except InputError:  # it is among the failures already
         return None
 
 

@@ -18,6 +18,8 @@ from scipy.optimize import brentq
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
+from solver.errors import InputError
+
 Array = np.ndarray
 
 _GRID = np.linspace(np.log(1e-6), np.log(1e8), 57)  # of log(1 + n_max λ), where the likelihood is searched
@@ -151,13 +153,13 @@ class _Data:
         for value, site, animal in zip(y, sites, animals, strict=True):
             cell = groups.index(animal), labels.index(site)
             if not np.isnan(cells[cell]):
-                raise ValueError(f"subject {animal} has two values at site {site}; give one.")
+                raise InputError(f"subject {animal} has two values at site {site}; give one.")
             cells[cell] = value
         there = ~np.isnan(cells)
         if len(labels) < 2 or len(groups) < 2 or there.sum(axis=1).max() < 2 or there.sum() < len(labels) + 2:
             counts = zip((int(there.sum()), len(groups), len(labels)), ("value", "subject", "site"), strict=True)
             values, subjects, places = (f"{n} {noun}{'' if n == 1 else 's'}" for n, noun in counts)
-            raise ValueError(
+            raise InputError(
                 f"{values} of {subjects} at {places} cannot separate sites from subjects; "
                 "give two sites or more of at least two subjects each."
             )

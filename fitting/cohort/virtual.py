@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.writing import write_folder
 
 from ..records.record import record_content
@@ -161,9 +162,9 @@ def _check(
     """Raises ValueError, one sentence, for the first argument that makes no recording."""
     unknown = [site for site in sites if site not in SITES]
     if unknown:
-        raise ValueError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
+        raise InputError(f"virtual cohort: no site {unknown[0]!r} in the paper; use {', '.join(SITES)}.")
     if viscous not in ("monotone", "quadratic"):
-        raise ValueError(f"virtual cohort: viscous = {viscous!r}: must be monotone or quadratic.")
+        raise InputError(f"virtual cohort: viscous = {viscous!r}: must be monotone or quadratic.")
     limits = [
         ("animals", animals, animals >= 1, "at least 1"),
         ("beats", beats, beats >= 2, "at least 2, as many as a period needs"),
@@ -175,7 +176,7 @@ def _check(
         limits.append(("bits", bits, *_range(bits, 1, 64)))
     for name, value, allowed, what in limits:
         if not allowed:
-            raise ValueError(f"virtual cohort: {name} = {value:g}: must be {what}.")
+            raise InputError(f"virtual cohort: {name} = {value:g}: must be {what}.")
 
 
 def _range(value: float, low: float, high: float) -> tuple[bool, str]:

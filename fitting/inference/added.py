@@ -9,6 +9,7 @@ import numpy as np
 
 from solver.coordinate import SCALE
 from solver.effect import ALL_PLACES
+from solver.errors import InputError
 from solver.network import Channel, Network
 from solver.sensors import Sensor
 
@@ -39,7 +40,7 @@ def allowed(network: Network, fit: Fit, highest: float) -> Fit | None:
     cannot show it: a sensor that is named by a frequency above ``highest`` [Hz], half the sampling rate."""
     try:
         extended(network, fit)
-    except ValueError:
+    except InputError:
         return None
     within = (_frequency(t, fit.x[_places(fit, t)]) <= highest for t in fit.terms if t.is_sensor)
     return fit if all(within) else None

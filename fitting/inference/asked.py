@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from solver import effects
 from solver.coordinate import SCALE, SHIFT, allowed
+from solver.errors import InputError
 from solver.network import Network
 from solver.quantity import Quantity
 
@@ -45,7 +46,7 @@ def parse_unknown(text: str, network: Network) -> Unknown:
     kind, moves = SHIFT if shift else SCALE, tuple(zip(names, steps, strict=True))
     for each in names:
         if not shift and nominal[each] <= 0.0:
-            raise ValueError(
+            raise InputError(
                 f"unknown {each}: it is {nominal[each]:g} in the network, which no factor can change; start from a "
                 "value above 0."
             )
@@ -58,12 +59,12 @@ def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Un
     """The unknowns of some texts, checked against a network. Raises ValueError as :func:`parse_unknown`."""
     unknowns = tuple(parse_unknown(text, network) if isinstance(text, str) else text for text in texts)
     if not unknowns:
-        raise ValueError('unknowns: none given; name at least one parameter to find, such as "all.E".')
+        raise InputError('unknowns: none given; name at least one parameter to find, such as "all.E".')
     moved: dict[tuple[str, ...], str] = {}
     for unknown in unknowns:
         same = tuple(sorted(unknown.variables))
         if same in moved:
-            raise ValueError(f"unknowns {moved[same]} and {unknown.name} move the same parameters; keep one of them.")
+            raise InputError(f"unknowns {moved[same]} and {unknown.name} move the same parameters; keep one of them.")
         moved[same] = unknown.name
     return unknowns
 
@@ -74,14 +75,14 @@ def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], netwo
         keys = sorted({each.partition(".")[2] for each in known})
         close = difflib.get_close_matches(unknown.partition(".")[2], keys, n=1, cutoff=0.4)
         hint = f"did you mean all.{close[0]}?" if close else f"use all. with one of {', '.join(keys)}."
-        raise ValueError(f"unknown {unknown}: no segment or outlet of network {network} has this parameter; {hint}")
+        raise InputError(f"unknown {unknown}: no segment or outlet of network {network} has this parameter; {hint}")
     for name in names:
         if name not in known:
             close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
             hint = f"did you mean {close[0]}?" if close else 'write it as "all.E", "CA.phi0" or "CA.outlet.R_t".'
-            raise ValueError(f"unknown {unknown}: {name} is not a parameter of network {network}; {hint}")
+            raise InputError(f"unknown {unknown}: {name} is not a parameter of network {network}; {hint}")
         if names.count(name) > 1:
-            raise ValueError(f"unknown {unknown}: {name} occurs twice; name it once.")
+            raise InputError(f"unknown {unknown}: {name} occurs twice; name it once.")
 
 
 def _prior(name: str, text: str) -> float | None:
@@ -92,7 +93,7 @@ def _prior(name: str, text: str) -> float | None:
     except ValueError:
         sd = math.nan
     if not (math.isfinite(sd) and sd > 0.0):
-        raise ValueError(
+        raise InputError(
             f'unknown {name}: prior {text!r} must be a positive standard deviation or none, as in "{name}:0.1".'
         )
     return sd
@@ -108,7 +109,7 @@ def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float
     for name, step in zip(names, steps, strict=True):
         if step == 0.0:
             segment = name.rpartition(".")[0]
-            raise ValueError(
+            raise InputError(
                 f"unknown {name}: {segment}.{reference} is 0, and {key} is sought as a ratio to it; "
                 f"give {segment}.{reference} a value above 0 in the network."
             )

@@ -8,8 +8,8 @@ from itertools import groupby
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic
 from solver.network import Network
+from solver.simulate import BROKEN
 
 from .fit import Member
 from .observation import driven, inlet_sensor, sense
@@ -98,7 +98,7 @@ def _batch(simulator: Simulator, members: Sequence[Member], runs: Runs) -> list[
     try:
         X = simulator.coefficients(network, parameters, runs, driven(simulator.drive, [members[i] for i in first]))
         return [None if np.isnan(X[i]).any() else X[i] for i in inverse.ravel()]
-    except (NonPhysicalState, NotPeriodic, ValueError):
+    except BROKEN:
         if len(members) == 1:
             return [None]
     half = len(members) // 2

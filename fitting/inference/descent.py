@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic, Settings
+from solver import Settings
 from solver.network import Network
+from solver.simulate import BROKEN
 
 from ..records.beats import Beats
 from ..records.inflow import inflow
@@ -162,7 +163,7 @@ def _line(problem: Problem, point: Point, known: Determined, step: Array) -> Poi
     for _ in range(8):
         try:
             trial = problem.evaluate(np.clip(point.x + shorter * step, low, high))
-        except (NonPhysicalState, NotPeriodic, ValueError):
+        except BROKEN:
             shorter /= 2.0
             continue
         if trial.cost < point.cost + _EQUAL:

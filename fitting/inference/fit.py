@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import log_ndtr, ndtri_exp
 
 from .terms import Term
 from .unknown import Unknown, bounds, penalty, precision, precisions
@@ -13,6 +15,10 @@ from .unknown import Unknown, bounds, penalty, precision, precisions
 Array = np.ndarray
 
 _ODD = 4.0  # standard deviations of a prior
+# Partial sums over n harmonics whose largest is that of _INDEPENDENT √n independent ones: from P(T > t) of 100 000
+# residuals of one channel with 2 to 41 harmonics, at probabilities of 10 to 0.3 %: 1.15 to 1.4
+_INDEPENDENT = 1.25
+_RARE = -30.0  # logarithm of a probability that is its own 1 - exp(-p)
 
 
 @dataclass(frozen=True)
@@ -116,15 +122,16 @@ def projected(J: Array, prior: Array, columns: Array) -> Array:
 
 
 def misfit(fit: Fit, dof_of_noise: float) -> float:
-    """How far the residual is from noise, in standard normal deviations: the largest of several sums of z².
+    """How far the residual is from noise, as the standard normal deviate that is as improbable.
 
     Missing physics sits at low harmonics, so that the sum over all of them would drown it: for every channel, and for
     all together, Σ z² - 1 over harmonics up to k for each k (an adaptive Neyman test, Fan 1996), each over its standard
-    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that. The
-    largest of so many normal deviates is some √(2 ln groups) by itself, which is taken off.
+    deviation. The noise itself is known from ``dof_of_noise`` degrees of freedom only, which widens that. Of noise, the
+    largest T of so many has P(T > t) = 1 - exp(-n (1 - Φ(t))), with n of them as good as independent.
     """
-    worst = 0.0
-    groups = [np.ones(len(fit.z), bool)] + [fit.signal == s for s in np.unique(fit.signal)]
+    worst = -np.inf
+    signals = np.unique(fit.signal)
+    groups = [np.ones(len(fit.z), bool)] + [fit.signal == s for s in signals if len(signals) > 1]
     p = max(fit.x.size - int((fit.prior > 0.5).sum()), 0)
     for i, group in enumerate(groups):
         order = np.argsort(fit.order[group], kind="stable")
@@ -138,4 +145,6 @@ def misfit(fit: Fit, dof_of_noise: float) -> float:
         spread = np.sqrt(2.0 / 9.0 * (1.0 / mean + 1.0 / dof_of_noise))
         deviation = (np.cbrt(ratio) - (1.0 - 2.0 / (9.0 * mean))) / spread
         worst = max(worst, float(deviation.max()))
-    return worst - float(np.sqrt(2.0 * np.log(len(groups))))
+    independent = _INDEPENDENT * len(groups) * math.sqrt(len(np.unique(fit.order)))
+    log_p = math.log(independent) + float(log_ndtr(-worst))
+    return -float(ndtri_exp(math.log(-math.expm1(-math.exp(log_p))) if log_p > _RARE else log_p))

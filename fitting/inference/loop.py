@@ -19,6 +19,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
+from solver.errors import InputError
 from solver.loop import circulant
 
 from ..records import spectral
@@ -31,7 +32,7 @@ _MOST_SAMPLES = 127  # of a beat that is fitted: 63 harmonics, odd so that none 
 _FLOOR = 1e-10  # noise assumed at least, relative to the pulse: keeps V regular for noise-free data
 
 
-class NoFit(ValueError):
+class NoFit(InputError):
     """No wall of this model describes the loop."""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from solver import Settings
 from solver.balance import NoSteadyState
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -314,15 +315,17 @@ class NetworkProblem(Forward):
         return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
     @property
-    def weights(self) -> tuple[float, Array, Array, Array]:
-        """What :meth:`restored` makes the same problem of: length of the elements [m], error, covariance, response."""
-        return self.simulator.settings.element_length, self.error, self.target.covariance, self.response
+    def weights(self) -> tuple[float, float, Array, Array, Array]:
+        """What :meth:`restored` makes the same problem of: length of the elements [m], ``farthest``, error, covariance,
+        response."""
+        length = self.simulator.settings.element_length
+        return length, self.farthest, self.error, self.target.covariance, self.response
 
-    def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
-        length, error, covariance, response = weights
+    def restored(self, weights: tuple[float, float, Array, Array, Array]) -> NetworkProblem:
+        length, farthest, error, covariance, response = weights
         simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
         own = Target.of(self.signals, self.target.X, covariance)
-        return replace(self, simulator=simulator, target=own, error=error, response=response)
+        return replace(self, farthest=farthest, simulator=simulator, target=own, error=error, response=response)
 
     def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
@@ -386,7 +389,7 @@ def network_problem(
     try:
         simulator, X = started(simulator, runs)
     except NoSteadyState as why:
-        raise ValueError(
+        raise InputError(
             f"{INFLOW}: {1e6 * drive(time).mean():.4g} mL/s on average is more than the arteries of {network.name} can "
             f"carry; check the unit of its column, or the network."
         ) from why

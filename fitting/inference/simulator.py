@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings, beat_harmonics, repeating_beat
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -168,7 +169,7 @@ def linear_response(network: Network, names: Sequence[str], T: float, K: int, pa
     that of the walls without terms."""
     try:
         return response(network, names, T, K + NEIGHBOURS, parameters)
-    except ValueError:
+    except InputError:
         plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
         known = {n: v for n, v in parameters.items() if n in plain.parameters()}
         return response(plain, names, T, K + NEIGHBOURS, known)

@@ -15,6 +15,7 @@ from solver import effects
 from solver.catalogue import quantities_of, value_of
 from solver.coordinate import SCALE, SHIFT, Coordinate
 from solver.effect import ALL_PLACES, Effect
+from solver.errors import InputError
 from solver.network import Network
 from solver.quantity import Quantity
 
@@ -82,7 +83,7 @@ def effect_of(term: Term) -> Effect:
     """The effect of a term. Raises ValueError where the catalogue has it no more."""
     found = next((effect for effect in effects.ALL if effect.name == term.effect), None)
     if found is None:
-        raise ValueError(f"{term.effect}: no effect of the catalogue.")
+        raise InputError(f"{term.effect}: no effect of the catalogue.")
     return found
 
 

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.errors import InputError
+
 from ..threads import single_threaded
 from .beats import Beats, require_phases
 from .harmonic_model import Normal, evaluate, highest
@@ -42,12 +44,12 @@ def align(record: Record, period: float | None = None) -> Beats:
     f = dt / T
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
     if N < FEWEST:
-        raise ValueError(
+        raise InputError(
             f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times a beat or "
             f"more often, or check the unit of its time column."
         )
     if n_beats < 2:
-        raise ValueError(
+        raise InputError(
             f"{record.path}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
             "record at least two whole beats."
         )
@@ -61,7 +63,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, None, record.told, said)
     if beats.unsteadiness > _UNSTEADY:
-        raise ValueError(
+        raise InputError(
             f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "
             f"before by up to {beats.unsteadiness:.0%} of that, and more than {_UNSTEADY:.0%} cannot be aligned; "
             "use a stretch of the record with a steady rate."
@@ -111,7 +113,7 @@ def _near(record: Record, usual: Found) -> tuple[float, Whole | None]:
         return whole.cut.interval * record.dt, whole
     found = refined(usual, record.channels, record.dt)
     if not found.steady:
-        raise ValueError(
+        raise InputError(
             f"{record.path}: the heart rate is not steady: beats come every {found.T:.3g} s or so, but no period fits "
             "the whole record, and their upstrokes are too unlike or too irregular to cut each by itself; "
             "use a stretch of the record with a steady rate."
@@ -123,9 +125,9 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[st
     """The period that was given, or a whole number of beats, unless the record says otherwise; and beats that vary."""
     source, span = record.path, len(record.time) * record.dt
     if not (np.isfinite(period) and period > 0.0):
-        raise ValueError(f"{source}: period = {period!r} s: must be a positive, finite number.")
+        raise InputError(f"{source}: period = {period!r} s: must be a positive, finite number.")
     if 2.0 * period > span * (1.0 + 1e-9):
-        raise ValueError(
+        raise InputError(
             f"{source}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
         )
@@ -136,14 +138,14 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[st
         if abs(period / usual.other - 1.0) <= _VAGUE:  # which of the two it is, the record does not say
             usual = replace(usual, T=float(period))
         T, whole = _near(record, usual)
-    except ValueError:  # too irregular or too short to tell: then the word of the user counts
+    except InputError:  # too irregular or too short to tell: then the word of the user counts
         whole = unequal(record.channels, record.dt, period)
         T = float(period) if whole is None else whole.cut.interval * record.dt
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * span / period
     if abs(beats - count) > _VAGUE if whole is not None else slip > _SLIP:
-        raise ValueError(
+        raise InputError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
     said: tuple[str, ...] = ()

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .record import Array, require
 from .rounding import rounded_harmonics
 from .spikes import FAR
@@ -213,7 +215,7 @@ class Beats:
         self.require(names)
         n = self.n_beats
         if n < 2:
-            raise ValueError(f"{self.source}: one beat has no scatter; give at least two beats.")
+            raise InputError(f"{self.source}: one beat has no scatter; give at least two beats.")
         X = np.stack([np.fft.rfft(self._deviations(name), axis=1) / self.N for name in names])
         C = np.einsum("abk,cbk->kac", X, X.conj(), optimize=True) / (n * (n - 1))
         lost = np.array([((self._moments(name).counts - 1) / (n * (n - 1))).sum() for name in names])
@@ -243,7 +245,7 @@ def _moments_of(values: Array, name: str, source: str) -> _Moments:
 
 def require_phases(counts: Array, name: str, source: str) -> None:
     if (counts == 0).any():
-        raise ValueError(
+        raise InputError(
             f"{source}: the gaps of {name} leave {np.mean(counts == 0):.0%} of the beat without a single sample; "
             "resample all channels to one rate if theirs differ, record more beats, or leave the channel out."
         )

@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
@@ -34,9 +36,9 @@ class Reading:
         for pair in pairs or ():
             title, equals, variable = (part.strip() for part in pair.rpartition("="))
             if not equals or not title:
-                raise ValueError(f'--map "{pair}": must be TITLE=VARIABLE, such as --map "Pressure (mmHg)=AA.P".')
+                raise InputError(f'--map "{pair}": must be TITLE=VARIABLE, such as --map "Pressure (mmHg)=AA.P".')
             if title in names:
-                raise ValueError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
+                raise InputError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
             names[title] = variable
         return Reading(decimal, names)
 
@@ -84,7 +86,7 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     titles_ = [column.title for column in columns]
     found = [_chosen(column, target, titles_, place) for column, target in wanted if target[0] != "time"]
     if not found:
-        raise ValueError(
+        raise InputError(
             f'{place}: there is no channel beside the time; name one "AA.P [mmHg]", or say which column it is: '
             '--map "Pressure (mmHg)=AA.P".'
         )
@@ -113,7 +115,7 @@ def explained(table: Table, reading: Reading) -> list[tuple[bool, str]]:
             else:
                 each = _chosen(column, target, titles, table.place)
                 found.append((True, "time" if each.name == "time" else f"{each.name}, a {each.kind.noun}"))
-        except ValueError as error:
+        except InputError as error:
             found.append((False, str(error).rpartition(f"{column.title!r}: ")[2]))
     return found
 
@@ -131,7 +133,7 @@ def _targets(
         there = there or [i for i, column in enumerate(columns) if name_and_unit(column.title)[0] == title]
         if len(there) != 1 and strict:
             what = "no column has this title" if not there else f"{len(there)} columns have this title"
-            raise ValueError(
+            raise InputError(
                 f'{place}: --map "{title}={variable}": {what}; the columns are '
                 f"{', '.join(repr(column.title) for column in columns)}."
             )
@@ -234,7 +236,7 @@ def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:
     """Which column is the time: one that may be it, or none."""
     likely = next((column for column in columns if _may_be_time(column)), None)
     if likely is None:
-        raise ValueError(
+        raise InputError(
             f'{place}: no column is a time, and every sample needs one; add a column "time [s]", or say which it is: '
             '--map "TITLE=time [s]".'
         )

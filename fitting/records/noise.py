@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from solver import linear
+from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -206,12 +207,12 @@ def check_flow_driven(network: Network) -> None:
     """Raise ValueError unless the flow is given at one inlet: records drive a network by their inlet.Q."""
     if network.further_inlets:
         names = ", ".join(inlet.drive for inlet in network.further_inlets)
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: it has further inlets ({names}), but records are compared with {INFLOW} alone "
             "given; take a network without [inlets]."
         )
     if network.inlet.causality != "flow":
-        raise ValueError(
+        raise InputError(
             f"network {network.name}: its inlet is driven by a pressure, but records are compared with {INFLOW} given; "
             'write causality = "flow" in [inlet].'
         )

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .harmonic_model import refine
 from .upstrokes import without_extremes, without_gaps
 
@@ -94,7 +96,7 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
     """The period to some thousandths, steady or not. Raises ValueError as :func:`find_period`."""
     span = len(next(iter(channels.values()))) * dt
     if span < 2.0 * SHORTEST:
-        raise ValueError(
+        raise InputError(
             f"{source}: {span:.3g} s of record cannot hold two beats of {SHORTEST:g} s, the shortest; check the unit "
             f"of its time column, or record longer."
         )
@@ -104,7 +106,7 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
     best = np.max([each.alike for each in tried], axis=0) if tried else np.zeros(len(names))
     votes = best >= _LEAST
     if not votes.any():
-        raise ValueError(
+        raise InputError(
             f"{source}: no periodicity found between {SHORTEST:g} and {LONGEST:.2g} s in {span:.4g} s of record "
             f"(best correlation {best.max():.2f}, in {names[int(best.argmax())]}); record at least two whole beats of "
             f"{FEWEST} samples or more each, or give the period."
@@ -117,7 +119,7 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
     lag = next((lag for lag in broken if _whole(x[votes], lag, candidates)), lags[0])
     T = lag * step
     if 2.0 * T > span * 1.02:
-        raise ValueError(
+        raise InputError(
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
             f"record at least two whole beats of {FEWEST} samples or more each."
         )

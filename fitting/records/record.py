@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from solver.errors import InputError
 from solver.files import write_whole
 
 from .columns import Reading, choose
@@ -66,7 +67,7 @@ class Record:
         for name in names:
             if name in self.resting:
                 value = f"{self.resting[name]:g} {KINDS['Q'].unit}"
-                raise ValueError(f"{self.path}: {name} is constant ({value}), it does not pulsate; leave it out.")
+                raise InputError(f"{self.path}: {name} is constant ({value}), it does not pulsate; leave it out.")
         require(self.channels, names, self.path)
 
     def site(self, name: str) -> tuple[Array, Array]:
@@ -80,7 +81,7 @@ def require(available: Iterable[str], names: Iterable[str], source: str) -> None
     there = list(available)
     missing = [name for name in names if name not in there]
     if missing:
-        raise ValueError(
+        raise InputError(
             f"{source}: the channel {' and '.join(missing)} is missing; it holds {', '.join(there)}: "
             "record it or ask for what is there."
         )
@@ -143,7 +144,7 @@ def record_content(
     time = np.asarray(time, float)
     for name in units:
         if name != "time" and name not in channels:
-            raise ValueError(f"{source}: a unit is given for {name}, which is not written; remove it.")
+            raise InputError(f"{source}: a unit is given for {name}, which is not written; remove it.")
     columns = [Column(f"time [{units.get('time', 's')}]", time)]
     for name, values in channels.items():
         kind = KINDS.get(name.rpartition(".")[2], TIME)
@@ -153,7 +154,7 @@ def record_content(
     for each in (clock, *chosen):
         title, values = each.column.title, each.column.values
         if values.shape != (len(time),) or np.isinf(values).any():
-            raise ValueError(
+            raise InputError(
                 f"{source}: column {title!r} must be {len(time)} numbers, one per time, finite or NaN; "
                 f"it has the shape {values.shape}."
             )

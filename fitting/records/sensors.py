@@ -11,6 +11,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from solver.errors import InputError
 from solver.units import INFLOW, SIGNAL_UNITS, display_factor
 
 from .tables.table import Place, said
@@ -45,7 +46,7 @@ _VALVE = 0.05  # share of its range within which a flow may rest near zero: a cl
 _WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
 
 
-class UnusableRecord(ValueError):
+class UnusableRecord(InputError):
     """A file that can be read, and a recording that no fit can use."""
 
 

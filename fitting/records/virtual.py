@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from solver.errors import InputError
+
 from ..parameter_set import read_set
 
 Array = np.ndarray
@@ -115,7 +117,7 @@ def solve_radii(walls: Sequence[VirtualWall], p: Array, T: Array, N: int, rtol: 
         max_step=0.02,
     )
     if not done.success:
-        raise ValueError(f"the virtual walls could not be integrated: {done.message}")
+        raise InputError(f"the virtual walls could not be integrated: {done.message}")
     return np.asarray(R0[:, None] * (1.0 + done.y))
 
 
@@ -140,7 +142,7 @@ def _strain_rate(stress: Array, phi0: Array, phiNL: Array, monotone: Array) -> A
     root = np.where(monotone, 1.0, 1.0 + 4.0 * r * linear)
     if np.any(root <= 0.0):
         worst = int(np.argmin(root))
-        raise ValueError(
+        raise InputError(
             f"virtual wall: phiNL = {phiNL[worst]:g} Pa.s^2 has no strain rate for the viscous stress "
             f"{stress[worst]:g} Pa; use the monotone law or a smaller pulse."
         )

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from ..network import Fluid, Segment
 from ..quantity import Quantity, quantities
 from ..text import check_keys, read_text
@@ -47,15 +48,15 @@ def read_openbf(path: str | Path, *, as_run: bool = False) -> Sections:
     text = read_text(path)
     try:
         return _sections(_parsed(text), path, as_run)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _parsed(text: str) -> Mapping[str, Any]:
     try:
         import yaml
     except ImportError:
-        raise ValueError("reading YAML needs PyYAML, which is not installed; pip install pyyaml.") from None
+        raise InputError("reading YAML needs PyYAML, which is not installed; pip install pyyaml.") from None
 
     class Loader(yaml.SafeLoader):
         """Of two equal keys YAML keeps the last without a word; here they are an error."""
@@ -75,9 +76,9 @@ def _parsed(text: str) -> Mapping[str, Any]:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
         reason = " ".join(str(getattr(error, "problem", error)).split())
-        raise ValueError(f"not valid YAML{line} ({reason}); correct it.") from None
+        raise InputError(f"not valid YAML{line} ({reason}); correct it.") from None
     except RecursionError:
-        raise ValueError("not a network of openBF: it is nested too deeply; correct it.") from None
+        raise InputError("not a network of openBF: it is nested too deeply; correct it.") from None
     return _mapping(data, "top level")
 
 
@@ -88,17 +89,17 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
     rho, mu = _number(blood, "rho", "blood", allowed=quantities(Fluid)["rho"]), _number(blood, "mu", "blood")
     vessels = data.get("network")
     if not isinstance(vessels, list) or not vessels:
-        raise ValueError("network: must be a list of vessels, each with label, sn, tn, L, E and R0; add it.")
+        raise InputError("network: must be a list of vessels, each with label, sn, tn, L, E and R0; add it.")
     vessels = [_mapping(vessel, f"vessel {n}") for n, vessel in enumerate(vessels, 1)]
     for n, vessel in enumerate(vessels, 1):
         for key in ("label", "sn", "tn"):
             if key not in vessel:
-                raise ValueError(f"vessel {n}: the key {key} is missing; add it.")
+                raise InputError(f"vessel {n}: the key {key} is missing; add it.")
             if not isinstance(vessel[key], str | int) or isinstance(vessel[key], bool):
-                raise ValueError(f"vessel {n}: {key} = {vessel[key]!r} must be a number or text; correct it.")
+                raise InputError(f"vessel {n}: {key} = {vessel[key]!r} must be a number or text; correct it.")
         check_keys(f"vessel {vessel['label']}", vessel, _VESSEL)
         if vessel.get("visco-elastic", False):
-            raise ValueError(f"vessel {vessel['label']}: visco-elastic cannot be imported; give C_v in the TOML file.")
+            raise InputError(f"vessel {vessel['label']}: visco-elastic cannot be imported; give C_v in the TOML file.")
     labels = names([str(vessel["label"]) for vessel in vessels])
     edges = [
         Edge(name, str(v["sn"]), str(v["tn"]), f"vessel {v['label']}") for name, v in zip(labels, vessels, strict=True)
@@ -117,7 +118,7 @@ def _sections(data: Mapping[str, Any], path: Path, as_run: bool) -> Sections:
         if name in free:
             outlets[name] = _outlet(vessel, rho, as_run)
         elif used := [key for key in ("R1", "R2", "Cc", "Rt", "Pout") if key in vessel]:
-            raise ValueError(f"vessel {vessel['label']}: {used[0]} belongs to a vessel that ends; remove it.")
+            raise InputError(f"vessel {vessel['label']}: {used[0]} belongs to a vessel that ends; remove it.")
     return {
         "name": names([project])[0],
         "reference": "",
@@ -138,7 +139,7 @@ def _exponent(vessels: list[Mapping[str, Any]], as_run: bool) -> float:
     }
     if len(found) > 1:
         told = " and ".join(f"{exponent:g} in {label}" for exponent, label in list(found.items())[:2])
-        raise ValueError(f"gamma_profile: {told}; all vessels must have one velocity profile, so choose one.")
+        raise InputError(f"gamma_profile: {told}; all vessels must have one velocity profile, so choose one.")
     return next(iter(found))
 
 
@@ -146,7 +147,7 @@ def _radii(vessel: Mapping[str, Any], as_run: bool) -> tuple[float, float]:
     """At the proximal and the distal end [m]."""
     where = f"vessel {vessel['label']}"
     if "R0" not in vessel and "Rp" not in vessel:
-        raise ValueError(f"{where}: it has no radius; give R0, or Rp and Rd.")
+        raise InputError(f"{where}: it has no radius; give R0, or Rp and Rd.")
     allowed = quantities(Segment)["R0"]
     proximal = _number(vessel, "Rp" if "Rp" in vessel else "R0", where, allowed=allowed)
     return proximal, proximal if as_run else _number(vessel, "Rd", where, proximal, allowed)
@@ -176,10 +177,10 @@ def _segment(vessel: Mapping[str, Any], as_run: bool) -> dict[str, Any]:
 def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, Any]:
     where, kind = f"vessel {vessel['label']}", vessel.get("outlet")
     if kind is not None and kind not in _OUTLETS:
-        raise ValueError(f"{where}: outlet = {kind!r} cannot be imported; use one of {', '.join(_OUTLETS)}.")
+        raise InputError(f"{where}: outlet = {kind!r} cannot be imported; use one of {', '.join(_OUTLETS)}.")
     given = [key for key in ("R1", "R2", "Cc") if key in vessel]
     if bool(given) != (kind in ("wk2", "wk3")) and kind is not None:
-        raise ValueError(
+        raise InputError(
             f"{where}: outlet = {kind!r} with {', '.join(given) or 'neither R1 nor Cc'}; correct one of them."
         )
     if not given:
@@ -193,7 +194,7 @@ def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, An
         R2 = R1 + R2 - Z
         R1 = R1 if as_run and not matched else Z
         if not R2 > 0.0:
-            raise ValueError(f"{where}: R1 leaves nothing behind the impedance {Z:.4g} Pa s/m^3 of its end; check R1.")
+            raise InputError(f"{where}: R1 leaves nothing behind the impedance {Z:.4g} Pa s/m^3 of its end; check R1.")
         R1, R2 = (float(f"{each:.8g}") for each in (R1, R2))
     texts = {"R1": f"{R1!r} Pa*s/m^3", "C": f"{C!r} m^3/Pa", "R2": f"{R2!r} Pa*s/m^3"}
     P = _number(vessel, "Pout", where, 0.0)
@@ -211,7 +212,7 @@ def _inflow(path: Path) -> tuple[list[float], list[float]]:
         except ValueError:
             t = Q = math.nan
         if not (math.isfinite(t) and math.isfinite(Q)):
-            raise ValueError(f"{path}, line {n}: must hold a time and a flow, but is {line.strip()!r}; correct it.")
+            raise InputError(f"{path}, line {n}: must hold a time and a flow, but is {line.strip()!r}; correct it.")
         rows.append((t, Q))
     rows.sort()
     return [t for t, _ in rows], [Q for _, Q in rows]
@@ -219,7 +220,7 @@ def _inflow(path: Path) -> tuple[list[float], list[float]]:
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f"{where}: must be keys with values, not {value!r}; see openBF's documentation.")
+        raise InputError(f"{where}: must be keys with values, not {value!r}; see openBF's documentation.")
     return {str(key): each for key, each in value.items()}
 
 
@@ -227,7 +228,7 @@ def _text(table: Mapping[str, Any], key: str, otherwise: str) -> str | int:
     """Text, or a number that stands for it."""
     value = table.get(key, otherwise)
     if not isinstance(value, str | int) or isinstance(value, bool) or value == "":
-        raise ValueError(f"{key} = {value!r} must be text; correct it, or leave it out.")
+        raise InputError(f"{key} = {value!r} must be text; correct it, or leave it out.")
     return value
 
 
@@ -237,14 +238,14 @@ def _number(
     if key not in table and otherwise is not None:
         return otherwise
     if key not in table:
-        raise ValueError(f"{where}: the key {key} is missing; add it.")
+        raise InputError(f"{where}: the key {key} is missing; add it.")
     value = table[key]
     try:
         found = float(value)  # YAML's 1e-13, without a dot, is text
     except (TypeError, ValueError, OverflowError):
         found = math.nan
     if not math.isfinite(found) or isinstance(value, bool):
-        raise ValueError(f"{where}: {key} = {value!r} must be a number in SI units; correct it.")
+        raise InputError(f"{where}: {key} = {value!r} must be a number in SI units; correct it.")
     if allowed is not None:
         allowed.check(f"{where}: {key}", found)
     return found

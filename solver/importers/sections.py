@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from ..text import quoted
 from ..writing import Content, check_new, write_all
 
@@ -32,7 +33,7 @@ def names(labels: Sequence[str]) -> list[str]:
     """
     for label in labels:
         if not re.search("[A-Za-z0-9]", label):
-            raise ValueError(f"{label!r}: a name needs a letter from A to Z or a digit; rename it.")
+            raise InputError(f"{label!r}: a name needs a letter from A to Z or a digit; rename it.")
     plain = [re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_") for label in labels]
     short = [re.sub(r"^[\d_]+", "", name) for name in plain]
     found = [
@@ -42,7 +43,7 @@ def names(labels: Sequence[str]) -> list[str]:
     for name, label in zip(found, labels, strict=True):
         other = labels[found.index(name)]
         if other != label:  # one label given twice is for the caller to say
-            raise ValueError(f"{other!r} and {label!r}: both would be called {name}; rename one of them.")
+            raise InputError(f"{other!r} and {label!r}: both would be called {name}; rename one of them.")
     return found
 
 
@@ -56,16 +57,16 @@ def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, l
     taken = Counter(e.name for e in edges)
     for e in edges:
         if taken[e.name] > 1:
-            raise ValueError(f"{e.where}: the name {e.name} occurs {taken[e.name]} times; names must be unique.")
+            raise InputError(f"{e.where}: the name {e.name} occurs {taken[e.name]} times; names must be unique.")
         if e.start == e.end:
-            raise ValueError(f"{e.where}: it begins and ends at the same node, {e.start}; correct one of them.")
+            raise InputError(f"{e.where}: it begins and ends at the same node, {e.start}; correct one of them.")
     starts, ends = [{getattr(e, side) for e in edges} for side in ("start", "end")]
     roots = [e for e in edges if e.start not in ends and e.name not in further]
     if len(roots) != 1:
         labels = ", ".join(e.where if e.where == e.name else f"{e.where}, here {e.name}" for e in roots[:5])
         who = f"{len(roots)} vessels begin" + (f" ({labels})" if roots else "")
         more = "; say inlets.NAME.Q_max or inlets.NAME.Q of each but the first" if len(roots) > 1 else ""
-        raise ValueError(f"{who} where no other ends; there must be one, the inlet{more}.")
+        raise InputError(f"{who} where no other ends; there must be one, the inlet{more}.")
     junctions = []
     for node in dict.fromkeys(e.end for e in edges):
         if node in starts:
@@ -74,7 +75,7 @@ def joined(edges: Iterable[Edge], further: Collection[str] = ()) -> tuple[str, l
     free = [e for e in edges if e.end not in starts]
     for e in free:
         if sum(other.end == e.end for other in free) > 1:
-            raise ValueError(f"{e.where}: others end at its node {e.end} too, and none begins there; part their ends.")
+            raise InputError(f"{e.where}: others end at its node {e.end} too, and none begins there; part their ends.")
     return roots[0].name, junctions, [e.name for e in free]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..catalogue import terms_of
+from ..errors import InputError
 from ..files import dumps
 from ..network import Network, Segment
 from ..outlets import OUTLETS
@@ -38,17 +39,17 @@ def read_sheet(path: str | Path) -> Sections:
     _check_settings(table)
     label = next((key for key in _NAMES if key in table.names), None)
     if label is None:
-        raise ValueError(f"{path}: no column name, which says how each vessel is called; add it.")
+        raise InputError(f"{path}: no column name, which says how each vessel is called; add it.")
     rows = [(n, dict(zip(table.names, cells, strict=True))) for n, cells in table.rows]
     for n, row in rows:
         if not row[label]:
-            raise ValueError(f"{path}, line {n}: the vessel has no {label}; give it one, or remove the line.")
+            raise InputError(f"{path}, line {n}: the vessel has no {label}; give it one, or remove the line.")
     own = dict(zip((row[label] for _, row in rows), names([row[label] for _, row in rows]), strict=False))
     try:
         settings = _settings(table)
         first, junctions, free = joined(_edges(table, rows, own, label), settings.get("inlets", {}))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     units = dict(zip(table.names, table.units, strict=True))
     segments, outlets = {}, {}
     for n, row in rows:
@@ -57,7 +58,7 @@ def read_sheet(path: str | Path) -> Sections:
         segments[name] = _ends({k: _cell(c, units[k], k, where) for k, c in numbers.items() if k not in _OUTLET}, where)
         outlet = {k: _cell(c, units[k], k, where) for k, c in numbers.items() if k in _OUTLET}
         if outlet and name not in free:
-            raise ValueError(
+            raise InputError(
                 f"{where}: {next(iter(outlet))} belongs to a vessel that ends, {name} does not; remove it."
             )
         if outlet:
@@ -65,7 +66,7 @@ def read_sheet(path: str | Path) -> Sections:
     of_junctions, at = settings.pop("junctions", {}), {junction["in"][0]: junction for junction in junctions}
     for name, numbers in of_junctions.items():
         if name not in at or not isinstance(numbers, dict):
-            raise ValueError(
+            raise InputError(
                 f"{path}: # junctions.{name}: a junction has the name of the first vessel that flows in; "
                 f"write # junctions.NAME.k with one of {', '.join(at) or 'none'}."
             )
@@ -79,11 +80,11 @@ def _edges(table: Table, rows: list[tuple[int, dict[str, str]]], own: dict[str, 
     """The vessels between nodes; with a column ``parent``, the node where a vessel ends has its name."""
     by_nodes, by_parent = {"from", "to"} <= set(table.names), "parent" in table.names
     if by_nodes == by_parent:
-        raise ValueError("give either the columns from and to, or the column parent, which say how vessels are joined.")
+        raise InputError("give either the columns from and to, or the column parent, which say how vessels are joined.")
     edges = []
     for n, row in rows:
         if by_parent and row["parent"] and row["parent"] not in own:
-            raise ValueError(f"line {n}: there is no vessel {row['parent']!r}; correct the column parent.")
+            raise InputError(f"line {n}: there is no vessel {row['parent']!r}; correct the column parent.")
         start, end = (row["from"], row["to"]) if by_nodes else (row["parent"], row[label])
         edges.append(Edge(own[row[label]], start, end, row[label]))
     return edges
@@ -93,7 +94,7 @@ def _check_settings(table: Table) -> None:
     """Raise ValueError for a line that looks like a setting, # fluids.rho = …, and is none."""
     for line in table.comments:
         if _LIKE_A_SETTING.match(line) and not _SETTING.match(line):
-            raise ValueError(f"{table.path}: # {line}: no such setting; correct its name, or write it without =.")
+            raise InputError(f"{table.path}: # {line}: no such setting; correct its name, or write it without =.")
 
 
 def _settings(table: Table) -> Sections:
@@ -101,7 +102,7 @@ def _settings(table: Table) -> Sections:
     try:
         return tomllib.loads("\n".join(lines))
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"the lines # key = value: not valid TOML: {error}; correct them.") from None
+        raise InputError(f"the lines # key = value: not valid TOML: {error}; correct them.") from None
 
 
 def _cell(cell: str, given: str, key: str, where: str) -> Any:
@@ -115,7 +116,7 @@ def _ends(numbers: dict[str, float], where: str) -> dict[str, Any]:
     for key in dict.fromkeys(_AT_ENDS[k] for k in numbers if k in _AT_ENDS):
         pair = [numbers.get(f"{key}_{end}") for end in ("in", "out")]
         if None in pair or key in section:
-            raise ValueError(f"{where}: {key} needs both {key}_in and {key}_out, or {key} alone.")
+            raise InputError(f"{where}: {key} needs both {key}_in and {key}_out, or {key} alone.")
         section[key] = pair
     return section
 

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..errors import InputError
 from ..network import Network
 from ..scheme.element import lagrange
 from ..scheme.elimination import Elimination, eliminate
@@ -83,7 +84,7 @@ def build_grid(network: Network, L: Array, cell: float) -> Grid:
     """
     count = np.maximum(FEWEST, np.ceil(L / cell - 1e-9)).astype(int)
     if count.sum() > _MOST:
-        raise ValueError(
+        raise InputError(
             f"muscl settings: cell = {cell:g} m cuts network {network.name} into {count.sum()} cells, more than "
             f"{_MOST}; use longer cells or check the lengths of the segments."
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..coefficients import Coefficients, Parameters, Term, changes, coefficients
+from ..errors import InputError
 from ..network import Network
 from ..wall import Wall
 from .grid import Grid, build_grid
@@ -95,7 +96,7 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
                 before.remembers,
             )
         if lacking:
-            raise ValueError(_lacking(network, term))
+            raise InputError(_lacking(network, term))
 
 
 def _lacking(network: Network, term: Term) -> str:
@@ -109,7 +110,7 @@ def _lacking(network: Network, term: Term) -> str:
 def _refuse_unreachable_pressure(model: Model) -> None:
     for _, cell in np.argwhere(~(model.A_rest > 0.0)):
         name = model.network.segments[model.mesh.segment[cell]].name
-        raise ValueError(
+        raise InputError(
             f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
             f"{model.network.elastic_law} law; lower network.P_0 or raise the stiffness of {name}."
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InputError
 from .slopes import SLOPES
 
 ENDS = ("coupled", "neumann")
@@ -32,8 +33,8 @@ class MusclSettings:
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
                 allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
-                raise ValueError(f"muscl settings: {name} = {value!r} must be a number in {allowed}.")
+                raise InputError(f"muscl settings: {name} = {value!r} must be a number in {allowed}.")
         for name, choices in (("ends", ENDS), ("slopes", tuple(SLOPES))):
             value = getattr(self, name)
             if value not in choices:
-                raise ValueError(f"muscl settings: {name} = {value!r} must be {' or '.join(map(repr, choices))}.")
+                raise InputError(f"muscl settings: {name} = {value!r} must be {' or '.join(map(repr, choices))}.")

@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..errors import InputError
 from ..scheme.element import lagrange
 from ..scheme.failure import NonPhysicalState
 from ..scheme.sdirk import INFLOW_TIMES
@@ -98,7 +99,7 @@ def adopt(model: Model, state: State) -> State:
     """
     B, members = model.coefficients.B, len(state.A)
     if members not in (1, B):
-        raise ValueError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
+        raise InputError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
     return state.members(np.zeros(B, int) if members != B else slice(None))
 
 
@@ -127,7 +128,7 @@ def _steps(model: Model, state: State, dt: float) -> int:
     carried, root = speeds(model, model.wall, np.sqrt(state.A / model.wall.A0), state.Q / state.A)
     n = math.ceil(dt * float(np.max((np.abs(carried) + root) / model.dx)) / model.settings.cfl)
     if n > _MOST_STEPS:
-        raise ValueError(f"muscl settings: dt = {dt:g} s takes {n} steps, more than {_MOST_STEPS}; use longer cells.")
+        raise InputError(f"muscl settings: dt = {dt:g} s takes {n} steps, more than {_MOST_STEPS}; use longer cells.")
     return max(n, 1)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.lines import Line2D
 
+from ..errors import InputError
 from ..legible import number
 from ..units import of_signal
 from ..waveforms import Waveforms
@@ -102,6 +103,6 @@ def _named(result: Waveforms, names: Sequence[str]) -> list[str]:
         if not mine:
             near = get_close_matches(asked, [*result, *places], 1)
             hint = f"did you mean {near[0]}?" if near else "its iteration gives all names."
-            raise ValueError(f"{asked}: no variable or place of this result; {hint}")
+            raise InputError(f"{asked}: no variable or place of this result; {hint}")
         found |= dict.fromkeys(mine)
     return list(found)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import InputError
 from ..network import Network
 from .element import Element, element, lagrange
 from .elimination import Elimination, Sums, eliminate
@@ -227,7 +228,7 @@ def build_mesh(
     start, width = np.concatenate([b[:-1] for b in bounds]), np.concatenate([np.diff(b) for b in bounds])
     pieces = np.maximum(1, np.ceil(width * L[owner] / element_length - 1e-9)).astype(int)
     if pieces.sum() > _LARGEST_MESH:
-        raise ValueError(
+        raise InputError(
             f"element_length = {element_length:g} m cuts network {network.name} into {pieces.sum()} elements, more "
             f"than {_LARGEST_MESH}; use longer elements (5 cm is the default) or check the lengths of the segments."
         )

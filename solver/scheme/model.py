@@ -10,6 +10,7 @@ import numpy as np
 
 from ..coefficients import Coefficients, Parameters, changes, coefficients
 from ..effect import Drag, Points
+from ..errors import InputError
 from ..network import Network
 from ..validation import check_parameters
 from ..wall import Wall
@@ -41,9 +42,9 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)) or not low <= value <= high:
                 allowed = f"[{low:g}, {high:g}] {unit}".rstrip()
-                raise ValueError(f"settings: {name} = {value!r} must be a number in {allowed}.")
+                raise InputError(f"settings: {name} = {value!r} must be a number in {allowed}.")
         if not isinstance(self.degree, (int, np.integer)) or not 1 <= self.degree <= 12:
-            raise ValueError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
+            raise InputError(f"settings: degree = {self.degree!r} must be an integer from 1 to 12.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,14 +209,14 @@ def _refuse_unreachable_pressure(model: Model) -> None:
     c, law = model.coefficients, model.network.elastic_law
     for _, e in np.argwhere(~(model.A_rest[..., 0] > 0.0)):
         name = model.network.segments[model.mesh.segment[e]].name
-        raise ValueError(
+        raise InputError(
             f"network.P_0: the wall of segment {name} cannot carry the start pressure under the "
             f"{law} law; lower network.P_0 or raise {name}.E or {name}.h."
         )
     for ends in c.outlets:
         for _, o in np.argwhere(ends.kind.unreachable(ends.numbers, model.outlet_wall.at(ends.index), c.P_0)):
             name = model.network.outlets[ends.index[o]].segment
-            raise ValueError(
+            raise InputError(
                 f"{name}.outlet.P_venous: the wall at the outlet cannot carry P_0 - P_venous under the {law} law; "
                 f"bring {name}.outlet.P_venous nearer to network.P_0."
             )

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import InputError
 from .failure import NonPhysicalState, NotConverged
 from .guards import check
 from .mesh import Layout
@@ -104,7 +105,7 @@ def adopt(model: Model, state: State) -> State:
     """
     B, members = model.coefficients.B, len(state.y)
     if members not in (1, B):
-        raise ValueError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
+        raise InputError(f"start: its state is of {members} parameter sets, not {B}; start from member(i) of it.")
     if members != B:
         state = state.members(np.zeros(B, int))
     if state.layout.shapes == model.layout.shapes:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .table import Column, Place, Table
 
 
@@ -18,7 +20,7 @@ def read_edf(path: Path, decimal: str | None) -> Table:
     try:
         import pyedflib
     except ImportError:
-        raise ValueError(
+        raise InputError(
             f"{source}: an EDF file, and the reader of such files is not installed; run "
             "pip install 'arterial-fmu[edf]', or export CSV."
         ) from None
@@ -29,7 +31,7 @@ def read_edf(path: Path, decimal: str | None) -> Table:
             rate = max(rates, default=0.0)
             signals = [reader.readSignal(i) if each == rate else None for i, each in enumerate(rates)]
     except OSError as error:
-        raise ValueError(f"{source}: not a whole EDF file ({error}); export it again, or as CSV.") from None
+        raise InputError(f"{source}: not a whole EDF file ({error}); export it again, or as CSV.") from None
     longest = max((len(each) for each in signals if each is not None), default=0)
     columns = [Column("time [s]", np.arange(longest) / rate if longest else np.empty(0))]
     for title, unit, values, own in zip(titles, units, signals, rates, strict=True):

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from solver.errors import InputError
+
 from .edf import read_edf
 from .matlab import read_matlab
 from .table import Table
@@ -62,7 +64,7 @@ def read_table(path: str | os.PathLike[str], decimal: str | None = None) -> Tabl
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: cannot be read (not a regular file); give the name of a CSV file.")
+        raise InputError(f"{path}: cannot be read (not a regular file); give the name of a CSV file.")
     try:
         with open(path, "rb") as stream:
             start = stream.read(16)
@@ -70,7 +72,7 @@ def read_table(path: str | os.PathLike[str], decimal: str | None = None) -> Tabl
             if path.suffix.lower() in kind.suffixes or start.startswith(kind.starts):
                 if isinstance(kind, _Kind):
                     return kind.read(path, decimal)
-                raise ValueError(f"{path}: {kind.noun}, which is not read; {kind.advice}.")
+                raise InputError(f"{path}: {kind.noun}, which is not read; {kind.advice}.")
         return read_text_table(path, decimal)
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror or error}); check the path.") from None
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); check the path.") from None

@@ -11,6 +11,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from solver.errors import InputError
+
 from .clock import is_clock
 from .numbers import COMMENT
 from .preamble import biopac, labchart
@@ -55,7 +57,7 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     Raises ValueError, one sentence, where there is no table or no single way to read it.
     """
     if decimal is not None and decimal not in _MARKS:
-        raise ValueError(f"--decimal = {decimal!r}: must be comma or point.")
+        raise InputError(f"--decimal = {decimal!r}: must be comma or point.")
     lines = lines[:_LOOKED_AT]
     separator, start = _separator(lines, source)
     width = len(_fields(lines[start], separator)) if start < len(lines) else None
@@ -107,11 +109,11 @@ def _separator(lines: Sequence[str], source: str) -> tuple[str, int]:
         return SPACE, at
     header = next((line for line in lines if line.strip() and not line.startswith(COMMENT)), "")
     if not header:
-        raise ValueError(f"{source}: the file is empty; export the recording again.")
+        raise InputError(f"{source}: the file is empty; export the recording again.")
     if is_time(name_and_unit(header)[0]):
-        raise ValueError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
+        raise InputError(f"{source}: line 1: there is no channel beside the time; add one, such as 'AA.P [mmHg]'.")
     if not any(each in line for each in _SEPARATORS for line in lines):
-        raise ValueError(
+        raise InputError(
             f"{source}: line 1: there are no columns, but {header[:30]!r}; give a table with commas, semicolons, "
             "tabs or spaces between its fields, whose first lines name the columns, such as time [s],AA.P [mmHg]."
         )
@@ -151,11 +153,11 @@ def _titles(line: str, separator: str, source: str, at: int, width: int | None) 
         if separator != SPACE:
             found = next(csv.reader([line.lstrip("#%/ ")], delimiter=separator, skipinitialspace=True, strict=True), [])
     except csv.Error as error:
-        raise ValueError(
+        raise InputError(
             f"{source}: line {at + 1}: not a CSV header ({error}); write time [s],AA.P [mmHg], ..."
         ) from None
     if _is_sample(line, separator):
-        raise ValueError(
+        raise InputError(
             f"{source}: line {at + 1}: numbers where the columns should be named; put a line above them, such as "
             "time [s],AA.P [mmHg]."
         )
@@ -190,7 +192,7 @@ def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int
         return mark
     name = {",": "comma", ".": "point"}
     whole = marked[0].replace(mark, "")
-    raise ValueError(
+    raise InputError(
         f"{source}: line {first}: {marked[0]!r} may be {marked[0].replace(mark, '.')} or {whole}; say which: "
         f"--decimal {name[mark]} (it is the decimal mark) or --decimal {name[other]} (it groups thousands)."
     )

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .table import Array, Column, Place, Table
 
 
@@ -23,14 +25,14 @@ def read_matlab(path: Path, decimal: str | None) -> Table:
     try:
         held = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
-        raise ValueError(f"{source}: a MATLAB file of version 7.3; save it with save(…, '-v7').") from None
+        raise InputError(f"{source}: a MATLAB file of version 7.3; save it with save(…, '-v7').") from None
     except OSError:
         raise
     except Exception as error:  # its reader raises whatever a broken file leads it to
-        raise ValueError(f"{source}: not a whole MATLAB file ({type(error).__name__}); save it again.") from None
+        raise InputError(f"{source}: not a whole MATLAB file ({type(error).__name__}); save it again.") from None
     vectors = dict(_vectors({name: value for name, value in held.items() if not name.startswith("__")}))
     if not vectors:
-        raise ValueError(f"{source}: there are no vectors of numbers; save time and channels as vectors of one length.")
+        raise InputError(f"{source}: there are no vectors of numbers; save time and channels as vectors of one length.")
     lengths = Counter(len(values) for values in vectors.values())
     length = max(lengths, key=lambda n: (lengths[n], n))
     columns = [

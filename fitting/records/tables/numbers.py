@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from solver.errors import InputError
+
 from .table import Array, Place, refuse
 
 COMMENT = ("#", "%", "//")
@@ -61,7 +63,7 @@ def slowly(
         for row in rows:
             here = Place(place.source, place.header, [at[0]])
             if len(row) != len(titles):
-                raise ValueError(
+                raise InputError(
                     f"{place}: line {at[0]}: {len(row)} fields where the header has {len(titles)}; complete or remove "
                     "the line (gaps are empty fields; if decimal marks are commas, separate the fields by semicolons)."
                 )
@@ -70,9 +72,9 @@ def slowly(
             )
             where.append(at[0])
     except csv.Error as error:
-        raise ValueError(f"{place}: line {at[0]}: not CSV ({error}); correct the line.") from None
+        raise InputError(f"{place}: line {at[0]}: not CSV ({error}); correct the line.") from None
     if not numbers:
-        raise ValueError(f"{place}: line {start}: there are no samples below the header; add them.")
+        raise InputError(f"{place}: line {start}: there are no samples below the header; add them.")
     return list(np.ascontiguousarray(np.array(numbers).reshape(-1, len(titles)).T)), where
 
 

@@ -8,6 +8,8 @@ from typing import NoReturn
 
 import numpy as np
 
+from solver.errors import InputError
+
 Array = np.ndarray
 
 
@@ -63,4 +65,4 @@ def said(place: Place, sample: int | None, title: str, reason: str) -> str:
 
 def refuse(place: Place, sample: int | None, title: str, reason: str) -> NoReturn:
     """Raises the ValueError of a cell that cannot be read."""
-    raise ValueError(said(place, sample, title, reason))
+    raise InputError(said(place, sample, title, reason))

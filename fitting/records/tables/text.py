@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from solver.errors import InputError
+
 from .clock import in_seconds, past_midnight
 from .layout import SPACE, Layout, layout
 from .numbers import quickly, slowly
@@ -27,7 +29,7 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
     form = layout(_lines(head.decode(encoding, "replace")), source, decimal)
     titles = list(form.titles)
     if len(titles) == 1:
-        raise ValueError(
+        raise InputError(
             f"{source}: line {form.header}: there is no channel beside the time; add one, such as 'AA.P [mmHg]'."
         )
     numbers = None
@@ -76,7 +78,7 @@ def _encoding(head: bytes, source: str) -> str:
         if head.startswith(mark):
             return name
     if b"\0" in head:
-        raise ValueError(f"{source}: not text (byte {head.index(0)} is zero); export it as CSV, in UTF-8.")
+        raise InputError(f"{source}: not text (byte {head.index(0)} is zero); export it as CSV, in UTF-8.")
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
     except UnicodeDecodeError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
+from solver.errors import InputError
 from solver.files import parse_quantity
 
 from ..sensors import KINDS, TIME, Kind
@@ -63,6 +64,6 @@ def factor(unit: str, kind: Kind) -> float | None:
         return None
     try:
         found = parse_quantity(f"1 {text}", kind.unit, unit)
-    except ValueError:
+    except InputError:
         return None
     return found if found > 0.0 else None

@@ -1,11 +1,13 @@
-"""Saved states: what a component holds as bytes, and back. Numbers, texts and arrays only: reading runs no code.
+"""Saved states: what an FMU's component or a stage of a study holds, as bytes, and back.
+
+Numbers, texts and arrays only: reading runs no code.
 
     8 bytes "FMUstate" · 4 bytes format · 4 bytes length n of the header · 32 bytes SHA-256 of all that follows
-    n bytes JSON: the FMU's GUID, the values as a tree, type and shape of each array · the arrays, one after the other
+    n bytes JSON: whose state, by GUID; the values as a tree; type, shape, order of each array · the arrays one by one
 
 Numbers are little-endian. A tree is a number, text, truth value or null as it is, and else a list that begins with what
 it is: ["list", …], ["tuple", …], ["dict", [key, value], …], ["array", its number], [kind, [part, value], …] for an
-object of one of the component's own kinds, or ["again", number of the object] where the same object comes again.
+object of one of the kinds that the owner of the state knows, or ["again", number of the object] for the same object.
 """
 
 from __future__ import annotations
@@ -19,12 +21,14 @@ from typing import Any
 
 import numpy as np
 
+from .errors import InputError
+
 Array = np.ndarray
 
 MAGIC, FORMAT = b"FMUstate", 1
 _HEAD = struct.Struct("<8sII32s")
 _PLAIN = (bool, int, float, str, type(None))
-_NUMBERS = "biuf"  # kinds of NumPy types: truth values, integers, floating point
+_NUMBERS = "biufc"  # kinds of NumPy types: truth values, integers, floating point, complex
 
 
 @dataclass(frozen=True)
@@ -48,22 +52,22 @@ def to_bytes(guid: str, values: Any, kinds: Mapping[type, Kind]) -> bytes:
     """A state as bytes."""
     writer = _Writer(kinds)
     tree = writer.tree(values)
-    arrays = [[a.dtype.str, list(a.shape), "F" if _by_columns(a) else "C"] for a in writer.arrays]
+    arrays = [[a.dtype.str, list(a.shape), _order(a)] for a in writer.arrays]
     header = json.dumps({"fmu": guid, "values": tree, "arrays": arrays}).encode()
-    content = header + b"".join(a.tobytes("A" if _by_columns(a) else "C") for a in writer.arrays)
+    content = header + b"".join(a.tobytes("A") for a in writer.arrays)  # as they lie in memory
     return _HEAD.pack(MAGIC, FORMAT, len(header), hashlib.sha256(content).digest()) + content
 
 
 def from_bytes(blob: bytes, guid: str, kinds: Mapping[type, Kind]) -> Any:
     """What :func:`to_bytes` was given. Raises ValueError, one sentence, for any other bytes or another FMU's."""
     if len(blob) < _HEAD.size or not blob.startswith(MAGIC):
-        raise ValueError(f"state of {len(blob)} bytes: not a saved state of an FMU of this project; save one anew.")
+        raise InputError(f"state of {len(blob)} bytes: not a saved state of an FMU of this project; save one anew.")
     _, version, length, digest = _HEAD.unpack_from(blob)
     content = blob[_HEAD.size :]
     if version != FORMAT:
-        raise ValueError(f"state in format {version}: this FMU reads format {FORMAT}; save the state anew with it.")
+        raise InputError(f"state in format {version}: this FMU reads format {FORMAT}; save the state anew with it.")
     if hashlib.sha256(content).digest() != digest:
-        raise ValueError(
+        raise InputError(
             f"state of {len(blob)} bytes: incomplete or damaged; give all bytes of fmi2SerializeFMUstate and no more."
         )
     try:
@@ -71,15 +75,15 @@ def from_bytes(blob: bytes, guid: str, kinds: Mapping[type, Kind]) -> Any:
         wrong = header["fmu"] != guid
         values = None if wrong else _Reader(kinds, _arrays(header["arrays"], content[length:])).value(header["values"])
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        raise ValueError(f"state of {len(blob)} bytes: not as this FMU writes it ({error!r}); save it anew.") from None
+        raise InputError(f"state of {len(blob)} bytes: not as this FMU writes it ({error!r}); save it anew.") from None
     if wrong:
-        raise ValueError(f"state of the FMU {header['fmu']}: this one is {guid}; restore it there, or save one anew.")
+        raise InputError(f"state of the FMU {header['fmu']}: this one is {guid}; restore it there, or save one anew.")
     return values
 
 
-def _by_columns(array: Array) -> bool:
-    """Whether an array lies in memory column by column; it is to lie so again, or sums would come in another order."""
-    return array.flags.f_contiguous and not array.flags.c_contiguous
+def _order(array: Array) -> str:
+    """How an array lies in memory; it is to lie so again, or sums would come in another order."""
+    return "columns" if array.flags.f_contiguous and not array.flags.c_contiguous else "rows"
 
 
 def _arrays(described: list[Any], content: bytes) -> list[Array]:
@@ -89,7 +93,8 @@ def _arrays(described: list[Any], content: bytes) -> list[Array]:
         if dtype.kind not in _NUMBERS or min(shape, default=0) < 0:
             raise TypeError(f"array of {name}, {shape}")
         flat = np.frombuffer(content, dtype, int(np.prod(shape, dtype=int)), at)
-        found.append(flat.reshape(shape, order=order).copy(order))
+        ordered = {"rows": flat.reshape(shape), "columns": flat.reshape(shape[::-1]).T}
+        found.append(np.array(ordered[order]))
         at += flat.nbytes
     return found
 
