@@ -8,6 +8,7 @@ from pulses import record
 
 from benchmarks.periods import make, measure
 from fitting.records.align import align
+from fitting.records.period import usual_period
 from fitting.records.record import Record
 
 DT = 1.0 / 200.0
@@ -67,6 +68,23 @@ def test_recordings_are_those_of_their_numbers() -> None:
     """The same number gives the same recording, bit for bit; another one another."""
     one, again, other = make(7), make(7), make(8)
     assert all(np.array_equal(x, again.channels[name]) for name, x in one.channels.items()) and one.T != other.T
+
+
+@pytest.mark.parametrize(
+    ("number", "beats", "sentence"),
+    [
+        (8268, 2.0, "the period may be 0.73 s"),
+        (14232, 2.0, "the period may be 0.702 s"),
+        (8226, 0.33, "579 beats a minute"),
+    ],
+)
+def test_a_wrong_period_is_doubted(number: int, beats: float, sentence: str) -> None:
+    """Twice the beat where one channel goes on nearly as well after one beat, and a third of it, as short as no larger
+    animal's: recordings of the benchmark, of two to three upstrokes, that cannot be told for certain."""
+    made = make(number)
+    found = usual_period(made.channels, made.dt, "synthetic")
+    assert found.T / made.T == pytest.approx(beats, rel=0.02)
+    assert len(found.said) == 1 and sentence in found.said[0]
 
 
 def test_sixty_recordings() -> None:

@@ -22,11 +22,13 @@ Array = np.ndarray
 
 SHORTEST, LONGEST = 0.1, 1.0 / 0.3  # periods that are looked for [s]: heart rates of 10 and 0.3 Hz
 FEWEST = 8  # samples a beat
+_FASTEST = 0.2  # [s]; hearts of rabbits and larger animals beat at 300 a minute at most
 _SCREENED = 64.0  # [s] of the record that the search looks at
 _FINE = 5e-3  # [s], the time step of the search
 _WANDER = 0.25  # [Hz]; slower than any heart
 _LEAST = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
 _ALIKE = np.sqrt(0.75)  # correlation, over the best, from which three quarters of the power go on alike: a lag to judge
+_NEARLY_ALIKE = np.sqrt(2.0 / 3.0)  # and two thirds: a lag that is passed over for a multiple, and said
 _SAME = np.sqrt(0.9)  # and nine tenths: beats that alternate, if they do; less is another part of a beat
 _HALF = np.sqrt(0.5)  # and half of it, of stretches as long as the lag, which hold parts of two beats
 _UNLIKE, _CHANCE = 2.0, 3.0  # times the usual difference, and standard deviations of a sign test, from which every
@@ -123,7 +125,9 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
             f"record at least two whole beats of {FEWEST} samples or more each."
         )
-    return _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
+    found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
+    near = [each.lag for each, score in zip(tried, worst, strict=True) if _NEARLY_ALIKE <= score < _ALIKE]
+    return found if found.said else _passed_over(found, [each * step for each in near])
 
 
 def _tried(x: Array, lags: Array) -> list[_Later]:
@@ -178,6 +182,26 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
         "its period."
     )
     return Found(T, False, together, (said,))
+
+
+def _passed_over(found: Found, lags: Sequence[float]) -> Found:
+    """With a note where the period is a whole number of lags [s] after which the channels went on nearly alike, or too
+    short for most hearts."""
+    for lag in lags:
+        count = round(found.T / lag)
+        if 1 < count <= _UPSTROKES and abs(found.T / lag - count) <= _ELASTIC:
+            said = (
+                f"the period may be {lag:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; either "
+                f"rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
+            )
+            return Found(found.T, found.steady, lag, (said,))
+    if found.T < _FASTEST:
+        said = (
+            f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
+            "rodents reach; if it is a part of a beat, give the period."
+        )
+        return Found(found.T, found.steady, found.other, (said,))
+    return found
 
 
 def _change(one: _Later, beats: int) -> float:
