@@ -188,7 +188,7 @@ def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (["heart", "--species", "cow"], r"species 'cow': there is none of this name; use one of human, sheep\."),
         (["system", "humn"], r"humn: neither a file nor a bundled network; .*"),
         (["body", "--out", "taken"], r"taken: is a file, not a folder; give another folder\."),
-        (["heart", "--set", "heart.rate"], r"'heart\.rate': not a start value; .*"),
+        (["heart", "--set", "heart.rate"], r"--set heart\.rate: must look like NAME=VALUE, .*"),
         (["system", "sheep_nonlinear"], r"network sheep_nonlinear: whose heart and body\? Say --species human or .*"),
     ):
         done = CliRunner().invoke(build_fmu.app, arguments)

@@ -14,6 +14,7 @@ from build_fmu import build, build_model
 from fitting.parameter_set import ParameterSet, Value, write_set
 from fmu_src.models import heart_model
 from solver import load
+from solver.errors import InputError
 from solver.exit_codes import ExitCode
 from solver.files import read_network
 from solver.text import assignments, typed_quantity
@@ -102,7 +103,7 @@ def starts(monkeypatch: pytest.MonkeyPatch, *options: object) -> dict[str, Any]:
 
     def run_fmu(*_: Any, start_values: dict[str, Any], **__: Any) -> None:
         found.update(start_values)
-        raise ValueError("not run.")
+        raise InputError("not run.")
 
     monkeypatch.setattr("fmu_src.run.run_fmu", run_fmu)
     assert "not run." in run("run", *options).stderr

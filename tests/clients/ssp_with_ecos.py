@@ -1,14 +1,12 @@
 """Runs an SSP in ecos: ``ssp_with_ecos.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
-import os
 import sys
 
+from answer import answer
 from ecospy import EcosLib, EcosSimulation
 
 job = json.load(open(sys.argv[1]))
-answer = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 EcosLib.set_log_level("warn")
 table = []
 with EcosSimulation(ssp_path=job["ssp"], step_size=job["step"]) as simulation:

@@ -9,6 +9,7 @@ import zipfile
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
+from answer import answer
 from fmpy.ssp.simulation import simulate_ssp
 
 SSV = "{http://ssp-standard.org/SSP1/SystemStructureParameterValues}"
@@ -28,4 +29,4 @@ n, h = job["steps"], job["step"]
 result = simulate_ssp(
     job["ssp"], stop_time=(n - 0.5) * h, step_size=h, parameter_set=SimpleNamespace(parameters=parameters)
 )
-print(json.dumps([[float(row[name]) for name in job["outputs"]] for row in result]))
+print(json.dumps([[float(row[name]) for name in job["outputs"]] for row in result]), file=answer, flush=True)

@@ -1,16 +1,14 @@
 """Runs an SSP in libcosim: ``ssp_with_libcosim.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
-import os
 import sys
 
+from answer import answer
 from libcosimpy.CosimExecution import CosimExecution
 from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimObserver import CosimObserver
 
 job = json.load(open(sys.argv[1]))
-answer = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 log_output_level(CosimLogLevel.WARNING)
 execution = CosimExecution.from_ssp_file(ssp_path=job["ssp"], step_size=round(job["step"] * 1e9))  # ns
 observer = CosimObserver.create_last_value()

@@ -1,14 +1,12 @@
 """Runs an FMU in ecos: ``with_ecos.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
-import os
 import sys
 
+from answer import answer
 from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
 
 job = json.load(open(sys.argv[1]))
-answer = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 EcosLib.set_log_level("warn")
 with EcosSimulationStructure() as structure:
     structure.add_model("arteries", job["fmu"])

@@ -4,6 +4,7 @@ import json
 import sys
 
 import fmpy
+from answer import answer
 
 job = json.load(open(sys.argv[1]))
 description = fmpy.read_model_description(job["fmu"])
@@ -23,4 +24,4 @@ for i, Q in enumerate(job["inflow"]):
     table.append(slave.getReal(outputs))
 slave.terminate()
 slave.freeInstance()
-print(json.dumps(table))
+print(json.dumps(table), file=answer, flush=True)

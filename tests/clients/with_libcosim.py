@@ -1,9 +1,9 @@
 """Runs an FMU in libcosim: ``with_libcosim.py JOB.json`` prints the outputs after each step as JSON."""
 
 import json
-import os
 import sys
 
+from answer import answer
 from libcosimpy.CosimExecution import CosimExecution
 from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimManipulator import CosimManipulator
@@ -11,8 +11,6 @@ from libcosimpy.CosimObserver import CosimObserver
 from libcosimpy.CosimSlave import CosimLocalSlave
 
 job = json.load(open(sys.argv[1]))
-answer = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)  # the library prints its warnings on the standard output, which is for JSON alone
 log_output_level(CosimLogLevel.WARNING)
 execution = CosimExecution.from_step_size(round(job["step"] * 1e9))  # ns
 slave = CosimLocalSlave(fmu_path=job["fmu"], instance_name="arteries")
