@@ -125,5 +125,5 @@ def _check_way(folder: Path) -> None:
         raise InputError(f"{folder}: {what}; give another folder.")
 
 
-def _unwritable(path: Path, error: OSError) -> ValueError:
-    return ValueError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.")
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror}); check the path and its directory.")

@@ -137,7 +137,7 @@ def test_calibrate_then_check_a_network(tmp_path: Path) -> None:
     done = run("calibrate", tmp_path / "net.csv", "sheep", "--free", "all.E", "--out", tmp_path / "net.json")
     assert done.exit_code == 0, done.output
     (row,) = (line for line in done.stdout.splitlines() if "CA.E" in line)
-    assert row.split("│")[-2].strip() == "Pa"
+    assert row.split("│")[-2].strip() == "MPa"
     found = read_set(tmp_path / "net.json")
     for segment in stiff.segments:
         assert found.values[f"{segment.name}.E"].value == pytest.approx(segment.E, rel=1e-4)

@@ -143,7 +143,7 @@ def test_network_to_fmu(home: Path) -> None:
     done = run(home, "arterial-fmu", "doctor", f"dist/{fmu.name}", "--json")
     assert json.loads(done)["findings"][-1]["found"] == "loaded, initialized, stepped, read, freed"
     run(home, "arterial-fmu", "run", f"dist/{fmu.name}", "--stop-time", "0.05 s", "--out", "run.csv")
-    assert (home / "work" / "run.csv").read_text().startswith("time [s],inlet.Q")
+    assert (home / "work" / "run.csv").read_text().startswith("time [s],inlet.P [Pa]")
 
 
 @pytest.mark.slow

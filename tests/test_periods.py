@@ -96,8 +96,8 @@ def test_sixty_recordings() -> None:
 
 @pytest.mark.slow
 def test_a_thousand_recordings() -> None:
-    """None of a thousand others is wrong without a note; at least 88 % are right, at most 2 % of these with a note."""
+    """None of a thousand others is wrong without a note; at least 88 % are right, at most 4 % of these with a note."""
     rows = measure(100_000, 1000, 1)
     right = [row for row in rows if row.kind == "right"]
     assert not [row.seed for row in rows if row.silent]
-    assert len(right) >= 880 and sum(row.noted for row in right) <= 20
+    assert len(right) >= 880 and sum(row.noted for row in right) <= 0.04 * len(right)

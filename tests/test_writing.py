@@ -19,6 +19,7 @@ from build_fmu import build
 from discrepancy.workflow import discover
 from fitting.cohort.virtual import virtual_cohort, write_cohort
 from solver import load
+from solver.errors import InputError
 from solver.exit_codes import ExitCode
 from solver.writing import check_destinations, write_all, write_folder
 
@@ -202,3 +203,17 @@ def test_an_unusable_record_replaces_no_study(tmp_path: Path, inputs: Path) -> N
     done = run("discover", record, "--model", "sheep", "--out", out)
     assert done.exit_code == ExitCode.UNUSABLE and "wrote" not in done.output
     assert discover(record, "sheep", tmp_path / "new").written and discover(record, "sheep", tmp_path / "new").written
+
+
+def test_a_place_that_takes_no_file_is_no_fault_of_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder that is there and refuses files is an error of what was given, before the work and after it."""
+
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("solver.writing.tempfile.TemporaryFile", refuse)
+    with pytest.raises(InputError, match=r"beat\.csv: cannot be written \(Permission denied\)"):
+        check_destinations(tmp_path / "beat.csv")
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(InputError, match=r"beat\.csv: cannot be written \(Permission denied\)"):
+        write_all({tmp_path / "beat.csv": ""})

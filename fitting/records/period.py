@@ -28,8 +28,9 @@ _FINE = 5e-3  # [s], the time step of the search
 _WANDER = 0.25  # [Hz]; slower than any heart
 _LEAST = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
 _ALIKE = np.sqrt(0.75)  # correlation, over the best, from which three quarters of the power go on alike: a lag to judge
-_NEARLY_ALIKE = np.sqrt(2.0 / 3.0)  # and two thirds: a lag that is passed over for a multiple, and said
+_NEARLY_ALIKE = np.sqrt(0.6)  # and six tenths: a lag that is passed over for a multiple, and said
 _SAME = np.sqrt(0.9)  # and nine tenths: beats that alternate, if they do; less is another part of a beat
+_NEARLY_SAME = np.sqrt(0.85)  # and 85 %: another part of a beat, which is said
 _HALF = np.sqrt(0.5)  # and half of it, of stretches as long as the lag, which hold parts of two beats
 _UNLIKE, _CHANCE = 2.0, 3.0  # times the usual difference, and standard deviations of a sign test, from which every
 # second or third beat differs
@@ -174,7 +175,8 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(_OFF * lag, _UNTIMELY * as_many)
     if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
-        return Found(together, False, T)
+        nearly = timely and one.alike[which] >= _NEARLY_SAME * other.alike[which]
+        return Found(together, False, T, _said_of_parts(T, together, count) if nearly else ())
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
@@ -184,12 +186,19 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     return Found(T, False, together, (said,))
 
 
+def _said_of_parts(T: float, together: float, count: int) -> tuple[str, ...]:
+    return (
+        f"the period may be {T:.3g} s: what comes every {T:.3g} s is nearly alike; either a beat of {together:.3g} s "
+        f"has {count} upstrokes, or beats alternate. If these are beats, give their period.",
+    )
+
+
 def _passed_over(found: Found, lags: Sequence[float]) -> Found:
     """With a note where the period is a whole number of lags [s] after which the channels went on nearly alike, or too
     short for most hearts."""
     for lag in lags:
         count = round(found.T / lag)
-        if 1 < count <= _UPSTROKES and abs(found.T / lag - count) <= _ELASTIC:
+        if count > 1 and abs(found.T / lag - count) <= _ELASTIC:
             said = (
                 f"the period may be {lag:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; either "
                 f"rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
