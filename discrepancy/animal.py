@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fitting.inference.evidence import Linear, with_widths
+from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.fit import Fit
 from fitting.inference.prior import calibrated
 from fitting.inference.terms import rewired

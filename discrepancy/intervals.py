@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.estimate import Estimate
-from fitting.inference import evidence
+from fitting.inference import hierarchy
 from fitting.inference.added import estimates
-from fitting.inference.evidence import with_widths
+from fitting.inference.hierarchy import with_widths
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.jackknife import jackknife
 from fitting.inference.profile import reaches
@@ -64,7 +64,7 @@ def _at_minimum(naming: Naming, runs: Runs) -> Naming:
             break
     if fit is best.fit:
         return naming
-    score = best.score + evidence.score(fit) - evidence.score(best.fit)
+    score = best.score + hierarchy.score(fit) - hierarchy.score(best.fit)
     found = replace(best, fit=fit, score=score, misfit=misfit(fit, problem.dof_of_noise))
     members = tuple(found if m is best else m for m in naming.members)
     return replace(naming, ranked=(found, *rest), members=members)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from fitting.inference.evidence import with_widths
+from fitting.inference.hierarchy import with_widths
 from fitting.inference.fit import Fit
 from fitting.inference.unknown import quantile
 from fitting.provenance import software

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fitting.inference import evidence
+from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
@@ -161,7 +161,7 @@ def _anew(wide: Forward, before: Forward, found: Sequence[Named]) -> list[Named]
     fits = [settled(f) for f in wide.restated([n.fit for n in found], before)]
     return [
         replace(
-            n, fit=f, misfit=misfit(f, wide.dof_of_noise), score=n.score + evidence.score(f) - evidence.score(n.fit)
+            n, fit=f, misfit=misfit(f, wide.dof_of_noise), score=n.score + hierarchy.score(f) - hierarchy.score(n.fit)
         )
         for n, f in zip(found, fits, strict=True)
     ]

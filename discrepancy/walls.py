@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fitting.inference.evidence import Linear
+from fitting.inference.hierarchy import Linear
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
@@ -150,7 +150,7 @@ def _promised(base: Fit, looks: Sequence[Look]) -> tuple[float, list[tuple[float
     for term, column in ((t, columns[t.label]) for terms, columns in looks for t in terms if t.label in columns):
         unknowns = [u for u in term.unknowns if u.of_size or not term.moves_along]
         x, J = np.concatenate([base.x, np.zeros(len(unknowns))]), np.column_stack([base.J, column])
-        linear = Linear(base.z, J, x, (*base.unknowns, *unknowns), base.log_volume)
+        linear = Linear.of_columns(base.z, J, x, (*base.unknowns, *unknowns), base.log_volume)
         found.append((linear.inferred().score, term))
     return Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.inference import evidence
+from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import estimated, widened
@@ -142,7 +142,7 @@ def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
 def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
     """-2 ln of the prior of a hypothesis: its effects and places among all, and walls that have all in common."""
     effects = {t.effect for t in terms}
-    value = at.OWN_WALLS if any(u.group for u in fit.unknowns) else groups * evidence.beforehand(0.0)
+    value = at.OWN_WALLS if any(u.group for u in fit.unknowns) else groups * hierarchy.beforehand(0.0)
     for i, term in enumerate(fit.terms):
         places = sum(t.effect == term.effect for t in terms)
         value += 2.0 * math.log(max(len(effects), 1) * max(places, 1)) + (at.FIRST if i == 0 else at.SECOND)
@@ -159,14 +159,14 @@ def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
     cost = (at.SECOND if beside else at.FIRST) + 2.0 * math.log(max(len(effects), 1) * max(places, 1))
     d = 4.0
     for _ in range(20):  # d² = cost + the price of a size that is d standard deviations large
-        d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * evidence.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))
+        d = math.sqrt(max(cost + 2.0 * math.log(2.0 * d * hierarchy.LOG_RANGE / math.sqrt(2.0 * math.pi)), 1.0))
     return max(d, at.VISIBLE) if beside and named.visible else d
 
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     """An exact hypothesis."""
     groups = len({u.group for u in problem.individual().deviations if not u.stated})
-    return Named(fit, evidence.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
+    return Named(fit, hierarchy.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
 
 
 def with_errors(problem: Forward, exact: Named) -> Named | None:
@@ -180,7 +180,7 @@ def with_errors(problem: Forward, exact: Named) -> Named | None:
     parts = estimated(exact.fit, blocks, len(problem.parts))
     fit = widened(exact.fit, blocks, parts)
     cost = at.ELSE + at.PART * float(np.count_nonzero(parts))
-    gained = evidence.score(fit) - evidence.score(exact.fit)
+    gained = hierarchy.score(fit) - hierarchy.score(exact.fit)
     return replace(exact, fit=fit, score=exact.score + gained + cost, parts=parts)
 
 

@@ -30,6 +30,7 @@ from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.stage import Condensed, Operators, Stage, operators, operators_about, start
 from .scheme.step import State, initial_state
+from .sources import NO_FORCING, Forcing
 from .units import SIGNAL_UNITS
 
 Array = np.ndarray
@@ -146,27 +147,28 @@ def steady(model: Model, mean: Array) -> State:
 
 def balanced(
     model: Model, rest: State, drive: Array, T: float, tolerance: float, most: int,
-    tell: Callable[[], None] | None = None,
+    tell: Callable[[], None] | None = None, forcing: Forcing = NO_FORCING,
 ) -> tuple[Waves, Array]:  # fmt: skip
     """The waves about a steady state under drives with harmonics : (K+1, B or 1, n_inlets) [m³/s or Pa], and how large
     the last correction of each member was : (B,), of the flows that pulsate and relative to them.
 
     tolerance : a correction of this size is the last. most : how many are tried. Where they grow, what was there before
-    them stands, and the size is infinite. tell : called after each.
+    them stands, and the size is infinite. tell : called after each. forcing : of sources, beside the drives.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
-    taus = [1.0 / (1j * w) if w else _MEAN for w in omega]
-    response = _Response.about(model, taus, rest)
-    waves = before = Waves(omega, _constant(rest.y, len(omega)), _constant(rest.H, len(omega)))
+    response = Response.about(model, taus_of(omega), rest)
+    drive, forced = drive + forcing.inlets, forcing.nodes * operators(model, model.settings.dt).loads.scale
+    waves = before = response.stored(Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega))), forcing)
     last = np.full(model.coefficients.B, np.inf)
     active = last > 0.0
     for _ in range(most):
         filled = waves if model.storage.proportional else response.filled(waves, drive)
-        y, H = response.correction(*_left_over(model, filled, drive))
+        R, net = _left_over(model, filled, drive)
+        y, H = response.correction(R + forcing.momentum, net + forced)
         size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
         less = size < last
         better = active & less
-        corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus)
+        corrected = _remembering(model, Waves(omega, filled.y + y, filled.H + H), taus_of(omega))
         waves, before = corrected.where(better, before.where(active & ~less, waves)), waves.where(better, before)
         last = np.where(active, np.where(less, size, np.inf), last)
         active = better & (size >= tolerance)
@@ -177,7 +179,13 @@ def balanced(
     return waves, last
 
 
-def _constant(x: Array, n: int) -> Array:
+def taus_of(omega: Array) -> list[Any]:
+    """The lengths of stages whose Jacobians are those of waves e^{iωt}; the mean is a very slow one."""
+    return [1.0 / (1j * w) if w else _MEAN for w in omega]
+
+
+def constant(x: Array, n: int) -> Array:
+    """Amplitudes (n, …) of what is x at all times."""
     return np.concatenate([x[None], np.zeros((n - 1, *x.shape))]).astype(complex)
 
 
@@ -188,26 +196,27 @@ def _size(model: Model, y: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Response:
+class Response:
     """How a network answers small waves of every frequency about a steady state: frequencies and members are one axis.
 
-    tau : (rows, 1, 1) of the stages. jacobian : inverse. signs, charge : as :class:`~solver.scheme.stage.Loads`.
+    tau : (rows, 1, 1) of the stages. jacobian : inverse. scale, signs, charge : as :class:`~solver.scheme.stage.Loads`.
     storage : (rows, n_e, N) d(∂A/∂t)/d(-∂Q/∂x), 1 without leaks. minus_J_inverse : (rows, n_e, N).
     """
 
     model: Model
     tau: Array
     jacobian: Condensed
+    scale: Array
     signs: Array
     charge: Array
     storage: Array
     minus_J_inverse: Array
 
     @staticmethod
-    def about(model: Model, taus: Sequence[Any], rest: State) -> _Response:
+    def about(model: Model, taus: Sequence[Any], rest: State) -> Response:
         each = [operators_about(model, tau, rest.y, rest.H) for tau in taus]
         slopes = [_storage(model, o, rest) for o in each]
-        return _Response(
+        return Response(
             model,
             np.repeat(np.array(taus, complex), model.coefficients.B)[:, None, None],
             Condensed(
@@ -216,6 +225,7 @@ class _Response:
                 Factor.joined([o.at_rest.nodal for o in each]),
                 model.mesh.end_nodes,
             ),
+            np.concatenate([o.loads.scale for o in each]),
             np.concatenate([o.loads.signs for o in each]),
             np.concatenate([o.loads.charge for o in each]),
             np.concatenate(slopes),
@@ -239,6 +249,14 @@ class _Response:
         model.layout.part(y, "A")[:] += change.reshape(r.shape)
         return waves._replace(y=y)
 
+    def stored(self, waves: Waves, forcing: Forcing) -> Waves:
+        """The waves with the pressures that outlets store of what sources let out before them."""
+        model, P_C = self.model, self.model.layout.part(waves.y, "P_C")
+        if P_C.size and not np.isscalar(forcing.nodes):
+            nodes = forcing.nodes[..., model.mesh.topology.outlets]
+            P_C[:] += self.charge.reshape(P_C.shape) * nodes
+        return waves
+
     def correction(self, R: Array, net: Array) -> tuple[Array, Array]:
         """Changes of y and H, each (K+1, B, …), that cancel amplitudes R of momentum and of ΣQ at the nodes left over:
 
@@ -259,6 +277,27 @@ class _Response:
         if layout.part(y, "P_C").size:
             layout.part(y, "P_C")[:] = self.charge * Q[:, mesh.outlet_element, -1]
         return y.reshape(n, B, -1), H.reshape(n, B, -1)
+
+    def to_sources(
+        self, momentum: Sequence[Array | None], nodes: Sequence[Array | None], size: Array
+    ) -> tuple[Array, Array]:
+        """Amplitudes y : (K+1, S, n) and H : (K+1, S, n_nodes) of small waves by S sources of sizes : (S,), each with
+        the same momentum (n_e, N+1) and ΣQ at the nodes (n_nodes,) at every harmonic; of one parameter set."""
+        model, mesh, layout = self.model, self.model.mesh, self.model.layout
+        still = np.zeros((mesh.n_elements, mesh.element.N + 1))
+        R = size[:, None, None] * np.array([still if m is None else m for m in momentum])
+        net = size[:, None] * np.array([np.zeros(mesh.n_nodes) if m is None else m for m in nodes])
+        y = np.zeros((len(self.tau), len(size), layout.size), complex)
+        H = np.zeros((len(self.tau), len(size), mesh.n_nodes), complex)
+        for k in range(len(self.tau)):
+            of_k = self.jacobian.member(k)
+            Q = -np.einsum("eij,sej->sei", of_k.K_inverse[0], R)
+            H[k] = of_k.nodal.solve(self.scale[k] * net + mesh.net_inflow(Q, self.signs[k : k + 1]))
+            of_k.add_to(Q, H[k])
+            A = self.tau[k] * self.storage[k] * (Q @ mesh.element.d_xi) * self.minus_J_inverse[k]
+            layout.part(y[k], "A")[:] = A
+            layout.part(y[k], "Q")[:] = Q.mean(axis=-1, keepdims=True) if k == 0 and model.storage.proportional else Q
+        return y, H
 
 
 def _storage(model: Model, o: Operators, rest: State) -> Array:

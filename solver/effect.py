@@ -23,6 +23,9 @@ Values = Mapping[str, Array]
 Anatomy = TypeVar("Anatomy", bound="Described")
 
 ALL_PLACES = "all"
+# as which source in the equations an effect shows (:mod:`~solver.sources`)
+WALL, DROP, OUTFLOW, OUTLET, JUNCTION, CHANNEL = "wall", "drop", "outflow", "outlet", "junction", "channel"
+_SOURCES = {"segment": WALL, "fluid": DROP, "outlet": OUTLET, "junction": JUNCTION, "channel": CHANNEL}
 _NEAR = 1e-9  # of an element: ends that agree with its own
 _SUFFIX = {"outlet": ".outlet", "junction": ".junction"}  # of an owner's variables
 
@@ -122,6 +125,7 @@ class Effect:
     at_ends : numbers of its owner that may be given at both ends, with the term that holds their relative difference.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
     remembers : it adds states to the solution, which a batch then carries for all of its members.
+    source : the kind of source in the equations as which it shows where a model lacks it; by default that of its owner.
 
     What a search asks: local : the pressure and radius of one wall show it. scales : its numbers are factors. typical :
     sizes of x = 1 by key (default: the nominal value). relative : keys that are counted relative to another key of the
@@ -148,12 +152,17 @@ class Effect:
     needs: ClassVar[str | None] = None
     rewires: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
+    source: ClassVar[str]
     local: ClassVar[bool] = False
     scales: ClassVar[bool] = False
     typical: ClassVar[Mapping[str, float]] = {}
     relative: ClassVar[Mapping[str, tuple[str, str]]] = {}
     starts: ClassVar[tuple[tuple[float, ...], ...]] = ()
     starts_along: ClassVar[tuple[tuple[float, ...], ...]] = ()
+
+    def __init_subclass__(cls) -> None:
+        if "owner" in vars(cls) and not hasattr(cls, "source"):
+            cls.source = _SOURCES[cls.owner]
 
     # --- places -------------------------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from .scheme.guards import physical
 from .scheme.model import Model, Settings, build
 from .scheme.step import State
 from .simulate import check_network
+from .sources import NO_FORCING, Forcing, Source, shown
 
 Array = np.ndarray
 
@@ -25,14 +26,15 @@ _CORRECTIONS = 40
 def beat_harmonics(
     network: Network, names: Sequence[str], K: int, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None, tolerance: float = 1e-5, more: int = 8,
-    progress: Callable[[], None] | None = None,
+    sources: Sequence[Source] = (), amplitudes: Array | None = None, progress: Callable[[], None] | None = None,
 ) -> Array:  # fmt: skip
     """X : (B, K+1, m) complex harmonics of outputs of the beat that repeats: x(t) = X_0 + 2 Re Σ X_k e^{2πikt/T}.
 
     By harmonic balance (:mod:`~solver.balance`): as the beat of :func:`~solver.simulate_periodic` with steps that
     vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last correction of the flows
     that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept beyond K, whose
-    products with others count below it. settings.dt plays no role. progress : called after every correction; what it
+    products with others count below it. settings.dt plays no role. sources : terms that are added to the equations
+    (:mod:`~solver.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members. progress : called after every correction; what it
     raises ends the search. Other arguments as there.
 
     Members of a batch whose balance is not found, or has no room, are NaN; a simulation in time may find their beat.
@@ -46,15 +48,23 @@ def beat_harmonics(
     model = build(network, parameters, settings)
     B = model.coefficients.B
     drives, fit = drives_of(network, inflow, B), B * storable(model) // (K + more)
+    g = np.zeros((1, 0)) if amplitudes is None else amplitudes
+
+    def found_of(model: Model, drives: Drives) -> Array:
+        forcing = Forcing.of(model, sources, g, K + more + 1) if sources else NO_FORCING
+        X = _of_all(model, names, K, drives, T, tolerance, more, progress, forcing)
+        own = g[: K + 1] @ shown(network, names, sources)
+        X[:, : len(own)] += own
+        return X
+
     if fit >= B:
-        return _of_all(model, names, K, drives, T, tolerance, more, progress)
+        return found_of(model, drives)
     if not fit:
         return np.full((B, K + 1, len(names)), np.nan, complex)
     found = []
     for part in (slice(at, at + fit) for at in range(0, B, fit)):
         own = {name: np.broadcast_to(value, B)[part] for name, value in (parameters or {}).items()}
-        model = build(network, own, settings)
-        found.append(_of_all(model, names, K, drives.members(part), T, tolerance, more, progress))
+        found.append(found_of(build(network, own, settings), drives.members(part)))
     return np.concatenate(found)
 
 
@@ -72,13 +82,13 @@ def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance:
 
 def _of_all(
     model: Model, names: Sequence[str], K: int, drives: Drives, T: float, tolerance: float, more: int,
-    progress: Callable[[], None] | None,
+    progress: Callable[[], None] | None, forcing: Forcing,
 ) -> Array:  # fmt: skip
     harmonics = spectrum(model, drives, T, K + more)
     with np.errstate(all="ignore"):
         rest = steady(model, harmonics[0].real)
         try:
-            waves, last = balanced(model, rest, harmonics, T, tolerance, _CORRECTIONS, progress)
+            waves, last = balanced(model, rest, harmonics, T, tolerance, _CORRECTIONS, progress, forcing)
         except np.linalg.LinAlgError:  # waves of some frequency that nothing determines
             return np.full((model.coefficients.B, K + 1, len(names)), np.nan, complex)
         X, good = _observed(model, waves, rest, names)

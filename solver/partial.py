@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .coordinate import Coordinate
-from .effect import Array, Described, Drag, Effect, Points, Values, small_wave_impedance
+from .effect import DROP, OUTFLOW, Array, Described, Drag, Effect, Points, Values, small_wave_impedance
 from .quantity import Quantity
 from .wall import Wall
 
@@ -114,6 +114,7 @@ class SideBranch(Partial):
     neutral = {"leak": 0.0, **usual}
     along = tuple(part)
     starts_along = _PARTS
+    source = OUTFLOW
     typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
     signature = "flow is lost across the segment"
     confusable = ("terminal_reflection",)
@@ -145,6 +146,7 @@ class Stenosis(Partial):
     starts_along = tuple((p,) for p in _POSITIONS)
     typical = {"K": 10.0}
     cuts = (0.45, 0.55)
+    source = DROP
     signature = "systolic quadratic drop, timed reflection"
     confusable = ("fluid_friction",)
     separator = "paired P"

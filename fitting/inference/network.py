@@ -264,6 +264,23 @@ class NetworkProblem(Forward):
             search.settle(start.z)
         return search
 
+    def searched_from(
+        self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None
+    ) -> list[Fit | None]:
+        """The most probable unknowns of hypotheses, searched for from where they are.
+
+        known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
+        """
+        known, searches = known or {}, [Search(m) for m in members]
+        by = [np.array([i for i, u in enumerate(m.unknowns) if u.name not in known], int) for m in members]
+        for s, own, found in zip(searches, by, self.derivatives(members, runs, by), strict=True):
+            s.failed = found is None
+            if found is not None:
+                s.J = np.stack([known.get(u.name, found[0]) for u in s.unknowns], axis=1)
+                s.J[:, own] = found[1]
+                s.settle(found[0])
+        return self._searched(searches, runs)
+
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member) for f in fits], runs or Runs())
 

@@ -12,6 +12,7 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic, Settings, beat_harmonics, repeating_beat
 from solver.errors import InputError
 from solver.network import Network
+from solver.sources import Source
 from solver.units import INFLOW
 
 from ..records.beats import Beats
@@ -76,6 +77,16 @@ class Runs:
 
 
 @dataclass(frozen=True)
+class Forced:
+    """What acts beside a network's own equations. amplitudes : (K+1, n_sources) harmonics of sources; signals :
+    (K+1, m) of what channels show beside it."""
+
+    sources: tuple[Source, ...]
+    amplitudes: Array
+    signals: Array
+
+
+@dataclass(frozen=True)
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
@@ -83,6 +94,7 @@ class Simulator:
     balance is found, the beat is run in time, in steps of settings.dt.
     start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
     flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
+    forced : by sources, of which there are balances alone.
     """
 
     network: Network
@@ -95,6 +107,7 @@ class Simulator:
     tolerance: float = 1e-5
     resolved: float = 0.0
     beyond: int = 0
+    forced: Forced | None = None
 
     def halved(self) -> Simulator:
         """The same with half the step."""
@@ -119,7 +132,9 @@ class Simulator:
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
         X = self._balanced(network, parameters, runs, inflow, B)
         left = np.isnan(X).any(axis=(1, 2))
-        if left.all() or (alike and left.any()):
+        if self.forced is not None:
+            X = X + self.forced.signals
+        elif left.all() or (alike and left.any()):
             X = self._in_time(network, parameters, runs, inflow)
         else:
             for i in np.flatnonzero(left):
@@ -132,9 +147,10 @@ class Simulator:
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, B: int) -> Array:
         """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
         if self.beyond:
+            sources, amplitudes = (self.forced.sources, self.forced.amplitudes) if self.forced else ((), None)
             return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
                                   settings=self.settings, tolerance=self.tolerance, more=self.beyond,
-                                  progress=runs.check)  # fmt: skip
+                                  sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
         return np.full((B, self.K + 1, len(self.names)), np.nan, complex)
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:

@@ -33,15 +33,20 @@ class Unknown(Coordinate):
 
     prior_sd : standard deviation of x, or None. typical_sd : of the default prior; the size of x against which a datum
     without prior is judged, and that finite differences go by. group : those with one name share the width of their
-    priors, which the record tells; or are ``stated`` to have the width of 1. of_size : the size of an effect, any
-    decade of which is equally likely beforehand.
+    priors, which the record tells; or are ``stated`` to have the width of 1. apart : stands out from its kind, and is a
+    group of its own. of_size : the size of an effect, any decade of which is equally likely beforehand.
     """
 
     prior_sd: float | None = 1.0
     typical_sd: float = 1.0
     group: str = ""
     stated: bool = False
+    apart: bool = False
     of_size: bool = False
+
+    def set_apart(self) -> Unknown:
+        """The same as a number that stands out from its kind."""
+        return replace(self, group=f"{self.name} alone", apart=True)
 
     def within(self, spreads: float) -> Unknown:
         """The same in no wider range than so many standard deviations of its prior."""

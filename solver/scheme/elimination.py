@@ -124,13 +124,15 @@ class Factor:
         if not self.plan.rounds or len(self.inverse) * self.plan.n**2 > _WHOLE:
             return self
         unit = np.eye(self.plan.n, dtype=self.inverse.dtype)
-        columns = [self._member(slice(b, b + 1)).solve(unit) for b in range(len(self.inverse))]
+        columns = [self.member(b).solve(unit) for b in range(len(self.inverse))]
         inverse = np.ascontiguousarray(np.swapaxes(columns, 1, 2))
         return Factor(replace(self.plan, rounds=(), core=slice(None)), (), (), (), inverse)
 
-    def _member(self, b: slice) -> Factor:
-        passed, taken, own = (tuple(x[b] for x in rounds) for rounds in (self.passed, self.taken, self.own))
-        return replace(self, passed=passed, taken=taken, own=own, inverse=self.inverse[b])
+    def member(self, b: int) -> Factor:
+        """That of one system of several."""
+        own_b = slice(b, b + 1)
+        passed, taken, own = (tuple(x[own_b] for x in rounds) for rounds in (self.passed, self.taken, self.own))
+        return replace(self, passed=passed, taken=taken, own=own, inverse=self.inverse[own_b])
 
     def solve(self, net: Array) -> Array:
         """-G⁻¹ net : (B, n)."""

@@ -58,6 +58,11 @@ class Condensed:
         """The same, made faster for many uses."""
         return replace(self, nodal=self.nodal.whole())
 
+    def member(self, b: int) -> Condensed:
+        """That of one state of several."""
+        own = slice(b, b + 1)
+        return replace(self, K_inverse=self.K_inverse[own], by_ends=self.by_ends[own], nodal=self.nodal.member(b))
+
     def add_to(self, Q: Array, H: Array) -> None:
         """Add to Q : (B, n_e, N+1) what flows by pressures H : (B, n_nodes)."""
         flows = self.by_ends * H.take(self.end_nodes, 1)

@@ -7,7 +7,9 @@ The size of an effect has one that favours no decade: from hardly visible to typ
 logarithmic scale. Every unknown so pays for what the data made of its prior; BIC is the limit of many data.
 
 Unknowns of a group share the width of their Gaussian priors: the one that makes the record most probable (empirical
-Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415.
+Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415. A number that
+stands out from its kind has a width of its own, far beyond the stated spread: without it one outlier would hide in the
+width of its group.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ Array = np.ndarray
 
 DECADES = 3.0  # over which the sizes of an effect are spread
 WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0)  # that a group may have, in its stated spreads
+APART = (2.0, 4.0, 8.0, 16.0, 32.0)  # that a number may have which stands out from its group, equally likely
 DOUBT = 1.0  # standard deviation of the logarithm of a width about the stated spread
 COMMON = 0.5  # probability beforehand that a group has no deviations
 _SWEEPS = 3
@@ -43,39 +46,49 @@ class Widths:
 class Linear:
     """Unknowns p about a point as a linear problem: what widths do to its evidence, in a fraction of a millisecond.
 
-    z : (n,) whitened residual at x : (p,). J : (n, p). log_volume : ln det C.
+    normal : (p+1, p+1) [J y]ᵀ [J y] of the whitened residual y + J x. x : (p,) the point. log_volume : ln det C.
 
-    Of the q unknowns that are not held at an end of their range, and of y = z - J x, the residual at 0:
+    Of the q unknowns that are not held at an end of their range:
     gram : (q, q) JᵀJ. right : (q,) Jᵀy. free : (q,) which are sizes of effects. groups : (q,) names, "" where there is
     none. signs : (q,) 2 of a size that may be negative, else 1. sd : (q,) of the priors of what has no group.
     held : -2 ln of the priors of the others, where they are held. rest : what widths do not change, with yᵀy, ln det C
     and ``held``.
     """
 
-    def __init__(self, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
+    def __init__(self, normal: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
         prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
-        moves = ~_held(z, J, x, prior, unknowns)
+        moves = ~_held(normal, x, prior, unknowns)
         still = [(u, i) for i, u in enumerate(unknowns) if not moves[i]]
         self.held = sum(_price(u) if u.of_size else penalty(prior[[i]], x[[i]]) for u, i in still)
-        J, x, prior = J[:, moves], x[moves], prior[moves]
+        # y goes on from where the others are held
+        gone = np.concatenate([np.where(moves, 0.0, x), [1.0]])
+        self.gram, self.right = normal[:-1, :-1][np.ix_(moves, moves)], (normal @ gone)[:-1][moves]
+        rest, x, prior = float(gone @ normal @ gone), x[moves], prior[moves]
         unknowns = [u for u, m in zip(unknowns, moves, strict=True) if m]
-        y = z - J @ x
-        self.gram, self.right = J.T @ J, J.T @ y
         self.free = np.array([u.of_size for u in unknowns], bool)
         self.groups = ["" if u.stated else u.group for u in unknowns]
+        self.apart = {u.group for u in unknowns if u.apart}
         self.signs = np.array([2.0 if u.low < 0.0 else 1.0 for u in unknowns])
         grouped = np.array([bool(g) for g in self.groups], bool)
         local = precision(prior, x)
         plain = ~self.free & ~grouped
         self.sd = np.where(self.free, 1.0, np.sqrt(1.0 / local))
         # the tails of the priors of what all have in common, to second order about x
-        self.rest = float(y @ y) + log_volume + penalty(prior[plain], x[plain]) - float(local[plain] @ x[plain] ** 2)
+        self.rest = rest + log_volume + penalty(prior[plain], x[plain]) - float(local[plain] @ x[plain] ** 2)
         self.rest += float(np.log(local[plain]).sum() - np.log(prior[plain]).sum()) + self.held
 
     @classmethod
     def of(cls, fit: Fit) -> Linear:
         """Of a fit, about where it is."""
-        return cls(fit.z, fit.J, fit.x, fit.unknowns, fit.log_volume)
+        return cls.of_columns(fit.z, fit.J, fit.x, fit.unknowns, fit.log_volume)
+
+    @classmethod
+    def of_columns(
+        cls, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0
+    ) -> Linear:
+        """z : (n,) whitened residual at x, J : (n, p)."""
+        tall = np.column_stack([J, z - J @ x])
+        return cls(tall.T @ tall, x, unknowns, log_volume)
 
     def at(self, widths: Mapping[str, float] | None = None) -> float:
         """-2 ln evidence, up to a constant of the record, with these widths of the groups."""
@@ -87,9 +100,10 @@ class Linear:
 
     def _of_widths(self, found: Mapping[str, float], group: str) -> Array:
         """-2 ln evidence of every width that a group may have, the others as found."""
-        w = np.tile(self._sds(found), (len(WIDTHS), 1))
-        w[:, [g == group for g in self.groups]] = np.array(WIDTHS)[:, None]
-        return self._scores(w) + _BEFOREHAND
+        widths = widths_of(group in self.apart)
+        w = np.tile(self._sds(found), (len(widths), 1))
+        w[:, [g == group for g in self.groups]] = widths[:, None]
+        return self._scores(w) + beforehand_of(group in self.apart)
 
     def _scores(self, w: Array) -> Array:
         """-2 ln evidence : (m,) with standard deviations w : (m, p) of the priors."""
@@ -111,34 +125,34 @@ class Linear:
 
     def inferred(self) -> Widths:
         """The most probable widths, one group after the other, a few times."""
-        found = dict.fromkeys(dict.fromkeys(g for g in self.groups if g), 1.0)
+        found = {g: APART[-1] if g in self.apart else 1.0 for g in dict.fromkeys(self.groups) if g}
         best = math.inf
         for _ in range(_SWEEPS):
             value = best
             for group in found:
                 scores = self._of_widths(found, group)
-                value, found[group] = float(scores.min()), WIDTHS[int(scores.argmin())]
+                value, found[group] = float(scores.min()), float(widths_of(group in self.apart)[int(scores.argmin())])
             if value > best - 0.1:
                 break
             best = value
-        return Widths(found, self.at(found) + sum(map(beforehand, found.values())))
+        return Widths(found, self.at(found) + sum(beforehand(w, g in self.apart) for g, w in found.items()))
 
     def spreads(self) -> dict[str, float]:
         """Of every group the root of the mean square of its width, over all that it may be, the others as inferred."""
-        found, widths = self.inferred().of, np.array(WIDTHS)
-        many = np.zeros(len(WIDTHS))  # WIDTHS stand for all that a group with deviations may have
+        found, many = self.inferred().of, np.zeros(len(WIDTHS))  # WIDTHS stand for all that a group may have
         many[1:] = 2.0 * math.log(np.exp(-0.5 * _BEFOREHAND[1:]).sum() / (1.0 - COMMON))
         spread = {}
         for group in found:
-            score = self._of_widths(found, group) + many
+            widths = widths_of(group in self.apart)
+            score = self._of_widths(found, group) + (0.0 if group in self.apart else many)
             p = np.exp(-0.5 * (score - score.min()))
             spread[group] = math.sqrt(float(p @ widths**2 / p.sum()))
         return spread
 
 
-def _held(z: Array, J: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
+def _held(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
     """(p,) which unknowns stand at an end of their range that the data would have them leave."""
-    downhill = -(J.T @ z + precision(prior, x) * x)
+    downhill = -((normal @ np.append(x, 1.0))[:-1] + precision(prior, x) * x)
     low, high = bounds(unknowns)
     return np.asarray(((x <= low) & (downhill < 0.0)) | ((x >= high) & (downhill > 0.0)))
 
@@ -148,14 +162,29 @@ def _price(unknown: Unknown) -> float:
     return 2.0 * math.log((2.0 if unknown.low < 0.0 else 1.0) * LOG_RANGE / math.sqrt(2.0 * math.pi))
 
 
-def beforehand(width: float) -> float:
-    """-2 ln of the prior of a width: 0 for a group without deviations, else log-normal about the stated spread."""
+def beforehand(width: float, apart: bool = False) -> float:
+    """-2 ln of the prior of a width: 0 for a group without deviations, else log-normal about the stated spread.
+
+    apart : of a number that stands out.
+    """
+    if apart:
+        return 2.0 * math.log(len(APART))
     if width == 0.0:
         return -2.0 * math.log(COMMON)
     return (math.log(width) / DOUBT) ** 2 - 2.0 * math.log(1.0 - COMMON)
 
 
 _BEFOREHAND = np.array([beforehand(w) for w in WIDTHS])
+
+
+def widths_of(apart: bool) -> Array:
+    """(n,) the widths that a group may have; of a number that stands out, ``apart``."""
+    return np.array(APART if apart else WIDTHS)
+
+
+def beforehand_of(apart: bool) -> Array | float:
+    """(n,) or a number, -2 ln of their priors."""
+    return beforehand(APART[0], apart) if apart else _BEFOREHAND
 
 
 def with_widths(fit: Fit) -> Fit:

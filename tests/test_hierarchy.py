@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from fitting.inference.evidence import DECADES, Linear, score, with_widths
+from fitting.inference.hierarchy import DECADES, Linear, score, with_widths
 from fitting.inference.fit import Fit
 from fitting.inference.jackknife import jackknife
 from fitting.inference.misfit import Block, estimated, widened
@@ -51,7 +51,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 def test_an_unknown_at_the_end_of_its_range_still_pays_its_prior() -> None:
     """x held at 2 where the data ask for 10: -2 ln p = (2 - 10)² + ν ln(1 + 2²/ν), to round-off."""
     held = replace(unknown("all.phi0"), low=-2.0, high=2.0)
-    linear = Linear(np.array([-8.0]), np.array([[1.0]]), np.array([2.0]), [held])
+    linear = Linear.of_columns(np.array([-8.0]), np.array([[1.0]]), np.array([2.0]), [held])
     assert linear.at() == pytest.approx(8.0**2 + TAILS * math.log1p(2.0**2 / TAILS), abs=1e-12)
 
 

@@ -1,0 +1,180 @@
+"""Name what acts at the places of the source map: the catalogue's laws there, each refitted in full.
+
+A law begins where the map ended: with the walls that the map found, the other places keeping their free sources, at the
+size with which it comes nearest to the record. Walls that were fitted without it would have taken up a part of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+
+from fitting.inference.fit import Fit, Member
+from fitting.inference.network import NetworkProblem
+from fitting.inference.parts import placed
+from fitting.inference.places import NUMBER, Place
+from fitting.inference.simulator import Runs
+from fitting.inference.source_map import SourceMap, source_map
+from fitting.inference.terms import Term, effect_of, joins
+from fitting.inference.unknown import bounds
+from solver.errors import InputError
+
+from . import thresholds as at
+from .compare import Compared
+from .walls import _exact, _promised
+
+Array = np.ndarray
+
+SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # typical sizes at which a law may begin, beside its own starts
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A law at the size, or sizes, at which its search begins. chi2 : what that leaves."""
+
+    term: Term
+    x: Array
+    chi2: float
+
+
+def begun_at(
+    problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs
+) -> list[list[Begun]]:
+    """For every place of the map, or others that are as good, the laws of the catalogue there, nearest first."""
+    return [_nearest(problem, found, i, _laws(problem, found, i, terms), runs) for i in range(len(found.signals))]
+
+
+def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
+    """The laws that act at a place of the map or at one that does nearly as well beside the others."""
+    mine = found.places[i]
+    others = {p.key for j, p in enumerate(found.places) if j != i}
+    near = [mine]
+    for rival in found.rivals:
+        new = [p for p in rival.places if p.key not in others]
+        if rival.above < at.NEAR and len(new) == 1 and others <= {p.key for p in rival.places}:
+            near.append(new[0])
+    chosen = dict[tuple[str, int], Term]()
+    for place in near:
+        for t in terms:
+            if acts_at(t, place):
+                for each in _along(problem, t, place):
+                    chosen.setdefault((each.label, len(each.unknowns)), each)
+    return list(chosen.values())
+
+
+def acts_at(term: Term, place: Place) -> bool:
+    """Whether a law may be what acts at a place."""
+    if place.kind == NUMBER:
+        owner = place.name.partition(".")[0]
+        return term.place == owner and not term.is_sensor
+    return effect_of(term).source == place.kind and term.place == place.name
+
+
+def _along(problem: NetworkProblem, term: Term, place: Place) -> list[Term]:
+    """A law where it usually lies, and, of a part of a segment, begun where the map has it."""
+    moved = placed(problem.network, term, [0.0] * len(term.unknowns)) if place.kind != NUMBER else None
+    if moved is None:
+        return [term]
+    first = len(term.unknowns)
+    if place.at is not None:
+        (position, *_) = moved.unknowns[first:]
+        x = (place.at - position.nominal) / position.size
+        starts = [min(moved.starts, key=lambda start: abs(start[first] - x))]
+        starts = [(*starts[0][:first], x, *starts[0][first + 1 :])]
+    else:
+        starts = list(moved.starts)
+    return [term, replace(moved, starts=tuple(starts))]
+
+
+def _nearest(problem: NetworkProblem, found: SourceMap, i: int, laws: Sequence[Term], runs: Runs) -> list[Begun]:
+    """Laws at the size with which each comes nearest to the record, beside the sources of the other places."""
+    beside = found.forced(problem, [j for j in range(len(found.signals)) if j != i])
+    trials = [(t, x) for t in laws for x in _sizes(t)]
+    members = [_member(problem, found, [(t, x)]) for t, x in trials]
+    best: dict[int, Begun] = {}
+    for (t, x), X in zip(trials, beside.observe(members, runs), strict=True):
+        chi2 = math.inf if X is None else float(np.square(problem.residual(X)).sum())
+        if id(t) not in best or chi2 < best[id(t)].chi2:
+            best[id(t)] = Begun(t, x, chi2)
+    return sorted((b for b in best.values() if math.isfinite(b.chi2)), key=lambda b: b.chi2)
+
+
+def _sizes(term: Term) -> list[Array]:
+    """Where the search of a law may begin: its own starts, and its size by decades, of either sign if it may be."""
+    low, high = bounds(term.unknowns)
+    found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
+    if effect_of(term).rewires:
+        return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
+    along = found if term.moves_along else [np.zeros(len(term.unknowns))]
+    for start in along:
+        for size in (sign * size for size in SIZES for sign in (1.0, -1.0)):
+            x = start.copy()
+            x[0] = size
+            found.append(x)
+    inside = [x for x in found if np.all((x >= low) & (x <= high))]
+    return inside or [np.clip(found[0], low, high)]
+
+
+def _member(problem: NetworkProblem, found: SourceMap, laws: Sequence[tuple[Term, Array]]) -> Member:
+    """A hypothesis with the walls of the map and its laws where they begin."""
+    terms = tuple(t for t, _ in laws)
+    unknowns = problem.hypothesis(terms)
+    x = dict(zip((u.name for u in found.unknowns), found.x, strict=True))
+    for t, own in laws:
+        x |= dict(zip((u.name for u in t.unknowns), own, strict=True))
+    return Member(terms, unknowns, np.clip([x.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
+
+
+def singles(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
+    """Every law alone, refitted."""
+    return refitted(problem, found, [[(b.term, b.x)] for some in laws for b in some[: at.EACH]], runs)
+
+
+def several(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
+    """Laws of two places together, refitted: of each place the few that come nearest."""
+    both = [
+        [(a.term, a.x), (b.term, b.x)]
+        for i, j in combinations(range(len(laws)), 2)
+        for a, b in product(laws[i][: at.BRANCHES], laws[j][: at.BRANCHES])
+        if a.term.label != b.term.label and joins(b.term, (a.term,)) and joins(a.term, (b.term,))
+    ]
+    return refitted(problem, found, both, runs)
+
+
+def refitted(
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs
+) -> list[Fit]:
+    """Hypotheses searched for from the walls of the map, and where their laws begin."""
+    white = problem.target.whiten(found.J)
+    known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
+    members = [_member(problem, found, laws) for laws in hypotheses]
+    return [f for f in problem.searched_from(members, runs, known) if f is not None]
+
+
+def compared(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """What is known after every stage. problem : with what every artery has of its own, if it has."""
+    found = source_map(problem, runs)
+    none = refitted(problem, found, [[]], runs)
+    if not none:
+        raise InputError("the model as given cannot be simulated with this record")
+    laws = begun_at(problem, found, terms, runs)
+    fits = [*none, *singles(problem, found, laws, runs)]
+    if len(laws) > 1:
+        fits += several(problem, found, laws, runs)
+    yield (result := _exact(problem, problem, fits, {}, terms, runs))
+    sought = result.sought
+    columns = result.problem.columns(result.none.fit, sought, runs)
+    result = Compared.of(result.problem, result.fits, {result.none.individual: columns}, terms)
+    yield result
+    if not result.best.explains or not result.best.fit.terms:
+        best, promised = _promised(result.none.fit, [(sought, columns)])
+        tried = {n.label for n in result.ranked}
+        chosen = [t for score, t in promised[: at.EACH] if score < best - at.WORTH and t.label not in tried]
+        if chosen:
+            more = result.problem.refit([(t,) for t in chosen], result.none.fit, runs, columns)
+            yield (result := result.joined_by([f for f in more if f is not None]).polished(runs))
+    yield result.at_minimum(runs)

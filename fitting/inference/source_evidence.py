@@ -1,0 +1,140 @@
+"""Evidence of unknown sources at places of a network, beside unknowns under priors: all of it linear, in closed form.
+
+    W_k (y_k + J_k θ + G_k g_k) is white,    k = 0 … K
+
+with the residual y, extrapolated to θ = 0 and g = 0, and whiteners W that make real and imaginary parts N(0, 1). A
+source p has Gaussian harmonics that decline as those of something smooth do,
+
+    g_pk ~ CN(0, a_p² (1 + (k/k0)²)^-n),
+
+with amplitude a_p and spectrum (k0, n) by evidence, at the price of the list that they come from. Sources couple no
+harmonics, so that they are integrated out harmonic by harmonic; what they leave is an ordinary linear problem of θ
+(:mod:`~fitting.inference.hierarchy`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+
+AMPLITUDES = tuple(10.0 ** (0.5 * i) for i in range(-4, 9))  # in units of the sources: 1 % of a pulse
+SPECTRA = ((2.0, 1.0), (6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (20.0, 2.0))  # k0 and n
+FIRST_LOOK = (SPECTRA[2:4], AMPLITUDES[::2])
+PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a law, all of the list equally likely beforehand
+
+
+class Law(NamedTuple):
+    """How large the harmonics of a source are beforehand."""
+
+    amplitude: float
+    k0: float
+    n: float
+
+    def variance(self, K: int, relative: Sequence[float]) -> Array:
+        """(K+1, q) of the columns of a place, whose sizes are ``relative`` to one another."""
+        falling = (1.0 + (np.arange(K + 1) / self.k0) ** 2) ** -self.n
+        return self.amplitude**2 * falling[:, None] * np.square(relative)
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The normal equations of S sources and p unknowns.
+
+    of_sources : (K+1, S, S). between : (K+1, S, p+1), sources with the unknowns and y. of_unknowns : (p+1, p+1) real.
+    log_volume : ln det of what was integrated out.
+    """
+
+    of_sources: Array
+    between: Array
+    of_unknowns: Array
+    log_volume: float = 0.0
+
+    @classmethod
+    def of(cls, whitener: Array, y: Array, J: Array, G: Array) -> Normal:
+        """whitener : (K+1, m, m). y : (K+1, m). J : (K+1, m, p). G : (K+1, m, S)."""
+        two = np.where(np.arange(len(y)) == 0, 1.0, np.sqrt(2.0))[:, None, None]
+        W = two * whitener
+        own, sources = W @ np.concatenate([J, y[..., None]], axis=-1), W @ G
+        own[0], sources[0] = own[0].real, sources[0].real
+        adjoint = sources.conj().swapaxes(1, 2)
+        return cls(adjoint @ sources, adjoint @ own, _gram(own, own))
+
+    def without(self, columns: Array, variance: Array) -> Normal:
+        """The same with some sources integrated out. columns : (q,) which. variance : (K+1, q) of their harmonics."""
+        if not len(columns):
+            return self
+        K, log_volume = self._kernel(columns, variance)
+        left = self.of_sources[:, :, columns] @ K
+        right = self.between[:, columns]
+        return Normal(
+            self.of_sources - left @ self.of_sources[:, columns],
+            self.between - left @ right,
+            self.of_unknowns - _gram(right, K @ right),
+            self.log_volume + log_volume,
+        )
+
+    def _kernel(self, columns: Array, variance: Array) -> tuple[Array, float]:
+        """K = r (1 + r GᴴG r)⁻¹ r for the standard deviations r, and the ln det of what is inverted."""
+        r = np.sqrt(variance)
+        M = np.eye(len(columns)) + r[:, :, None] * self.of_sources[:, columns[:, None], columns] * r[:, None]
+        log_det = np.linalg.slogdet(M)[1]  # of the real problem: half of that of the mean, which is real
+        return r[:, :, None] * np.linalg.inv(M) * r[:, None], float(log_det[0] + 2.0 * log_det[1:].sum())
+
+    def only(self, columns: Array) -> Normal:
+        """The same with some of the sources, in this order."""
+        own = self.of_sources[:, columns[:, None], columns]
+        return Normal(own, self.between[:, columns], self.of_unknowns, self.log_volume)
+
+    def best_law(
+        self, columns: Array, relative: Sequence[float], sd: Array,
+        spectra: Sequence[tuple[float, float]] = SPECTRA, amplitudes: Sequence[float] = AMPLITUDES,
+    ) -> tuple[float, Law]:  # fmt: skip
+        """-2 ln evidence with a further place of some columns, under the law that makes it least, and that law.
+
+        relative : (q,) sizes of the columns. sd : (p,) standard deviations of the priors of the unknowns.
+        """
+        laws = [Law(1.0, *spectrum) for spectrum in spectra]
+        r = np.sqrt([law.variance(len(self.between) - 1, relative) for law in laws])
+        GG = r[..., None] * self.of_sources[:, columns[:, None], columns] * r[..., None, :]
+        right = r[..., None] * self.between[:, columns]
+        # (1 + a² GG)⁻¹ for all amplitudes a, by the eigenvectors of GG
+        value, vector = (GG[..., 0].real, None) if len(columns) == 1 else np.linalg.eigh(GG)
+        right = right if vector is None else vector.conj().swapaxes(-1, -2) @ right
+        a2 = np.square(amplitudes)[:, None, None, None]
+        grown = np.log1p(a2 * np.maximum(value, 0.0)).sum(axis=-1)
+        # ln det of the real problem: half of that of the mean, which is real
+        log_volume = grown[..., 0] + 2.0 * grown[..., 1:].sum(axis=-1)
+        parts = np.sqrt(a2 / (1.0 + a2 * np.maximum(value, 0.0)))[..., None] * right
+        parts = parts.reshape(*parts.shape[:2], -1, parts.shape[-1])
+        parts = np.concatenate([parts.real, parts.imag], axis=-2)
+        scores = marginal(self.of_unknowns - parts.swapaxes(-1, -2) @ parts, sd) + log_volume + self.log_volume
+        i, j = np.unravel_index(int(np.argmin(scores)), scores.shape)
+        return float(scores[i, j]), Law(float(amplitudes[int(i)]), *spectra[int(j)])
+
+    def amplitudes(self, columns: Array, variance: Array, x: Array) -> tuple[Array, Array]:
+        """(K+1, q) the most probable harmonics of sources for unknowns x, and their standard deviations."""
+        K, _ = self._kernel(columns, variance)
+        right = self.between[:, columns] @ np.append(x, 1.0)
+        g = -(K @ right[..., None])[..., 0]
+        return g, np.sqrt(np.maximum(np.einsum("kii->ki", K).real, 0.0))
+
+
+def marginal(normal: Array, sd: Array) -> Array:
+    """-2 ln evidence : (…,) of normal equations (…, p+1, p+1) with Gaussian priors about 0, sd : (…, p)."""
+    scale = np.concatenate([sd, np.ones((*sd.shape[:-1], 1))], axis=-1)
+    A = scale[..., None] * normal * scale[..., None, :] + np.diag(np.append(np.ones(sd.shape[-1]), 0.0))
+    # of the factor the last diagonal entry is what is left of y
+    diagonal = np.diagonal(np.linalg.cholesky(A), axis1=-2, axis2=-1)
+    return np.asarray(diagonal[..., -1] ** 2 + 2.0 * np.log(diagonal[..., :-1]).sum(axis=-1))
+
+
+def _gram(a: Array, b: Array) -> Array:
+    """Re Σ aᴴ b over harmonics and rows."""
+    a, b = (x.reshape(-1, x.shape[-1]) for x in (a, b))
+    return a.real.T @ b.real + a.imag.T @ b.imag

@@ -1,0 +1,77 @@
+"""What small sources do to the outputs of a network: linear waves about its steady state, for many sources at once.
+
+The Jacobians are those of the harmonic balance (:mod:`~solver.balance`), about the steady state of the mean drive. Of a
+beat as arteries have it the waves are large, and its response differs from this one by per cents: good for the
+direction of a search, not for its answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .balance import Response, constant, spectrum, steady, taus_of
+from .inflow import Inflows, drives_of
+from .network import Network
+from .outputs import reporter
+from .scheme.model import Model, Settings, build
+from .scheme.step import State
+from .sources import Source, shown
+
+Array = np.ndarray
+
+_SMALL = 1e-4  # of a source, so that outputs are linear in it
+
+
+def source_responses(
+    network: Network, names: Sequence[str], K: int, sources: Sequence[Source], units: Sequence[float],
+    inflow: Inflows | None = None, period: float | None = None, *,
+    parameters: Mapping[str, float] | None = None, settings: Settings | None = None,
+) -> Array:  # fmt: skip
+    """G : (n_sources, K+1, m), what harmonic k of a source's amplitude does to harmonic k of outputs, for each unit.
+
+    units : (n_sources,) the amplitudes that count as one, small beside what there is. Other arguments as those of
+    :func:`~solver.beat_harmonics`, of one parameter set.
+    Raises ValueError and LinAlgError as that does where there is no steady state or no response to it.
+    """
+    T = network.inlet.T if period is None else period
+    model = build(network, parameters, settings)
+    with np.errstate(all="ignore"):
+        rest = steady(model, spectrum(model, drives_of(network, inflow, 1), T, 1)[0].real)
+        omega = 2.0 * np.pi / T * np.arange(K + 1)
+        response = Response.about(model, taus_of(omega), rest)
+        size = _SMALL * np.asarray(units, float)
+        y, H = response.to_sources([s.momentum(model) for s in sources], _nodes(model, sources), size)
+        X = _observed(model, rest, omega, y, H, names) / _SMALL
+    return X + (np.asarray(units)[:, None] * shown(network, names, sources))[:, None]
+
+
+def _nodes(model: Model, sources: Sequence[Source]) -> list[Array | None]:
+    """ΣQ at the nodes that sources add, those of the inlets among them."""
+    found = []
+    for source in sources:
+        nodes, inlets = source.nodes(model), source.inlets(model)
+        if inlets is not None:
+            nodes = np.zeros(model.mesh.n_nodes) if nodes is None else nodes
+            nodes[model.mesh.topology.inlets] += inlets
+        found.append(nodes)
+    return found
+
+
+def _observed(model: Model, rest: State, omega: Array, y: Array, H: Array, names: Sequence[str]) -> Array:
+    """(S, K+1, m) changes of outputs by small waves y : (K+1, S, n), H : (K+1, S, n_nodes) about the steady state."""
+    report = reporter(model)
+    columns = [report.names.index(name) for name in names]
+    rates = 1j * omega[:, None, None] * y
+    still = constant(rest.y, 1).real
+
+    def at(y: Array, rates: Array, H: Array) -> Array:
+        n = y.shape[0] * y.shape[1]
+        A_t = model.layout.part(rates.reshape(n, -1), "A")
+        state = rest.of_moments(still[0] + y.reshape(n, -1), A_t, rest.H + H.reshape(n, -1))
+        return report(state)[:, columns].reshape(*y.shape[:2], -1)
+
+    nothing = at(0.0 * y[:1, :1].real, 0.0 * y[:1, :1].real, 0.0 * H[:1, :1].real)
+    found = at(y.real, rates.real, H.real) - nothing + 1j * (at(y.imag, rates.imag, H.imag) - nothing)
+    return np.asarray(found.swapaxes(0, 1))
