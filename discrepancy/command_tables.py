@@ -69,7 +69,7 @@ def sure_text(outcome: Outcome) -> str:
 
 def remains_text(outcome: Outcome) -> str:
     """What remains of the gap, and where."""
-    remains = outcome.remains or (outcome.reason if outcome.verdict == "unknown" else None)
+    remains = outcome.remains or (outcome.reason if outcome.verdict == "unknown" and not outcome.met else None)
     return f"what remains: {remains}{of_fit(outcome)}" if remains else ""
 
 

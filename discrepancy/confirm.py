@@ -5,6 +5,7 @@ And whether the FMU is the model that inference compared: one model has one gap.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from fitting.inference.fit import Fit
 
 from . import thresholds as at
 from .outcome import ADDED, Agreement
+from .outliers import implausible
 from .show import Gap, Run, fall, gap
 from .study import Study
 from .verdict import Naming
@@ -21,7 +23,23 @@ Array = np.ndarray
 
 
 def confirmed(study: Study, naming: Naming, before: Run, after: Run | None) -> Naming:
-    """The naming, if the runs bear it out; else without a name, the reason made of the numbers."""
+    """The naming, if the runs bear it out; else without a name, the reason made of the numbers.
+
+    Nor is it ``none`` where the model meets the record only as an animal that there hardly is.
+    """
+    naming = _borne_out(study, naming, before, after)
+    odd = implausible(naming.base.fit) if naming.verdict == "none" else {}
+    return _without(naming, "unknown", met_only_with(odd)) if odd else naming
+
+
+def met_only_with(odd: Mapping[str, float]) -> str:
+    """Numbers that no animal has, with their distances in stated spreads."""
+    them = ", ".join(f"{name} {abs(x):.2g} stated spreads {'above' if x > 0 else 'below'}" for name, x in odd.items())
+    return f"the model meets the record only with {them} the file's"
+
+
+def _borne_out(study: Study, naming: Naming, before: Run, after: Run | None) -> Naming:
+    """The naming, if the runs bear it out."""
     if naming.verdict not in (*ADDED, "unknown"):
         return naming
     left = before.gap.total[1]

@@ -224,7 +224,8 @@ class Outcome(Shown):
     agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
-    written : whether there are files of it.
+    written : whether there are files of it. met : of ``unknown``, whether the model meets the record, but only with
+    numbers that hardly any animal has.
 
     As data frame: a row for each hypothesis that was refitted, best first.
     """
@@ -240,6 +241,7 @@ class Outcome(Shown):
     remains: str | None = None
     confidence: float | None = None
     complete: bool = True
+    met: bool = False
     walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()

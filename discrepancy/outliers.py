@@ -51,6 +51,15 @@ def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
     return found
 
 
+def implausible(fit: Fit) -> dict[str, float]:
+    """How far from the file's [stated spreads] numbers are that no animal has: of one artery or outlet those that stand
+    out, of all arteries together or of the one wall of a bench those beyond four."""
+    out = standing_out(fit.unknowns, fit.x)
+    far = {u.name: float(x) / u.prior_sd for u, x in zip(fit.unknowns, fit.x, strict=True) if u.prior_sd}
+    common = {u.name for u in fit.unknowns if not u.group and abs(far.get(u.name, 0.0)) > at.OUTLIER}
+    return {name: x for name, x in far.items() if name in common | out.keys()}
+
+
 def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     """Where the animal without effect is the best, with what stands out in it held, and then with the effects that do
     most nearly what those numbers do."""
@@ -87,13 +96,16 @@ def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
     return sorted(far, key=lambda i: (none.unknowns[i].name not in limits, -abs(none.x[i])))
 
 
-def animal_without(problem: Forward, fit: Fit) -> Fit | None:
-    """The animal of a hypothesis in which a number stood out, like the others there; None where none did.
+def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
+    """The animal of a hypothesis without its effect, where a number stood out or does so in ``none``, the best animal
+    without effect; None where none did.
 
-    Without the effect, an animal that is odd elsewhere may come as near to the record, and is not what is missing.
+    Without the effect, an animal that is odd elsewhere may come as near to the record, and is not what is missing; and
+    one that is odd there is the effect by another name.
     """
     own = {u.name: u for u in problem.individual().deviations}
-    if not any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns):
+    held = any(u.group and not u.stated and u.name in own and u != own[u.name] for u in fit.unknowns)
+    if not held and not standing_out(none.unknowns, none.x):
         return None
     mine = np.array([not any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
     unknowns = tuple(u for u, keep in zip(fit.unknowns, mine, strict=True) if keep)

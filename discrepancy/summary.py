@@ -19,11 +19,12 @@ from solver.units import INFLOW
 
 from . import thresholds
 from .animal import odd_ones, walls_of
-from .confirm import change
+from .confirm import change, met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
 from .outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
+from .outliers import implausible
 from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
@@ -90,6 +91,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         sentence=sentence(naming, effects, before.gap, after.gap if after else None),
         confidence=naming.confidence,
         complete=naming.complete,
+        met=_met(naming),
         walls=walls,
         record=record.path,
         model=os.fspath(model),
@@ -251,8 +253,16 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
             lacks = _ONE_SITE if naming.of_one_site else lacks
             them = "both" if len(effects) > 1 else "it"
             return f"{lacks} {labels}: with {them} {gap}, but more than noise remains{more}."
+    if _met(naming):
+        met = met_only_with(implausible(naming.base.fit))
+        return f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
     missing = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
     return f"Something is missing{missing}: the gap to held-out beats is {before.total[1]:.3g} times the noise."
+
+
+def _met(naming: Naming) -> bool:
+    """Whether the model meets the record, but only with numbers that no animal has."""
+    return naming.verdict == "unknown" and naming.base.explains and bool(implausible(naming.base.fit))
 
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:

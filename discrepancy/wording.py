@@ -45,6 +45,12 @@ _CUT_SHORT: Mapping[str, str] = {
     "unknown": "The catalogue may have what is missing.",
 }
 
+_MET = "The model meets the record, but only with improbable numbers"
+_MEANING_MET = (
+    "With the numbers that the study refits, the model meets the record to its noise, but some are farther from the "
+    "file's than those of almost any animal. The file may be of another subject, or something acts that looks like "
+    "such numbers. Nothing was added to the model."
+)
 _NOT_FOUND = "Something is missing, and the search for it did not end"
 _TWO_FAULTS = "The sensors of one site seem to have two faults"
 _MEANING_TWO_FAULTS = (
@@ -67,6 +73,8 @@ def heading(outcome: Outcome) -> str:
         return "The measurement is at fault, and that is not all"
     if outcome.verdict == "ambiguous" and not _open(outcome):
         return _TWO_FAULTS
+    if outcome.met:
+        return _MET
     if outcome.verdict == "unknown" and not outcome.complete:
         return _NOT_FOUND
     return _HEADINGS[outcome.verdict]
@@ -75,10 +83,11 @@ def heading(outcome: Outcome) -> str:
 def meaning(outcome: Outcome) -> str:
     """What the verdict means, in two or three sentences."""
     two_faults = outcome.verdict == "ambiguous" and not _open(outcome)
-    said = [_MEANING_TWO_FAULTS if two_faults else _MEANINGS[outcome.verdict]]
+    said = [_MEANING_TWO_FAULTS if two_faults else _MEANING_MET if outcome.met else _MEANINGS[outcome.verdict]]
     if not outcome.complete:
         said.append(f"The search ended at its time limit: {not_compared(outcome)}.")
-    said.append((_WHOLE if outcome.complete else _CUT_SHORT).get(outcome.verdict, ""))
+    if not outcome.met:
+        said.append((_WHOLE if outcome.complete else _CUT_SHORT).get(outcome.verdict, ""))
     if _open(outcome) and outcome.verdict != "ambiguous":
         said.append(_CLASS)
     if outcome.verdict in ("effect", "partial") and _of_sensors(outcome):

@@ -34,7 +34,7 @@ _BUNDLED = Path(__file__).parent / "parameter_sets"
 _FORMAT = "arterial-fmu parameter set 1"
 _KEYS = ("format", "name", "texts", "values", "provenance")
 _VALUE_KEYS = ("value", "unit", "ci95")
-_TEXTS = {"network.elastic_law": tuple(ELASTIC_LAWS), "network.viscous_law": tuple(VISCOUS_LAWS)}
+_TEXTS: Mapping[str, Mapping[str, object]] = {"network.elastic_law": ELASTIC_LAWS, "network.viscous_law": VISCOUS_LAWS}
 
 _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
@@ -289,7 +289,7 @@ def _to_ssv(parameters: ParameterSet) -> bytes:
         ElementTree.SubElement(entry, f"{{{_SSV}}}Real", value=repr(value.value), unit=value.unit)
     for name, text in parameters.texts.items():
         entry = ElementTree.SubElement(entries, f"{{{_SSV}}}Parameter", name=name)
-        number = str(_TEXTS[name].index(text) + 1)  # of the FMU's Enumeration; by name few clients take it
+        number = str(list(_TEXTS[name]).index(text) + 1)  # of the FMU's Enumeration; by name few clients take it
         ElementTree.SubElement(entry, f"{{{_SSV}}}Integer", value=number)
     used = sorted({value.unit for value in parameters.values.values()})
     if used:

@@ -16,12 +16,12 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from . import inlet_curves, spellings
+from . import inlet_curves, outlets, spellings
 from .catalogue import quantities_of, terms_of, value_of
 from .errors import InputError
 from .inlet import CAUSALITY, Inlet
 from .network import Channel, Fluid, Junction, Network, Segment, Site
-from .outlets import OUTLETS, Outlet, Pressure
+from .outlets import Outlet, Pressure
 from .quantity import Quantity, quantities
 from .text import (
     check_keys,
@@ -228,10 +228,10 @@ def _junction(entry: Any) -> Junction:
 def _outlet(segment: str, table: Mapping[str, Any]) -> Outlet:
     """The outlet whose own keys are in the table: R_t, or R1 C R2, or R, or none but P_venous."""
     where = f"{segment}.outlet"
-    table = spellings.outlet(table)
-    own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in OUTLETS}
-    check_keys(where, table, [*dict.fromkeys(key for kind in OUTLETS for key in quantities(kind)), *terms_of("outlet")])
-    found = [kind for kind in OUTLETS if any(key in table for key in own[kind])]
+    table, kinds = spellings.outlet(table), outlets.OUTLETS
+    own = {kind: [key for key in quantities(kind) if key not in quantities(Outlet)] for kind in kinds}
+    check_keys(where, table, [*dict.fromkeys(key for kind in kinds for key in quantities(kind)), *terms_of("outlet")])
+    found = [kind for kind in kinds if any(key in table for key in own[kind])]
     choices = " or ".join(", ".join(keys) or "P_venous alone" for keys in own.values())
     if len(found) > 1:
         raise InputError(

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 
 from . import effects
+from . import outlets as outlet_kinds
 from .catalogue import quantities_of, terms_of, value_of
 from .curve import Curve
 from .effect import Effect
 from .errors import InputError
 from .inlet import Inlet
-from .outlets import OUTLETS, Outlet
+from .outlets import Outlet
 from .quantity import Quantity, quantities, quantity
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms, suggest
@@ -308,7 +309,7 @@ def to_dict(network: Network) -> dict[str, Any]:
 
 def from_dict(data: Mapping[str, Any]) -> Network:
     """The network of a :func:`to_dict` result."""
-    conditions = {kind.__name__: kind for kind in OUTLETS}
+    conditions = {kind.__name__: kind for kind in outlet_kinds.OUTLETS}
     junctions = [{**j, "inflow": tuple(j["inflow"]), "outflow": tuple(j["outflow"])} for j in data["junctions"]]
     outlets = [(conditions[o["condition"]], {k: v for k, v in o.items() if k != "condition"}) for o in data["outlets"]]
     parts: dict[str, Any] = {

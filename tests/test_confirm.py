@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -14,6 +15,7 @@ from discrepancy.confirm import agreement, change, confirmed
 from discrepancy.name import name
 from discrepancy.show import Gap, Run, compared, fall
 from discrepancy.study import Study
+from discrepancy.summary import sentence
 from discrepancy.verdict import Naming
 from fitting.inference.fit import Fit
 from fitting.inference.network import network_problem
@@ -122,6 +124,22 @@ def test_nothing_is_missing_below_the_noise(verdict: str) -> None:
     found = confirmed(s, named(verdict), before, None if verdict == "unknown" else after)
     assert (found.verdict, found.members) == ("none", ()) and found.confidence <= 0.5
     assert found.reason is not None and "0.77 times the noise" in found.reason
+
+
+def test_a_record_that_an_improbable_animal_meets() -> None:
+    """All moduli 2.97 times the file's, 5.4 stated spreads: the verdict was `none`, "nothing is missing"."""
+    s, run = study(), stiffer(study(), 0.0)
+    base = named("none").base
+    x = np.array([math.log(2.97) / 0.2 if u.name == "all.E" else 0.0 for u in base.fit.unknowns])
+    far = replace(named("none"), base=replace(base, fit=replace(base.fit, x=x), misfit=0.0))
+    found = confirmed(s, far, run, None)
+    assert (found.verdict, found.members) == ("unknown", ()) and found.confidence <= 0.5
+    assert found.reason == "the model meets the record only with all.E 5.4 stated spreads above the file's"
+    assert sentence(found, (), run.gap, None).startswith(
+        "The model meets the record only with all.E 5.4 stated spreads"
+    )
+    near = replace(far, base=replace(base, fit=replace(base.fit, x=0.7 * x)))
+    assert confirmed(s, near, run, None) is near
 
 
 def test_words_follow_the_numbers() -> None:

@@ -17,7 +17,11 @@ from test_toy import TissueSupport
 import arterial_fmu
 import solver
 from build_fmu import build
+from fitting.parameter_set import ParameterSet
 from solver import effects, laws, load, outlets, simulate, simulate_periodic
+from solver.files import dumps, loads
+from solver.network import from_dict, to_dict
+from solver.quantity import quantity
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -150,6 +154,26 @@ class Leaky(outlets.Resistance):
 
 class Stiff(laws.Beta):
     """A law of a script."""
+
+
+@dataclass(frozen=True)
+class Orifice(outlets.Outlet):
+    """An outlet with a key of its own."""
+
+    b: float = quantity(None, "Pa.s^2/m^6", "resistance b of the jet", 1.0, 1e25, nominal=1e14)
+
+
+def test_an_outlet_and_a_law_of_a_script_are_in_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Network files recognise the outlet by its key, parameter sets the law by its name; a journal's dicts, too."""
+    monkeypatch.setattr(outlets, "OUTLETS", (*outlets.OUTLETS, Orifice))
+    monkeypatch.setitem(laws.ELASTIC_LAWS, "mine", replace(laws.ELASTIC_LAWS["beta"], name="mine"))  # type: ignore[type-var]
+    sheep = load("sheep")
+    ends = tuple(Orifice(o.segment, b=2e14) if o.segment == "CA" else o for o in sheep.outlets)
+    mine = replace(sheep, outlets=ends, elastic_law="mine")
+    assert loads(dumps(mine), "mine") == mine and from_dict(to_dict(mine)) == mine
+    assert ParameterSet("mine", {}, {"network.elastic_law": "mine"}).texts == {"network.elastic_law": "mine"}
+    with pytest.raises(ValueError, match="must be one of beta, regression, mine"):
+        ParameterSet("mine", {}, {"network.elastic_law": "yours"})
 
 
 def test_an_effect_of_a_script_is_refused_by_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
