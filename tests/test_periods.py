@@ -81,11 +81,13 @@ def test_recordings_are_those_of_their_numbers() -> None:
         (37047, 0.5, "differ 11 times as much"),
         (54234, 2.0, "too few times to be sure"),
         (48744, 2.95, "the period may be 0.694 s"),
+        (23265, 4.0, "the period may be 0.505 s"),
+        (46151, 0.28, "from the fourth next"),
     ],
 )
 def test_a_wrong_period_is_doubted(number: int, beats: float, sentence: str) -> None:
     """Recordings of the benchmark, of two to three upstrokes, that cannot be told for certain: several beats where too
-    few are there to show that one is not the period; a half whose fellow differs by not much more than beats do; and
+    few are there to show that one is not the period, or four are one breath; a half whose fellow differs by not much more than beats do; and
     a third, as short as no larger animal's."""
     made = make(number)
     found = usual_period(made.channels, made.dt, "synthetic")

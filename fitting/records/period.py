@@ -39,7 +39,7 @@ _EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a differenc
 _STRAYED = 0.05  # of the period, by which refinement may move it: by more only where beats come at no steady rate
 _ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
 _SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
-_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath
+_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so
 _OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which every second or third comes off time
 
 
@@ -126,7 +126,8 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"record at least two whole beats of {FEWEST} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
-    return found if found.said else _passed_over(found, x[votes], [each.lag for each in tried], candidates, step)
+    passed = [(each.lag, score) for each, score in zip(tried, worst, strict=True)]
+    return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
 def _tried(x: Array, lags: Array) -> list[_Later]:
@@ -158,25 +159,26 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
 
 
 def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> Found:
-    """The period that this lag [samples] is, or two or three of it, by whether what comes every lag differs in turn.
+    """The period that this lag [samples] is, or two to four of it, by whether what comes every lag differs in turn.
 
     If it differs in its timing, too, or much, it is a part of a beat. Else a part of a beat cannot be told from a heart
     that alternates: a whole beat is assumed, and that is said.
     """
     T, (one, *more) = lag * step, _around(x, lag, candidates)
-    differ = [(*_differ(one, each), each) for each in more if round(each.lag / lag) <= _UPSTROKES]
-    most = max((times for times, *_ in differ), default=0.0)
-    if most < _UNLIKE:
+    differ = [(*_differ(one, each), each) for each in more]
+    differ = [each for each in differ if each[0] > (_UNLIKE if each[-1].lag < (_UPSTROKES + 0.5) * lag else _MUCH)]
+    if not differ:
         return Found(T, False)
-    times, which, sure, other = next(each for each in differ if each[0] >= max(_UNLIKE, most / _NEARLY))
+    most = max(times for times, *_ in differ)
+    times, which, sure, other = next(each for each in differ if each[0] >= most / _NEARLY)
     together, count = other.lag * step, round(other.lag / lag)
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(_OFF * lag, _UNTIMELY * as_many)
-    if times > _MUCH and (not timely or one.alike[which] < _SAME * other.alike[which]):
+    if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
         nearly = timely and one.alike[which] >= _NEARLY_SAME * other.alike[which]
         why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
         return Found(together, False, T, _said_of_parts(T, together, count, why) if why else ())
-    far = {2: "second", 3: "third"}[count]
+    far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
         f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
@@ -192,15 +194,21 @@ def _said_of_parts(T: float, together: float, count: int, why: str) -> tuple[str
     )
 
 
-def _passed_over(found: Found, x: Array, lags: Sequence[float], candidates: Array, step: float) -> Found:
-    """With a note where the period is two or three of the lags [samples] that were tried before and no channel shows
-    that every second or third stretch differs, or too short for most hearts."""
-    for lag in lags:
+def _passed_over(
+    found: Found, x: Array, passed: Sequence[tuple[float, float]], candidates: Array, step: float
+) -> Found:
+    """With a note where the period is several of the lags [samples] that were tried before, or short for a heart.
+
+    Two or three upstrokes may be a beat, if a channel shows that what comes every lag differs in turn. Four are none:
+    they are beats of one breath, if half of the power went on alike after the lag.
+    """
+    for lag, score in passed:
         count = round(found.T / (lag * step))
-        if not 2 <= count <= _UPSTROKES or abs(found.T / (lag * step) - count) > _ELASTIC:
+        if count < 2 or abs(found.T / (lag * step) - count) > _ELASTIC:
             continue
         one, *more = _around(x, lag, candidates)
-        if any(round(each.lag / lag) == count and _differ(one, each)[0] < _UNLIKE for each in more):
+        alike = any(round(each.lag / lag) == count and _differ(one, each)[0] < _UNLIKE for each in more)
+        if score >= _HALF if count > _UPSTROKES else alike:
             said = (
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
