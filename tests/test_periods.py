@@ -87,8 +87,8 @@ def test_recordings_are_those_of_their_numbers() -> None:
 )
 def test_a_wrong_period_is_doubted(number: int, beats: float, sentence: str) -> None:
     """Recordings of the benchmark, of two to three upstrokes, that cannot be told for certain: several beats where too
-    few are there to show that one is not the period, or four are one breath; a half whose fellow differs by not much more than beats do; and
-    a third, as short as no larger animal's."""
+    few are there to show that one is not the period, or four are one breath; a half whose fellow differs by not much
+    more than beats do; and a third, as short as no larger animal's."""
     made = make(number)
     found = usual_period(made.channels, made.dt, "synthetic")
     assert found.T / made.T == pytest.approx(beats, rel=0.02)
