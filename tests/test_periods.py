@@ -76,11 +76,19 @@ def test_recordings_are_those_of_their_numbers() -> None:
         (8268, 2.0, "the period may be 0.73 s"),
         (14232, 2.0, "the period may be 0.702 s"),
         (8226, 0.33, "579 beats a minute"),
+        (28771, 0.5, "differ 1.9 times as much"),
+        (98280, 0.5, "differ 1.7 times as much"),
+        (37047, 0.5, "differ 11 times as much"),
+        (54234, 2.0, "too few times to be sure"),
+        (48744, 2.95, "the period may be 0.694 s"),
+        (23265, 4.0, "the period may be 0.505 s"),
+        (46151, 0.28, "from the fourth next"),
     ],
 )
 def test_a_wrong_period_is_doubted(number: int, beats: float, sentence: str) -> None:
-    """Twice the beat where one channel goes on nearly as well after one beat, and a third of it, as short as no larger
-    animal's: recordings of the benchmark, of two to three upstrokes, that cannot be told for certain."""
+    """Recordings of the benchmark, of two to three upstrokes, that cannot be told for certain: several beats where too
+    few are there to show that one is not the period, or four are one breath; a half whose fellow differs by not much
+    more than beats do; and a third, as short as no larger animal's."""
     made = make(number)
     found = usual_period(made.channels, made.dt, "synthetic")
     assert found.T / made.T == pytest.approx(beats, rel=0.02)

@@ -28,19 +28,18 @@ _FINE = 5e-3  # [s], the time step of the search
 _WANDER = 0.25  # [Hz]; slower than any heart
 _LEAST = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
 _ALIKE = np.sqrt(0.75)  # correlation, over the best, from which three quarters of the power go on alike: a lag to judge
-_NEARLY_ALIKE = np.sqrt(0.6)  # and six tenths: a lag that is passed over for a multiple, and said
 _SAME = np.sqrt(0.9)  # and nine tenths: beats that alternate, if they do; less is another part of a beat
 _NEARLY_SAME = np.sqrt(0.85)  # and 85 %: another part of a beat, which is said
 _HALF = np.sqrt(0.5)  # and half of it, of stretches as long as the lag, which hold parts of two beats
-_UNLIKE, _CHANCE = 2.0, 3.0  # times the usual difference, and standard deviations of a sign test, from which every
-# second or third beat differs
+_UNLIKE = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
+_DOUBT, _SURE = 1.645, 3.0  # standard deviations of a sign test: 5 % and 0.13 % of beats that are alike reach them
 _NEARLY = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
 _MUCH = 10.0  # and from which the part of a beat is not taken for one
 _EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a difference that a shift by half a sample makes
 _STRAYED = 0.05  # of the period, by which refinement may move it: by more only where beats come at no steady rate
 _ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
 _SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
-_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath
+_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so
 _OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which every second or third comes off time
 
 
@@ -127,8 +126,8 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"record at least two whole beats of {FEWEST} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
-    near = [each.lag for each, score in zip(tried, worst, strict=True) if _NEARLY_ALIKE <= score < _ALIKE]
-    return found if found.said else _passed_over(found, [each * step for each in near])
+    passed = [(each.lag, score) for each, score in zip(tried, worst, strict=True)]
+    return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
 def _tried(x: Array, lags: Array) -> list[_Later]:
@@ -167,16 +166,18 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     """
     T, (one, *more) = lag * step, _around(x, lag, candidates)
     differ = [(*_differ(one, each), each) for each in more]
-    most = max((times for times, _, _ in differ), default=0.0)
-    times, which, other = next((each for each in differ if each[0] >= most / _NEARLY), (0.0, 0, one))
-    if times < _UNLIKE:
+    differ = [each for each in differ if each[0] > (_UNLIKE if each[-1].lag < (_UPSTROKES + 0.5) * lag else _MUCH)]
+    if not differ:
         return Found(T, False)
+    most = max(times for times, *_ in differ)
+    times, which, sure, other = next(each for each in differ if each[0] >= most / _NEARLY)
     together, count = other.lag * step, round(other.lag / lag)
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(_OFF * lag, _UNTIMELY * as_many)
     if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
         nearly = timely and one.alike[which] >= _NEARLY_SAME * other.alike[which]
-        return Found(together, False, T, _said_of_parts(T, together, count) if nearly else ())
+        why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
+        return Found(together, False, T, _said_of_parts(T, together, count, why) if why else ())
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
@@ -186,24 +187,33 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     return Found(T, False, together, (said,))
 
 
-def _said_of_parts(T: float, together: float, count: int) -> tuple[str, ...]:
+def _said_of_parts(T: float, together: float, count: int, why: str) -> tuple[str, ...]:
     return (
-        f"the period may be {T:.3g} s: what comes every {T:.3g} s is nearly alike; either a beat of {together:.3g} s "
-        f"has {count} upstrokes, or beats alternate. If these are beats, give their period.",
+        f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has {count} "
+        "upstrokes, or beats alternate. If these are beats, give their period.",
     )
 
 
-def _passed_over(found: Found, lags: Sequence[float]) -> Found:
-    """With a note where the period is a whole number of lags [s] after which the channels went on nearly alike, or too
-    short for most hearts."""
-    for lag in lags:
-        count = round(found.T / lag)
-        if count > 1 and abs(found.T / lag - count) <= _ELASTIC:
+def _passed_over(
+    found: Found, x: Array, passed: Sequence[tuple[float, float]], candidates: Array, step: float
+) -> Found:
+    """With a note where the period is several of the lags [samples] that were tried before, or short for a heart.
+
+    Two or three upstrokes may be a beat, if a channel shows that what comes every lag differs in turn. Four are none:
+    they are beats of one breath, if half of the power went on alike after the lag.
+    """
+    for lag, score in passed:
+        count = round(found.T / (lag * step))
+        if count < 2 or abs(found.T / (lag * step) - count) > _ELASTIC:
+            continue
+        one, *more = _around(x, lag, candidates)
+        alike = any(round(each.lag / lag) == count and _differ(one, each)[0] < _UNLIKE for each in more)
+        if score >= _HALF if count > _UPSTROKES else alike:
             said = (
-                f"the period may be {lag:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; either "
-                f"rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
+                f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
+                f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
-            return Found(found.T, found.steady, lag, (said,))
+            return Found(found.T, found.steady, lag * step, (said,))
     if found.T < _FASTEST:
         said = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
@@ -222,14 +232,16 @@ def _change(one: _Later, beats: int) -> float:
     return float(_weighted_median(change, power)[0]) if change.size else 0.0
 
 
-def _differ(one: _Later, other: _Later) -> tuple[float, int]:
-    """How many times as much stretches differ from the next as from the other, at most, and in which channel; 0 where
-    that is no more often so than by chance."""
+def _differ(one: _Later, other: _Later) -> tuple[float, int, bool]:
+    """How many times as much stretches differ from the next as from the other, at most, in which channel, and whether
+    for certain; 0 where that is no more often so than by chance. Of stretches, which overlap by half, half count."""
     n = min(one.unlike.shape[1], other.unlike.shape[1])
     a, b = one.unlike[:, :n], other.unlike[:, :n]
-    often = (2.0 * (a > b).mean(axis=1) - 1.0) * np.sqrt(n) >= min(_CHANCE, 0.99 * np.sqrt(n))
-    times = np.where(often, np.median(a, axis=1) / np.maximum(np.median(b, axis=1), _FINEST), 0.0)
-    return float(times.max()), int(times.argmax())
+    often = (2.0 * (a > b).mean(axis=1) - 1.0) * np.sqrt(n / 2.0)
+    times = np.median(a, axis=1) / np.maximum(np.median(b, axis=1), _FINEST)
+    times = np.where(often >= min(_DOUBT, 0.99 * np.sqrt(n / 2.0)), times, 0.0)
+    which = int(times.argmax())
+    return float(times[which]), which, bool(often[which] >= _SURE)
 
 
 def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Array, float]:
@@ -271,8 +283,9 @@ def _candidates(x: Array, step: float) -> Array:
     falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
     first = max(int(SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
     lags = np.arange(first + 1, len(r) - 1)
+    lags = lags[(r[lags] > 0.0) & (r[lags] >= np.maximum(r[lags - 1], r[lags + 1]))]
     highest = [r[int(lag * (1.0 - _ELASTIC)) : int(lag * (1.0 + _ELASTIC)) + 1].max() for lag in lags]
-    return _vertex(r, lags[(r[lags] == highest) & (r[lags] > 0.0)])
+    return _vertex(r, lags[r[lags] == highest])
 
 
 def _correlation(x: Array, lags: int) -> Array:
@@ -304,9 +317,9 @@ class _Stretches:
         self.h = max(1.0, length / _SAMPLES)
         self.y, self.w = _resampled(x, self.h), round(length / self.h)
         self.windows = np.lib.stride_tricks.sliding_window_view(self.y, self.w, axis=1)
-        means = self.windows.mean(axis=2)
-        self.powers = np.maximum(np.einsum("ctj,ctj->ct", self.windows, self.windows) - self.w * means**2, _EXACT)
-        self.means = means
+        total, squares = (_added(each, self.w) for each in (self.y, self.y**2))
+        self.means = total / self.w
+        self.powers = np.maximum(squares - self.w * self.means**2, _EXACT)
 
     def later(self, lag: float) -> _Later:
         """What follows them some lag later [samples]."""
@@ -334,6 +347,12 @@ class _Stretches:
     def hold(self, lengths: float) -> bool:
         """Whether the record is so many of their lengths long."""
         return self.y.shape[1] >= lengths * self.w
+
+
+def _added(y: Array, w: int) -> Array:
+    """The sums of w successive numbers of y : (m, n)."""
+    total = np.concatenate([np.zeros((len(y), 1)), np.cumsum(y, axis=1)], axis=1)
+    return np.asarray(total[:, w:] - total[:, :-w])
 
 
 def _weighted_median(r: Array, weights: Array) -> Array:
