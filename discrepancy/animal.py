@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.fit import Fit
+from fitting.inference.hierarchy import Linear, with_widths
 from fitting.inference.prior import calibrated
 from fitting.inference.terms import rewired
 from fitting.inference.unknown import interval

@@ -41,9 +41,7 @@ class Begun:
     chi2: float
 
 
-def begun_at(
-    problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs
-) -> list[list[Begun]]:
+def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs) -> list[list[Begun]]:
     """For every place of the map, or others that are as good, the laws of the catalogue there, nearest first."""
     return [_nearest(problem, found, i, _laws(problem, found, i, terms), runs) for i in range(len(found.signals))]
 
@@ -109,7 +107,7 @@ def _sizes(term: Term) -> list[Array]:
     found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
     if effect_of(term).rewires:
         return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
-    along = found if term.moves_along else [np.zeros(len(term.unknowns))]
+    along = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
     for start in along:
         for size in (sign * size for size in SIZES for sign in (1.0, -1.0)):
             x = start.copy()

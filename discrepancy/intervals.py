@@ -12,8 +12,8 @@ import numpy as np
 from fitting.estimate import Estimate
 from fitting.inference import hierarchy
 from fitting.inference.added import estimates
-from fitting.inference.hierarchy import with_widths
 from fitting.inference.fit import Fit, misfit
+from fitting.inference.hierarchy import with_widths
 from fitting.inference.jackknife import jackknife
 from fitting.inference.profile import reaches
 from fitting.inference.selection import conditioned

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from fitting.inference.hierarchy import with_widths
 from fitting.inference.fit import Fit
+from fitting.inference.hierarchy import with_widths
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
 from fitting.records.record import Record

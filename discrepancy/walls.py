@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from fitting.inference.hierarchy import Linear
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.hierarchy import Linear
 from fitting.inference.misfit import settled
 from fitting.inference.parts import beside_sites
 from fitting.inference.simulator import Runs

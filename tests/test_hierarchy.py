@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from fitting.inference.hierarchy import DECADES, Linear, score, with_widths
 from fitting.inference.fit import Fit
+from fitting.inference.hierarchy import DECADES, Linear, score, with_widths
 from fitting.inference.jackknife import jackknife
 from fitting.inference.misfit import Block, estimated, widened
 from fitting.inference.terms import Term

@@ -21,9 +21,9 @@ from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from fitting.inference.added import estimates
 from fitting.inference.bench import fit
-from fitting.inference.hierarchy import score
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
+from fitting.inference.hierarchy import score
 from fitting.inference.network import network_problem
 from fitting.inference.profile import reaches
 from fitting.inference.search import relax

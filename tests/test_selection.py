@@ -17,8 +17,8 @@ from discrepancy.verdict import Naming
 from discrepancy.weigh import Named, found_from, price
 from fitting.estimate import Estimate
 from fitting.inference.added import estimates
-from fitting.inference.hierarchy import LOG_RANGE
 from fitting.inference.fit import Fit
+from fitting.inference.hierarchy import LOG_RANGE
 from fitting.inference.jackknife import without_groups
 from fitting.inference.network import NetworkProblem, network_problem
 from fitting.inference.selection import conditioned, reach

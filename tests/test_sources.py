@@ -13,7 +13,7 @@ import pytest
 from solver import Network, beat_harmonics, load
 from solver.effects import ALL
 from solver.small_waves import source_responses
-from solver.sources import Drop, InletFlow, OutletFlow, Outflow, Source, Step, WallPressure
+from solver.sources import Drop, InletFlow, Outflow, OutletFlow, Source, Step, WallPressure
 
 Array = np.ndarray
 

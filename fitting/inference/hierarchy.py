@@ -83,9 +83,7 @@ class Linear:
         return cls.of_columns(fit.z, fit.J, fit.x, fit.unknowns, fit.log_volume)
 
     @classmethod
-    def of_columns(
-        cls, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0
-    ) -> Linear:
+    def of_columns(cls, z: Array, J: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> Linear:
         """z : (n,) whitened residual at x, J : (n, p)."""
         tall = np.column_stack([J, z - J @ x])
         return cls(tall.T @ tall, x, unknowns, log_volume)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from solver import effects
 from solver.effect import ALL_PLACES, CHANNEL, DROP, JUNCTION, OUTFLOW, OUTLET, WALL
 from solver.network import Network
-from solver.sources import Drop, InletFlow, OutletFlow, Outflow, Source, Step, WallPressure
+from solver.sources import Drop, InletFlow, Outflow, OutletFlow, Source, Step, WallPressure
 from solver.units import INFLOW
 
 from .unknown import Unknown
