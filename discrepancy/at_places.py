@@ -29,7 +29,7 @@ from .walls import _exact, _promised
 
 Array = np.ndarray
 
-SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # typical sizes at which a law may begin, beside its own starts
+SIZES = (0.3, 1.0, 3.0)  # typical sizes at which a law may begin, beside its own starts
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def _sizes(term: Term) -> list[Array]:
         return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
     along = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
     for start in along:
-        for size in (sign * size for size in SIZES for sign in (1.0, -1.0)):
+        for size in (sign * size for size in (SIZES if len(along) == 1 else SIZES[1:2]) for sign in (1.0, -1.0)):
             x = start.copy()
             x[0] = size
             found.append(x)
@@ -127,20 +127,32 @@ def _member(problem: NetworkProblem, found: SourceMap, laws: Sequence[tuple[Term
     return Member(terms, unknowns, np.clip([x.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
 
-def singles(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
-    """Every law alone, refitted."""
-    return refitted(problem, found, [[(b.term, b.x)] for some in laws for b in some[: at.EACH]], runs)
+def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[list[Fit]]:
+    """For every place the laws there, refitted beside the free sources of the other places; nearest first."""
+    fits = []
+    for i, some in enumerate(laws):
+        beside = found.forced(problem, [j for j in range(len(laws)) if j != i])
+        own = refitted(beside, found, [[(b.term, b.x)] for b in some[: at.EACH]], runs)
+        fits.append(sorted(own, key=lambda f: f.cost))
+    return fits
 
 
-def several(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
-    """Laws of two places together, refitted: of each place the few that come nearest."""
+def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
+    """Laws of two places together, each of those that do nearly as well as the best at its place, refitted."""
+    near = [[f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES] for some in fits]
     both = [
-        [(a.term, a.x), (b.term, b.x)]
-        for i, j in combinations(range(len(laws)), 2)
-        for a, b in product(laws[i][: at.BRANCHES], laws[j][: at.BRANCHES])
-        if a.term.label != b.term.label and joins(b.term, (a.term,)) and joins(a.term, (b.term,))
+        [(a.terms[0], _own(a)), (b.terms[0], _own(b))]
+        for some, others in combinations(near, 2)
+        for a, b in product(some, others)
+        if a.terms[0].label != b.terms[0].label and joins(b.terms[0], a.terms) and joins(a.terms[0], b.terms)
     ]
     return refitted(problem, found, both, runs)
+
+
+def _own(fit: Fit) -> Array:
+    """Where a single law ended."""
+    x = dict(zip((u.name for u in fit.unknowns), fit.x, strict=True))
+    return np.array([x[u.name] for u in fit.terms[0].unknowns])
 
 
 def refitted(
@@ -150,7 +162,7 @@ def refitted(
     white = problem.target.whiten(found.J)
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
-    return [f for f in problem.searched_from(members, runs, known) if f is not None]
+    return [f for f in problem.searched_from(members, runs, known) if f is not None] if members else []
 
 
 def compared(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -159,11 +171,13 @@ def compared(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> It
     none = refitted(problem, found, [[]], runs)
     if not none:
         raise InputError("the model as given cannot be simulated with this record")
-    laws = begun_at(problem, found, terms, runs)
-    fits = [*none, *singles(problem, found, laws, runs)]
-    if len(laws) > 1:
-        fits += several(problem, found, laws, runs)
-    yield (result := _exact(problem, problem, fits, {}, terms, runs))
+    laws = alone(problem, found, begun_at(problem, found, terms, runs), runs)
+    if len(laws) < 2:
+        fits = [f for some in laws for f in some]
+    else:  # each alone, too, where the other place may be nothing
+        fits = together(problem, found, laws, runs)
+        fits += refitted(problem, found, [[(f.terms[0], _own(f))] for some in laws for f in some[:1]], runs)
+    yield (result := _exact(problem, problem, [*none, *fits], {}, terms, runs))
     sought = result.sought
     columns = result.problem.columns(result.none.fit, sought, runs)
     result = Compared.of(result.problem, result.fits, {result.none.individual: columns}, terms)

@@ -252,9 +252,8 @@ class Response:
     def stored(self, waves: Waves, forcing: Forcing) -> Waves:
         """The waves with the pressures that outlets store of what sources let out before them."""
         model, P_C = self.model, self.model.layout.part(waves.y, "P_C")
-        if P_C.size and not np.isscalar(forcing.nodes):
-            nodes = forcing.nodes[..., model.mesh.topology.outlets]
-            P_C[:] += self.charge.reshape(P_C.shape) * nodes
+        if P_C.size and isinstance(forcing.nodes, np.ndarray):
+            P_C[:] += self.charge.reshape(P_C.shape) * forcing.nodes[..., model.mesh.topology.outlets]
         return waves
 
     def correction(self, R: Array, net: Array) -> tuple[Array, Array]:

@@ -2,13 +2,13 @@
 
     D_k = F_k(θ, g) - X_k,    k = 0 … K,    all channels,
 
-is the residual of the full nonlinear harmonic balance F with the animal's own numbers θ and sources g_p(t) in it. Places
-(:mod:`~fitting.inference.places`) are added, swapped and dropped while the evidence of the linear problem about the
-present point (:mod:`~fitting.inference.source_evidence`) says so, and θ and g move to where they are most probable.
+is the residual of the full nonlinear harmonic balance F with the animal's own numbers θ and sources g_p(t) in it.
+Places (:mod:`~fitting.inference.places`) are added, swapped and dropped while the evidence of the linear problem about
+the present point (:mod:`~fitting.inference.source_evidence`) says so, and θ and g move to where they are most probable.
 
-What decides is the order: first the model is granted an error of every channel, of LEVELS[0] of its pulse, under which θ
-moves no further than it is likely to; then less and less. Walls fitted to the noise at once would bend, and take up what
-is missing.
+What decides is the order: first the model is granted an error of every channel, of LEVELS[0] of its pulse, under which
+θ moves no further than it is likely to; then less and less. Walls fitted to the noise at once would bend, and take up
+what is missing.
 """
 
 from __future__ import annotations
@@ -97,6 +97,11 @@ class SourceMap:
     def places(self) -> tuple[Place, ...]:
         return tuple(s.place for s in self.signals)
 
+    @property
+    def explains(self) -> bool:
+        """Whether it leaves noise alone."""
+        return self.chi2 < _noise(self.n)
+
     def forced(self, problem: NetworkProblem, which: Sequence[int]) -> NetworkProblem:
         """The problem with some of the signals in it."""
         return with_signals(problem, [(self.signals[i].place, self.signals[i].g) for i in which])
@@ -122,9 +127,14 @@ def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
     the deadline."""
     work = _Work(problem, runs or Runs())
     found = [work.annealed(LEVELS)]
-    if found[0].active:  # what is cheap at a wide error may have come first; begun closer, it does not
+    if work.chi2(found[0].D) > _noise(normal_size(found[0])):  # what is cheap at a wide error may have come first
         found.append(work.annealed(LEVELS[1:]))
     return work.told(min(found, key=lambda point: point.score))
+
+
+def _noise(n: int) -> float:
+    """What chi2 of n data is by chance at most: three of its standard deviations more than n."""
+    return n + 3.0 * math.sqrt(2.0 * n)
 
 
 class _Work:
