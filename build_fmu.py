@@ -281,6 +281,7 @@ def main(
         if inlet not in (None, "flow", "pressure"):
             raise InputError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
+        check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
         target = build(arteries, out, execution_tool=execution_tool, starts=starts)
