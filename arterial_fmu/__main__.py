@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from fmu_src import __version__
-
+from . import __version__
 from .apart import end_with_parent, is_apart, run_apart
 from .commands import COMMANDS, load
 

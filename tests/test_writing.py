@@ -159,6 +159,17 @@ def test_told_before_the_work(name: str, inputs: Path, monkeypatch: pytest.Monke
     assert done.stderr.splitlines()[-1].startswith("Error: file") and "file" in done.stderr
 
 
+@pytest.mark.parametrize("line", ["sheep", "heart --species human", "body --species human", "system human"])
+def test_the_product_that_cannot_be_written(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """build names the file that it would make, before it does."""
+    monkeypatch.setattr("build_fmu._pack", lambda *_: pytest.fail("the work was begun"))
+    name = {"sheep": "sheep.fmu", "system": "human.ssp"}.get(line.split()[0], f"human_{line.split()[0]}.fmu")
+    (tmp_path / name).mkdir()
+    done = run("build", *line.split(), "--out", tmp_path)
+    assert done.exit_code == ExitCode.BAD_INPUT
+    assert f"Error: {tmp_path / name}: cannot be written (not a regular file)" in done.stderr
+
+
 GIVEN = {  # a file that would be written, and a command that reads it
     "solve": ("net.toml", "net.toml --duration 0.1s --out net.toml"),
     "import": ("table.csv", "csv table.csv --out table.csv --force"),
