@@ -277,10 +277,10 @@ def main(
 ) -> None:
     """Build the FMU of a network of arteries; the default: the word network may be left out."""
     with sentences(), bar(quiet, "building"):
-        check_destinations(out / "any.fmu", folders=True)
         if inlet not in (None, "flow", "pressure"):
             raise InputError(f"--inlet {inlet}: must be flow or pressure.")
         arteries = read_network(find_network(network))
+        check_destinations(out / f"{arteries.name}.fmu", given=[network], folders=True)
         arteries = replace(arteries, inlet=replace(arteries.inlet, causality=inlet or arteries.inlet.causality))
         starts = _start_values(models.arteries_model(arteries, Settings()).table, change or [])
         target = build(arteries, out, execution_tool=execution_tool, starts=starts)
@@ -305,8 +305,9 @@ def _lumped(model: Callable[..., Model]) -> Callable[..., None]:
         quiet: Quiet = False,
     ) -> None:
         with sentences(), bar(quiet, "building"):
-            check_destinations(out / "any.fmu", folders=True)
-            starts = _start_values(model(species).table, change or [])
+            known = model(species)
+            check_destinations(out / f"{known.name}.fmu", folders=True)
+            starts = _start_values(known.table, change or [])
             target = build_model(model(species, starts), out, execution_tool)
         _report(target, as_json, quiet)
 
@@ -332,8 +333,9 @@ def system_command(
 ) -> None:
     """Build heart, arteries and body as one system in SSP."""
     with sentences(), bar(quiet, "building heart, arteries and body"):
-        check_destinations(out / "any.ssp", folders=True)
-        target = build_system(read_network(find_network(network)), species, out, execution_tool)
+        arteries = read_network(find_network(network))
+        check_destinations(out / f"{arteries.name}.ssp", folders=True)
+        target = build_system(arteries, species, out, execution_tool)
     _report(target, as_json, quiet)
 
 

@@ -8,9 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from fmu_src import __version__
-
-from .apart import is_apart, run_apart
+from . import __version__
+from .apart import end_with_parent, is_apart, run_apart
 from .commands import COMMANDS, load
 
 
@@ -50,7 +49,9 @@ for _name, _command in COMMANDS.items():
 
 def main() -> None:
     """The console script. An FMU may end the process that runs it: ``run`` has one of its own."""
-    if sys.argv[1:2] == ["run"] and not is_apart():
+    if is_apart():
+        end_with_parent()
+    elif sys.argv[1:2] == ["run"]:
         raise SystemExit(run_apart(sys.argv[1:]))
     try:
         app(prog_name="arterial-fmu")

@@ -18,19 +18,20 @@ from typing import Any
 _HOME = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver", "fmu_src", "fitting", "discrepancy")
 _PARENT = __name__.partition(".")[0]
-# what each of them imports
-_NEEDS: dict[str, tuple[str, ...]] = {
+# what each of them imports, or runs in a process of its own
+NEEDS: dict[str, tuple[str, ...]] = {
     "solver": (),
     "fmu_src": ("solver",),
-    "fitting": ("solver",),
-    "discrepancy": ("solver", "fitting"),
+    "fitting": ("solver", "fmu_src"),
+    "discrepancy": ("solver", "fmu_src", "fitting", "build_fmu"),
     "build_fmu": ("solver", "fmu_src"),
+    "arterial_fmu": ("solver", "fmu_src", "fitting"),  # its study
 }
 
 
 def check_own(package: str) -> None:
     """Raise ImportError if a file from elsewhere hides a package of this project, or one that it needs."""
-    for name in (*_NEEDS.get(package, ()), package):
+    for name in (*NEEDS.get(package, ()), package):
         found = sys.modules[name] if name in sys.modules else find_spec(name)
         place = getattr(found, "__file__", None) or getattr(found, "origin", None)
         if place and Path(place).resolve() not in (_HOME / f"{name}.py", _HOME / name / "__init__.py"):

@@ -132,7 +132,7 @@ def isolability_command(
     from .source import read_model
 
     with sentences(*_ERRORS), bar(quiet, pace=_PACE) as progress:
-        check_destinations(out)
+        check_destinations(out, given=[network])
         names = channels.replace(",", " ").split()
         plan = plan_sensors(read_model(network), names, dB, beats, progress)
         text = json_text(plan_json(plan))

@@ -11,7 +11,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timedelta
@@ -102,7 +102,7 @@ def discover(
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
-    _check_folder(folder)
+    _check_folder(folder, [record, model, prior])
     journal = None
     try:
         if isinstance(measured, Unusable):
@@ -130,8 +130,11 @@ def discover(
     return outcome
 
 
-def _check_folder(folder: Path) -> None:
-    """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way."""
+def _check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -> None:
+    """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way.
+
+    given : the files that the study is of, which it neither replaces nor removes.
+    """
     check_unmixed(folder, "discover")
     for path in (folder / _STATE, folder / "figures"):
         if path.exists() and not path.is_dir():
@@ -139,7 +142,7 @@ def _check_folder(folder: Path) -> None:
     for path in (folder / file for file in _FILES):
         if path.is_dir():
             raise InputError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
-    check_destinations(*(folder / file for file in _FILES), folders=True)
+    check_destinations(*(folder / file for file in _FILES), given=given, folders=True)
     make_folder(folder)
 
 

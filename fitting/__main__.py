@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -82,7 +83,7 @@ def fit_command(
     """Fit the wall of one site from its pressure and radius."""
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, figure, bench, parameters=out)
+        _check_destinations(out, figure, bench, parameters=out, given=[record])
         if figure is not None and figure.suffix.lower() != ".png":
             raise InputError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
@@ -173,7 +174,7 @@ def cohort_command(
     from .cohort.fits import fit_cohort, read_cohort
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        check_destinations(out / "cohort.json", folders=True)
+        check_destinations(out / "cohort.json", given=[cohort], folders=True)
         entries, how = read_cohort(cohort), Reading.asked(mapped, decimal)
         found = fit_cohort(
             entries,
@@ -230,7 +231,7 @@ def calibrate_command(
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, parameters=out)
+        _check_destinations(out, parameters=out, given=[record, network, start])
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
@@ -280,7 +281,7 @@ def check_command(
     from .pages.check_page import FILES, write_check  # matplotlib takes a second
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        check_destinations(*(out / file for file in FILES), folders=True)
+        check_destinations(*(out / file for file in FILES), given=[parameters, fmu, record], folders=True)
         report = check(
             read_set(parameters),
             fmu,
@@ -337,9 +338,11 @@ def _with_indices(parameters: ParameterSet, found: dict[str, Any]) -> ParameterS
     return replace(parameters, provenance={**parameters.provenance, "indices": found})
 
 
-def _check_destinations(*paths: Path | None, parameters: Path | None = None) -> None:
+def _check_destinations(
+    *paths: Path | None, parameters: Path | None = None, given: Iterable[str | Path | None] = ()
+) -> None:
     """Raise ValueError before hours of work if a file cannot be written at the end."""
-    check_destinations(*paths)
+    check_destinations(*paths, given=given)
     if parameters is not None:
         set_format(parameters)
 

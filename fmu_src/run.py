@@ -289,7 +289,7 @@ def main(
 ) -> None:
     """Run an FMU of an arterial network from its start to a stop time; without --inputs its own inflow drives it."""
     with sentences(FMUError):
-        check_destinations(out)
+        check_destinations(out, given=[fmu, inputs, start_values])
         variables = {variable.name: variable for variable in _read(fmu).modelVariables}
         drive = _drive(variables, fmu)
         end = parse_quantity(stop_time, "s", "--stop-time")

@@ -60,7 +60,7 @@ def main(
 ) -> None:
     """Simulate a network of arteries and report pressure, flow and radius at its sites."""
     with sentences(NonPhysicalState, NotPeriodic):
-        check_destinations(out)
+        check_destinations(out, given=[network])
         model = read_network(find_network(network))
         seconds = parse_quantity(dt, "s", "--dt")
         settings = _settings(scheme, seconds, element_length, cell, cfl, ends, slopes)

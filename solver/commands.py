@@ -64,7 +64,7 @@ def import_openbf(
 ) -> None:
     """A network of openBF."""
     with sentences():
-        check_destinations(out)
+        check_destinations(out, given=[file])
         _write(read_openbf(file, as_run=as_run), file, out, force, as_json)
 
 
@@ -77,7 +77,7 @@ def import_csv(
 ) -> None:
     """A table of vessels."""
     with sentences():
-        check_destinations(out)
+        check_destinations(out, given=[table])
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
             half_sine = "the table says nothing of the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
@@ -127,7 +127,7 @@ def export_csv(
     with sentences():
         model = read_network(find_network(network))
         path = out or Path(f"{model.name}.csv")
-        check_destinations(path)
+        check_destinations(path, given=[network])
         table = to_sheet(model)
         check_new({path: table}, force)
         write_whole(path, table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
@@ -58,9 +59,32 @@ def complain(text: str) -> None:
     Console(stderr=True, soft_wrap=True).print(text, style="red", markup=False, highlight=False)
 
 
+class _Terminal(Console):
+    """A console that leaves it to others to say that nobody reads it."""
+
+    def on_broken_pipe(self) -> None:
+        raise  # what is being handled
+
+
+@contextmanager
+def _printing() -> Iterator[None]:
+    """Where the output cannot be written, end with an exit code, after a sentence unless its reader has closed it."""
+    try:
+        yield
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is still held back
+        if isinstance(error, BrokenPipeError):
+            raise typer.Exit(ExitCode.NOT_READ) from None
+        complain(f"Error: the output cannot be written ({error.strerror}); check where it goes.")
+        raise typer.Exit(ExitCode.BAD_INPUT) from None
+
+
 def say(text: str, aside: bool = False) -> None:
     """Print a sentence; aside: on the error stream."""
-    Console(soft_wrap=True, stderr=aside).print(text, markup=False, highlight=False)
+    with _printing():
+        _Terminal(soft_wrap=True, stderr=aside).print(text, markup=False, highlight=False)
 
 
 def say_notes(texts: Iterable[str], aside: bool = False) -> None:
@@ -81,7 +105,8 @@ def put(document: str | Mapping[str, Any]) -> None:
     text = (
         document if isinstance(document, str) else json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     )
-    sys.stdout.write(f"{text.rstrip()}\n")
+    with _printing():
+        typer.echo(text.rstrip())
 
 
 def ranges(time: Array, columns: Mapping[str, Array], units: Mapping[str, str]) -> dict[str, Any]:
@@ -99,9 +124,10 @@ def ranges(time: Array, columns: Mapping[str, Array], units: Mapping[str, str]) 
 
 def show(*tables: RenderableType) -> None:
     """Print tables."""
-    console = Console()
-    for table in tables:
-        console.print(table)
+    console = _Terminal()
+    with _printing():
+        for table in tables:
+            console.print(table)
 
 
 def right(heading: str) -> Column:

@@ -14,6 +14,7 @@ class ExitCode(IntEnum):
     UNUSABLE = 3
     FAULT = 70
     INTERRUPTED = 130
+    NOT_READ = 141
 
 
 MEANING = {
@@ -23,6 +24,7 @@ MEANING = {
     ExitCode.UNUSABLE: "`discover`: the record cannot be used; the report says why",
     ExitCode.FAULT: "a fault of the program: a traceback on the error stream; please report it",
     ExitCode.INTERRUPTED: "interrupted by Ctrl-C",
+    ExitCode.NOT_READ: "what was to read the output, such as `head`, closed it before its end",
 }
 
 

@@ -82,15 +82,18 @@ def make_folder(path: Name) -> Path:
     return folder
 
 
-def check_destinations(*paths: Path | None, folders: bool = False) -> None:
+def check_destinations(*paths: Path | None, given: Iterable[Name | None] = (), folders: bool = False) -> None:
     """Raise ValueError before the work, not after it, if one of the files cannot be written.
 
-    None is no file. folders : missing folders will be made.
+    None is no file. given : what the command reads, none of which it replaces. folders : missing folders will be made.
     """
+    read = [Path(name) for name in given if name is not None and os.path.exists(name)]
     for path in paths:
         if path is None:
             continue
         _check_regular(path)
+        if path.exists() and any(path.samefile(each) for each in read):
+            raise InputError(f"{path}: was given to be read, and would be replaced; give another name or folder.")
         place = path.resolve().parent if path.is_symlink() else path.parent
         if not folders and not place.is_dir():
             raise InputError(f"{path}: cannot be written (no folder {place}); make the folder or give another.")

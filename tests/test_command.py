@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shellingham
+from commands import without_progress
 from test_discrepancy_cli import outcome, plan
 from typer.testing import CliRunner
 
@@ -156,6 +157,26 @@ def test_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("solver.__main__.simulate_periodic", stop)
     done = run("solve", "sheep")
     assert (done.exit_code, done.stderr) == (ExitCode.INTERRUPTED, "Interrupted: nothing was written.\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is full")
+@pytest.mark.parametrize("line", ["list", "list --json", "solve sheep --duration 0.1s"])
+def test_output_that_cannot_be_written(line: str) -> None:
+    """A disk without room is a sentence; a reader that has enough, the code of SIGPIPE; none at all is fine."""
+    command = [sys.executable, "-m", "arterial_fmu", *line.split()]
+    with open("/dev/full", "w") as disk:
+        done = subprocess.run(command, stdout=disk, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert without_progress(done.stderr) == (
+        "Error: the output cannot be written (No space left on device); check where it goes.\n"
+    )
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert (done.returncode, without_progress(done.stderr)) == (ExitCode.NOT_READ, "")
+    closed = subprocess.run(["sh", "-c", 'exec "$@" >&-', "sh", *command], stderr=subprocess.PIPE, text=True)
+    assert (closed.returncode, without_progress(closed.stderr)) == (ExitCode.DONE, "")
 
 
 def test_the_table_of_exit_codes() -> None:

@@ -166,3 +166,20 @@ def test_interrupted_run(fmus: dict[str, Path], tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         process.stderr.read()
         assert process.wait() != 0 and not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="prctl")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_ended_run(fmus: dict[str, Path], tmp_path: Path, number: signal.Signals) -> None:
+    """A run that is ended, or whose terminal is closed, takes the FMU's process and its folder along."""
+    line = [sys.executable, "-m", "arterial_fmu", "run", os.fspath(fmus["sheep"]), "--stop-time", "1000 s"]
+    line += ["--out", os.fspath(tmp_path / "out.csv")]
+    environment = {**os.environ, "TMPDIR": os.fspath(tmp_path)}
+    with subprocess.Popen(line, stderr=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stderr is not None
+        while "sheep.fmu (" not in process.stderr.readline():  # it runs
+            assert process.poll() is None
+        process.send_signal(number)
+        assert "Interrupted: nothing was written." in process.stderr.read()  # to the end, which both have to close
+        assert process.wait() == (-number if number == signal.SIGKILL else 128 + number)
+    assert list(tmp_path.iterdir()) == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from test_toy import TissueSupport
 
 import arterial_fmu
 import solver
+from arterial_fmu.packages import NEEDS
 from build_fmu import build
 from fitting.parameter_set import ParameterSet
 from solver import effects, laws, load, outlets, simulate, simulate_periodic
@@ -89,6 +91,7 @@ assert solver.network.__spec__.name == "solver.network" and solver.__spec__.name
         ("solver.py", "import arterial_fmu"),
         ("fitting.py", "import arterial_fmu as a; a.load('sheep'); a.fit"),
         ("fitting.py", "import arterial_fmu.fitting"),
+        ("fmu_src.py", "import arterial_fmu as a; a.load('sheep'); a.fit"),
         ("solver/__init__.py", "import arterial_fmu"),
     ],
 )
@@ -101,6 +104,32 @@ def test_a_file_of_the_same_name(file: str, code: str, tmp_path: Path) -> None:
     assert f"ImportError: {said}" in python(code, tmp_path).stderr
     command = python("", tmp_path, "-m", "arterial_fmu", "fit", "record.csv")
     assert command.returncode != 0 and said in command.stderr and len(command.stderr.strip().splitlines()[-1]) < 400
+
+
+def test_a_command_says_it_too(tmp_path: Path) -> None:
+    """Of a package that only some commands need, also where these import it late or run it in another process."""
+    for file, commands in (
+        ("fitting.py", ("fit x", "study sheep", "discover x")),
+        ("build_fmu.py", ("build sheep", "discover x")),
+    ):
+        (tmp_path / file).write_text("")
+        for command in commands:
+            done = python("", tmp_path, "-m", "arterial_fmu", *command.split())
+            assert done.stderr.startswith(f"Error: {tmp_path / file} hides the package"), done.stderr
+            assert done.returncode == 2
+        (tmp_path / file).unlink()
+
+
+@pytest.mark.parametrize(
+    "package", ["solver", "fmu_src", "fitting", "discrepancy", "build_fmu.py", "arterial_fmu/study"]
+)
+def test_what_packages_need(package: str) -> None:
+    """Whatever of this project a package imports, wherever in a function, is looked at before it runs."""
+    path = ROOT / package
+    texts = [each.read_text(encoding="utf-8") for each in ([path] if path.is_file() else path.rglob("*.py"))]
+    found = set(re.findall(rf"^ *(?:from|import) ({'|'.join(NEEDS)})\b", "\n".join(texts), flags=re.MULTILINE))
+    name = package.partition("/")[0].removesuffix(".py")
+    assert found - {name} <= set(NEEDS[name])
 
 
 # --- what is read by name --------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,10 @@ from arterial_fmu.study.plan import plan_of
 from arterial_fmu.study.store import Store
 from build_fmu import build
 from discrepancy.workflow import discover
+from fitting.bench import bench_network
 from fitting.cohort.virtual import virtual_cohort, write_cohort
-from solver import load
+from fitting.parameter_set import read_set, write_set
+from solver import load, write_network
 from solver.errors import InputError
 from solver.exit_codes import ExitCode
 from solver.writing import check_destinations, write_all, write_folder
@@ -154,6 +157,48 @@ def test_told_before_the_work(name: str, inputs: Path, monkeypatch: pytest.Monke
     done = run(name, *OUT[name].split())
     assert done.exit_code == ExitCode.BAD_INPUT, done.output
     assert done.stderr.splitlines()[-1].startswith("Error: file") and "file" in done.stderr
+
+
+@pytest.mark.parametrize("line", ["sheep", "heart --species human", "body --species human", "system human"])
+def test_the_product_that_cannot_be_written(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """build names the file that it would make, before it does."""
+    monkeypatch.setattr("build_fmu._pack", lambda *_: pytest.fail("the work was begun"))
+    name = {"sheep": "sheep.fmu", "system": "human.ssp"}.get(line.split()[0], f"human_{line.split()[0]}.fmu")
+    (tmp_path / name).mkdir()
+    done = run("build", *line.split(), "--out", tmp_path)
+    assert done.exit_code == ExitCode.BAD_INPUT
+    assert f"Error: {tmp_path / name}: cannot be written (not a regular file)" in done.stderr
+
+
+GIVEN = {  # a file that would be written, and a command that reads it
+    "solve": ("net.toml", "net.toml --duration 0.1s --out net.toml"),
+    "import": ("table.csv", "csv table.csv --out table.csv --force"),
+    "export": ("net.toml", "net.toml --out ./net.toml --force"),
+    "build": ("sheep.fmu", "sheep.fmu --set CA.E=5MPa --out ."),
+    "run": ("sheep.fmu", "sheep.fmu --stop-time 0.1s --out sheep.fmu"),
+    "fit": ("AA.csv", "AA.csv --site AA --h 0.38mm --bench link.toml --force"),
+    "calibrate": ("set.json", "AA.csv sheep --free all.E --start set.json --out set.json"),
+    "isolability": ("net.toml", "net.toml --channels AA.P --out net.toml"),
+    "discover": ("model.toml", "AA.csv --model model.toml --out ."),
+}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_what_is_read_is_not_replaced(name: str, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file that is both read and to be written, also by another path or link: refused, and as it was."""
+    monkeypatch.chdir(tmp_path)
+    for path in inputs.iterdir():
+        shutil.copy(path, tmp_path)
+    write_network(load("sheep"), "net.toml")
+    write_network(bench_network("AA", read_set("sheep_table1"), 0.5), "model.toml")
+    write_set(read_set("sheep_table1"), "set.json")
+    Path("link.toml").symlink_to("AA.csv")
+    file, line = GIVEN[name]
+    before = Path(file).read_bytes()
+    done = run(name, *line.split())
+    assert done.exit_code == ExitCode.BAD_INPUT, done.output
+    assert "was given to be read, and would be replaced; give another name or folder." in done.stderr
+    assert Path(file).read_bytes() == before
 
 
 # --- what others wrote ----------------------------------------------------------------------------------------------

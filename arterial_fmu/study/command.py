@@ -66,7 +66,7 @@ def main(
     with sentences(interrupted=f"what is done is in {out}; the same command goes on from there."):
         with bar(quiet, pace=PACE) as progress:
             progress(0.0, "reading")
-            check_destinations(*(out / name for name in ("plan.json", *WRITTEN)), folders=True)
+            check_destinations(*(out / n for n in ("plan.json", *WRITTEN)), given=[model, inflow], folders=True)
             studied = read_model(model, inflow, dt, element_length, tolerance)
             varied = parse_varied(vary or [], studied.known, studied.nominal, studied.name)
             plan = plan_of(studied, varied, samples, seed, sites)
