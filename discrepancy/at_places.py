@@ -7,7 +7,7 @@ size with which it comes nearest to the record. Walls that were fitted without i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 
@@ -18,14 +18,15 @@ from fitting.inference.network import NetworkProblem
 from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.simulator import Runs
-from fitting.inference.source_map import SourceMap, source_map
+from fitting.inference.source_map import SourceMap
 from fitting.inference.terms import Term, effect_of, joins
 from fitting.inference.unknown import bounds
+from solver.effect import ALL_PLACES
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared
-from .walls import _exact, _promised
+from .compare import Compared, exact
+from .weigh import promised
 
 Array = np.ndarray
 
@@ -165,28 +166,56 @@ def refitted(
     return [f for f in problem.searched_from(members, runs, known) if f is not None] if members else []
 
 
-def compared(problem: NetworkProblem, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
-    """What is known after every stage. problem : with what every artery has of its own, if it has."""
-    found = source_map(problem, runs)
+def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
+    """What is known after every stage. found : the map of the problem's record."""
     none = refitted(problem, found, [[]], runs)
     if not none:
         raise InputError("the model as given cannot be simulated with this record")
+    result = Compared.of(problem, none, {}, terms)
+    yield result
     laws = alone(problem, found, begun_at(problem, found, terms, runs), runs)
     if len(laws) < 2:
         fits = [f for some in laws for f in some]
     else:  # each alone, too, where the other place may be nothing
         fits = together(problem, found, laws, runs)
         fits += refitted(problem, found, [[(f.terms[0], _own(f))] for some in laws for f in some[:1]], runs)
-    yield (result := _exact(problem, problem, [*none, *fits], {}, terms, runs))
-    sought = result.sought
-    columns = result.problem.columns(result.none.fit, sought, runs)
-    result = Compared.of(result.problem, result.fits, {result.none.individual: columns}, terms)
-    yield result
-    if not result.best.explains or not result.best.fit.terms:
-        best, promised = _promised(result.none.fit, [(sought, columns)])
-        tried = {n.label for n in result.ranked}
-        chosen = [t for score, t in promised[: at.EACH] if score < best - at.WORTH and t.label not in tried]
-        if chosen:
-            more = result.problem.refit([(t,) for t in chosen], result.none.fit, runs, columns)
-            yield (result := result.joined_by([f for f in more if f is not None]).polished(runs))
+    yield (result := exact(problem, [*none, *fits], {}, terms, runs))
+    columns = result.problem.columns(result.none.fit, result.sought, runs)
+    yield (result := result.with_columns(columns))
+    if not (result.best.explains and result.best.fit.terms):
+        yield (result := _also_promising(result, columns, runs))
+    if not result.best.explains:
+        yield (result := _everywhere(result, runs))
+    if not result.best.explains and (finer := _refined(result, runs)):
+        yield (result := result.joined_by(finer))
     yield result.at_minimum(runs)
+
+
+def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
+    """With the laws that add evidence to the model without effect by their columns: weak ones that act everywhere are
+    no single place, and few sensors show none."""
+    base, tried = result.none.fit, {n.label for n in result.ranked}
+    best, gained = promised(base, result.sought, columns)
+    chosen = [t for score, t in gained[: at.EACH] if score < best - at.WORTH and t.label not in tried]
+    fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
+    return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
+
+
+def _everywhere(result: Compared, runs: Runs) -> Compared:
+    """With the laws that act everywhere, begun at the walls of the file and seen from afar: one that changes every wave
+    is no source of a fixed shape, and the walls of the map have taken up a part of it."""
+    problem = result.problem
+    afar = problem.widened(np.full(len(problem.parts), at.AFAR))
+    hypotheses = [(t,) for t in result.sought if t.place == ALL_PLACES]
+    fits = [f for f in afar.refit(hypotheses, runs=runs) if f is not None]
+    fits = sorted(problem.restated(fits, afar), key=lambda f: f.chi2)[: at.EACH]
+    again = [f for f in problem.refine(fits, runs) if f is not None]
+    return result.joined_by(again).polished(runs)
+
+
+def _refined(result: Compared, runs: Runs) -> list[Fit]:
+    """The best law that acts everywhere, with a size of its own for every segment."""
+    first = result.best.fit
+    finer = [result.problem.refined(first, t) for t in first.terms]
+    hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
+    return [f for f in result.problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []

@@ -91,7 +91,7 @@ class Compared:
         if sharp is self.problem:
             return self
         near = [n.fit for n in (*self.nones, *self.ranked) if n.score < self.best.score + at.NEAR]
-        again = {key_of(f): f for f in sharp.refine(near[: at.SHORTLIST // 2], runs) if f is not None}
+        again = {key_of(f): f for f in sharp.refine(near[: at.POLISHED], runs) if f is not None}
         old = self.restated(sharp)
         return Compared.of(sharp, [again.get(key_of(f), f) for f in old.fits], old.columns, self.terms)
 
@@ -102,30 +102,29 @@ class Compared:
         (fit,) = self.problem.refine([self.best.fit], runs)
         return self if fit is None else self.joined_by([fit])
 
-    def merged(self, other: Compared) -> Compared:
-        """With the hypotheses of another comparison of the same record, under the weights of the better one."""
-        better, worse = (self, other) if self.best.score <= other.best.score else (other, self)
-        worse = worse.restated(better.problem)
-        columns = {kind: each for found in (worse, better) for kind, each in found.columns.items() if each}
-        return Compared.of(better.problem, [*better.fits, *worse.fits], columns, self.terms)
+    def with_columns(self, columns: Mapping[str, Array]) -> Compared:
+        """With the columns of candidates at the hypothesis without effect."""
+        return Compared(self.problem, self.nones, self.ranked, {self.none.individual: columns}, self.terms)
 
 
-def rewirings(found: Compared) -> list[tuple[Term, ...]]:
-    """Outlets of another kind, which have two unknowns more: worth a refit where nothing else explains the record, and
-    where what explains it acts in the segment of the outlet."""
-    if not found.best.fit.terms and found.none.explains:
-        return []
-    near = {t.place for n in found.ranked if n.score < found.best.score + at.NEAR for t in n.fit.terms}
-    return [(t,) for t in found.terms if t.rewires and (t.place in near or not found.best.explains)]
-
-
-def hopeless(found: Compared) -> bool:
-    """Whether the best effect leaves so much that nothing more beside it would explain the record; or, where none was
-    tried, the animal without effect so much that its walls are to blame, too."""
-    fit = found.best.fit
-    return fit.chi2 > (at.HOPELESS if fit.terms else at.ANOTHER_ANIMAL) * len(fit.z)
-
-
-def within(factor: float, fit: Fit, best: Fit) -> bool:
-    """Whether a cost is within a multiple of the best one's; ln det C, which has no zero, counts from the best's."""
-    return fit.cost - best.log_volume < factor * (best.cost - best.log_volume)
+def exact(
+    problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...], runs: Runs
+) -> Compared:
+    """The hypotheses within reach of the best, weighted as it needs them and searched on; the others as they are."""
+    order = sorted((weighed(problem, f, terms).score, i) for i, f in enumerate(fits))
+    sharp = problem.sharpened(fits[order[0][1]], runs)
+    fits = sharp.restated(fits, problem)
+    found = {i: settled(f) for i, f in enumerate(fits)}
+    left = set(found)
+    again = [i for score, i in order if score < order[0][0] + at.NEAR]
+    while again := again[: at.REFINED]:  # until none that was not searched on looks better than those that were
+        left -= set(again)
+        for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
+            if fit is not None:
+                found[i] = fit
+            elif fits[i].terms:
+                del found[i]
+        score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
+        lowest = min((score[i] for i in found if i not in left), default=np.inf)
+        again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
+    return Compared.of(sharp, list(found.values()), {True: sharp.rewhitened(columns, problem)}, terms)

@@ -21,13 +21,11 @@ LOUDEST = 8  # entries of the z map that the verdict lists
 # names of tuning records; of networks by judgement, which names of tuning seed 20310123 bore out to 0.02; of partial
 # answers by judgement, for want of records
 RELIABILITY = {"bench": (2.5, 0.23, 0.96), "network": (4.5, 0.0, 1.0), "partial": (3.5, 0.0, 0.2)}
-FAR_OFF = 20.0  # misfit of the model as given from which on nothing depends on its last digits
 # prices are -2 ln of odds beforehand: judgement, not fitted to the tuning records. 6 and 10 are where R. E. Kass and
 # A. E. Raftery (J. Am. Stat. Assoc. 90, 1995, 773) begin strong and very strong evidence: odds of 1 : 20 and 1 : 150.
 # An error of the model with one part costs as much as a second effect: the bank holds as many of either
 FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
-OWN_WALLS = 6.0  # price of walls that differ, in a record that walls with all in common may explain as well
 ELSE = 8.0  # price of an error of the model: something that is not in the catalogue
 PART = 2.0  # price of each part of such an error that is not zero
 PART_CLOSED = 0.5  # of the gap to the fitted beats that an effect must close to be named where more than noise remains
@@ -41,30 +39,14 @@ MISFIT = 3.0
 MISFIT_SEVERAL = 1.8
 NEAR = 60.0  # of a score above the best: hypotheses that are refitted under sharper weights, with fresh derivatives
 MOST_EFFECTS = 2  # at once
-BRANCHES = 3  # hypotheses that a further effect is added to
-BRANCH_COST = 3.0  # of the best cost, above which none is added
-ALONG = 4  # hypotheses whose place along the segment is searched where none explains the record, and parts of segments
-ALONG_COST = 30.0  # of the best cost, above which that is not tried
-FAR_LEFT = 4.0  # cost per datum that a second effect may promise to leave, and still be refitted
-PART_LEFT = 0.3  # or as a part of the cost: promises are linear
+MAPPED = 0.6  # of the time limit, at most, which the source map may take
+BRANCHES = 3  # laws of each of two places that are tried together
 NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
-SHORTLIST = 14  # candidates that are refitted
-PROMISING = 0.2  # of the best promised gain, which is linear, that a candidate must promise to be refitted
-FEWEST = 4  # effects that are refitted whatever they promise
-AFAR = 0.03  # error of the model, in pulses, under which walls that differ are seen first
-CLOSER = (0.01, 0.003)  # the same, for closer looks at what the effects promise
-EACH = 6  # effects of each look that are refitted
-WORTH = 4.0  # of evidence that an effect must promise to be refitted where none explains the record
-IN_DOUBT = 6.0  # of a score above the best: effects that are searched on where none explains the record
-IN_COMMON = 0.3  # of the time limit, which walls with all in common may take where walls may differ
-BEGUN = 0.05  # of the time limit, which these may take without effect; a sheep takes less than 1 s
-FARTHEST = 3.0  # stated spreads that what all arteries have in common may be off, where walls may differ instead
-ANOTHER_ANIMAL = 1e5  # chi2 per datum without effect, from which walls with all in common are left to those that differ
-HOPELESS = 300.0  # chi2 per datum of the best effect with walls in common, from which no more is tried with them
-STALLED = 4.0  # chi2 per datum of walls that differ, seen from afar, from which they are searched for once more
-BENT = 1.0  # the same, from which effects are begun again from the walls of the file: those may have taken up a part
-STUCK = 3  # hypotheses without an end that are begun again from where the best freed the walls
-REFINED = 5  # hypotheses that are searched on without error
+POLISHED = 7  # hypotheses near the best that are searched on under sharper weights
+EACH = 6  # laws of a place that are refitted, and of those that promise evidence by their columns
+AFAR = 0.03  # error of the model, in pulses, under which laws that act everywhere are begun at the walls of the file
+WORTH = 4.0  # of evidence that a law must promise to be refitted
+REFINED = 5  # hypotheses at a time that are searched on with fresh derivatives
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named, linear
 BESIDE = 20.0  # or by what the other alone leaves where it is refitted
 INVISIBLE = 3.0  # d' of a typical effect below which sensors cannot see it

@@ -119,30 +119,24 @@ def scores(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> li
     return sorted(found, key=lambda s: -s.gain)
 
 
-def shortlist(ranked: Sequence[Score], size: int) -> list[Term]:
-    """The best place of every effect that promises a part of what the best promises, then the best of all."""
-    if len(ranked) <= size:
-        return [score.term for score in ranked]
-    least = max(at.FIRST, at.PROMISING * ranked[0].gain)
-    chosen: dict[str, Term] = {}
-    effects: set[str] = set()
-    for score in ranked:
-        if score.term.effect not in effects and (score.gain > least or len(effects) < at.FEWEST):
-            effects.add(score.term.effect)
-            chosen[score.term.label] = score.term
-    for score in ranked:
-        if len(chosen) < size and score.gain > least:
-            chosen.setdefault(score.term.label, score.term)
-    return list(chosen.values())
+def promised(base: Fit, terms: Sequence[Term], columns: Mapping[str, Array]) -> tuple[float, list[tuple[float, Term]]]:
+    """-2 ln evidence without effect, and what the columns of every effect promise, best first."""
+    found = []
+    for term, column in ((t, columns[t.label]) for t in terms if t.label in columns):
+        unknowns = [u for u, moves in zip(term.unknowns, free(term.unknowns), strict=True) if moves]
+        x, J = np.concatenate([base.x, np.zeros(len(unknowns))]), np.column_stack([base.J, column])
+        linear = hierarchy.Linear.of_columns(base.z, J, x, (*base.unknowns, *unknowns), base.log_volume)
+        found.append((linear.inferred().score, term))
+    return hierarchy.Linear.of(base).inferred().score, sorted(found, key=lambda each: each[0])
 
 
 # --- evidence ---------------------------------------------------------------------------------------------------------
 
 
-def price(fit: Fit, terms: Sequence[Term], groups: int) -> float:
-    """-2 ln of the prior of a hypothesis: its effects and places among all, and walls that have all in common."""
+def price(fit: Fit, terms: Sequence[Term]) -> float:
+    """-2 ln of the prior of a hypothesis: its effects and places among all."""
     effects = {t.effect for t in terms}
-    value = at.OWN_WALLS if any(u.group for u in fit.unknowns) else groups * hierarchy.beforehand(0.0)
+    value = 0.0
     for i, term in enumerate(fit.terms):
         places = sum(t.effect == term.effect for t in terms)
         value += 2.0 * math.log(max(len(effects), 1) * max(places, 1)) + (at.FIRST if i == 0 else at.SECOND)
@@ -165,8 +159,7 @@ def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     """An exact hypothesis."""
-    groups = len({u.group for u in problem.individual().deviations if not u.stated})
-    return Named(fit, hierarchy.score(fit) + price(fit, terms, groups), misfit(fit, problem.dof_of_noise))
+    return Named(fit, hierarchy.score(fit) + price(fit, terms), misfit(fit, problem.dof_of_noise))
 
 
 def with_errors(problem: Forward, exact: Named) -> Named | None:

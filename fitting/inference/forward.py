@@ -112,11 +112,6 @@ class Forward(Protocol):
         """The same with deviations of every artery and outlet; itself where there is but one."""
         return self
 
-    def within(self, spreads: float) -> Forward:
-        """The same where what all arteries have in common is off by so many of its stated spreads at most; itself where
-        there is but one."""
-        return self
-
     # --- errors of the model --------------------------------------------------------------------------------------
 
     @property

@@ -66,7 +66,7 @@ class NetworkProblem(Forward):
     error : (K+1, m) standard deviation of errors that more beats do not lower: of the solver, and of the model as far
     as the covariance allows for them. response : (K+1, m) of the channels to the inflow.
     felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
-    have it in common. possible : what it may have. farthest : by how many spreads what all have in common may be off.
+    have it in common. possible : what it may have.
     """
 
     kind = "network"
@@ -83,7 +83,6 @@ class NetworkProblem(Forward):
     felt: Felt | None = None
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
-    farthest: float = np.inf
 
     @property
     def dof_of_noise(self) -> float:
@@ -157,14 +156,10 @@ class NetworkProblem(Forward):
         mine = {variable for term in terms if term.rewires for u in term.unknowns for variable in u.variables}
         # what a rewired outlet has is free in its own term, not by a nuisance of all outlets
         nuisance = [u for u in of_animal(rewired(self.network, terms), self.deviations) if not set(u.variables) <= mine]
-        nuisance = [u if u.group else u.within(self.farthest) for u in nuisance]
         return (*nuisance, *(u for term in terms for u in term.unknowns))
 
     def individual(self) -> NetworkProblem:
-        return replace(self, deviations=self.possible, farthest=np.inf)
-
-    def within(self, spreads: float) -> NetworkProblem:
-        return replace(self, farthest=spreads)
+        return replace(self, deviations=self.possible)
 
     def observe(self, members: Sequence[Member], runs: Runs | None = None) -> list[Array | None]:
         """X : (K+1, m) as the sensors show it, of every member; None where the simulation broke down.
@@ -332,17 +327,17 @@ class NetworkProblem(Forward):
         return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
     @property
-    def weights(self) -> tuple[float, float, Array, Array, Array]:
-        """What :meth:`restored` makes the same problem of: length of the elements [m], ``farthest``, error, covariance,
+    def weights(self) -> tuple[float, Array, Array, Array]:
+        """What :meth:`restored` makes the same problem of: length of the elements [m], error, covariance,
         response."""
         length = self.simulator.settings.element_length
-        return length, self.farthest, self.error, self.target.covariance, self.response
+        return length, self.error, self.target.covariance, self.response
 
-    def restored(self, weights: tuple[float, float, Array, Array, Array]) -> NetworkProblem:
-        length, farthest, error, covariance, response = weights
+    def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
+        length, error, covariance, response = weights
         simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
         own = Target.of(self.signals, self.target.X, covariance)
-        return replace(self, farthest=farthest, simulator=simulator, target=own, error=error, response=response)
+        return replace(self, simulator=simulator, target=own, error=error, response=response)
 
     def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""

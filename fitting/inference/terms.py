@@ -71,13 +71,6 @@ class Term:
         """Whether the network's mesh becomes another one."""
         return bool(effect_of(self).cuts) or self.moves_along
 
-    def held(self) -> Term:
-        """The same where its search begins, with its size alone free."""
-        unknowns = [
-            u if u.of_size else replace(u, low=x, high=x) for u, x in zip(self.unknowns, self.starts[0], strict=True)
-        ]
-        return replace(self, unknowns=tuple(unknowns))
-
 
 def effect_of(term: Term) -> Effect:
     """The effect of a term. Raises ValueError where the catalogue has it no more."""
