@@ -18,7 +18,7 @@ from fitting.inference.network import NetworkProblem
 from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.simulator import Runs
-from fitting.inference.source_map import SourceMap
+from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins
 from fitting.inference.unknown import bounds
 from solver.effect import ALL_PLACES
@@ -139,15 +139,20 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Beg
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
-    """Laws of two places together, each of those that do nearly as well as the best at its place, refitted."""
-    near = [[f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES] for some in fits]
+    """Laws of two places together, each of those that do nearly as well as the best at its place, refitted; where none
+    leaves noise alone beside the free sources of the other places, no law is what acts there."""
+    near = [
+        [f for f in some if f.cost < some[0].cost + at.NEAR][: at.BRANCHES]
+        for some in fits
+        if some and is_noise(some[0].chi2, len(some[0].z))
+    ]
     both = [
         [(a.terms[0], _own(a)), (b.terms[0], _own(b))]
         for some, others in combinations(near, 2)
         for a, b in product(some, others)
         if a.terms[0].label != b.terms[0].label and joins(b.terms[0], a.terms) and joins(a.terms[0], b.terms)
     ]
-    return refitted(problem, found, both, runs)
+    return refitted(found.forced(problem, []), found, both, runs)
 
 
 def _own(fit: Fit) -> Array:
@@ -178,7 +183,8 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         fits = [f for some in laws for f in some]
     else:  # each alone, too, where the other place may be nothing
         fits = together(problem, found, laws, runs)
-        fits += refitted(problem, found, [[(f.terms[0], _own(f))] for some in laws for f in some[:1]], runs)
+        each = [[(f.terms[0], _own(f))] for some in laws for f in some[:1]]
+        fits += refitted(found.forced(problem, []), found, each, runs)
     yield (result := exact(problem, [*none, *fits], {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))

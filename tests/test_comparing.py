@@ -9,19 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discrepancy import thresholds as at
-from discrepancy.along import moved_along
 from discrepancy.compare import Compared
-from discrepancy.further import _firsts
 from discrepancy.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.show import Gap
 from discrepancy.summary import _bent, sentence
 from discrepancy.verdict import Naming, _said, _without, decided
-from discrepancy.weigh import Named, ranked, shares
+from discrepancy.weigh import Named, shares
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.misfit import Block
-from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown
 from solver.coordinate import SHIFT
@@ -33,25 +29,6 @@ def named(effect: str, cost: float, log_volume: float) -> Named:
     fit = Fit((Term(effect, "A", ("A",), ()),), (), np.zeros(0), np.array([math.sqrt(cost)]), np.zeros((1, 0)),
               nothing, nothing, log_volume=log_volume)  # fmt: skip
     return Named(fit, fit.cost, 10.0)
-
-
-@pytest.mark.parametrize("log_volume", [-500.0, 0.0, 500.0])
-def test_near_the_best_whatever_the_unit(log_volume: float) -> None:
-    """Costs of 20, 40 and 80, and ln det C of -500, 0 and 500, as the unit has it: with the first two a second effect
-    is tried, three times the best cost at most; along the segment up to thirty times, not at 700."""
-    placed: list[str] = []
-
-    class Problem:
-        @staticmethod
-        def placed(fit: Fit, term: Term) -> None:
-            placed.append(term.effect)
-
-    hypotheses = ranked([named(*each, log_volume) for each in (("a", 20.0), ("b", 40.0), ("c", 80.0), ("d", 700.0))])
-    problem: Any = Problem()
-    found = Compared(problem, (), hypotheses, {}, ())
-    assert (at.BRANCH_COST, at.ALONG_COST) == (3.0, 30.0)
-    assert [f.terms[0].effect for f in _firsts(found, set(), 6)] == ["a", "b"]
-    assert moved_along(found, Runs()) == [] and placed == ["a", "b", "c"]
 
 
 # --- two faults of sensors --------------------------------------------------------------------------------------------

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from truth.records import Case, make, write
 
 from discrepancy import discover, workflow
 from discrepancy.animal import odd_ones, walls_of
-from discrepancy.compare import Compared
 from discrepancy.journal import Journal
 from discrepancy.name import name
 from discrepancy.outcome import Outcome
@@ -28,13 +26,10 @@ from discrepancy.verdict import Naming
 from fitting.calibrate import calibrate
 from fitting.inference.added import estimates
 from fitting.inference.asked import parse_unknowns
-from fitting.inference.forward import Forward
 from fitting.inference.network import network_problem
-from fitting.inference.parts import beside_sites
 from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term
-from fitting.inference.unknown import absent, free, quantile
+from fitting.inference.unknown import quantile
 from fitting.parameter_set import write_set
 from fitting.records.align import align
 from fitting.records.record import read_record, write_record
@@ -141,19 +136,6 @@ def test_a_narrowing_upstream_of_its_site() -> None:
         assert low <= truth <= high and high - low < 0.5 * truth, key
 
 
-def test_places_beside_a_site() -> None:
-    """Of a segment whose site is in the middle, one term upstream of it and one downstream, each held where its search
-    begins; none of what acts everywhere in a segment or at an outlet."""
-    for effect, rest in (("stenosis", ()), ("side_branch", (-3.5,))):
-        found = beside_sites(NETWORK, term(effect, "A"))
-        assert [t.starts[0][1:] for t in found] == [pytest.approx((x / 0.15, *rest)) for x in (-0.2, 0.2)]
-        for t in found:
-            assert t.moves_along and list(free(t.held().unknowns)) == [True, *[False] * (1 + len(rest))]
-            assert list(absent(t.held().unknowns)) == [0.0, *t.starts[0][1:]]
-    assert beside_sites(NETWORK, term("terminal_reflection", "B")) == ()
-    assert beside_sites(replace(NETWORK, sites=()), term("stenosis", "A")) == ()
-
-
 # --- partial answers --------------------------------------------------------------------------------------------------
 
 BENCH = "CA"
@@ -223,22 +205,6 @@ def test_the_best_so_far_when_time_is_over() -> None:
     assert not part.complete and part.confidence <= 0.5
     with pytest.raises(OutOfTime):
         name(problem, at_B, Runs(deadline=1.0, clock=ticking(1.0)))
-
-
-def test_walls_that_differ_have_time_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Walls in common use up their part of the time limit: those that differ explain the record, said not complete."""
-    module = sys.modules["discrepancy.name"]
-
-    def slow(problem: Forward, terms: tuple[Term, ...], runs: Runs, begun: Runs) -> Iterator[Compared]:
-        assert (runs.left, begun.left) == pytest.approx((30.0, 5.0), abs=1e-9)  # of 100 s
-        yield from ()
-        raise OutOfTime
-
-    monkeypatch.setattr(module, "_with_common_walls", slow)
-    runs = Runs(deadline=100.0, clock=lambda: 0.0)
-    found = name(network_problem(beats(STIFFER), NETWORK), terms(*EFFECTS), runs)
-    assert (found.verdict, found.walls, found.complete) == ("none", "individual", False)
-    assert found.confidence <= 0.5
 
 
 @pytest.fixture

@@ -147,7 +147,8 @@ class Simulator:
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, B: int) -> Array:
         """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
         if self.beyond:
-            sources, amplitudes = (self.forced.sources, self.forced.amplitudes) if self.forced else ((), None)
+            forced = self.forced if self.forced and self.forced.sources else None
+            sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
             return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
                                   settings=self.settings, tolerance=self.tolerance, more=self.beyond,
                                   sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip

@@ -100,7 +100,7 @@ class SourceMap:
     @property
     def explains(self) -> bool:
         """Whether it leaves noise alone."""
-        return self.chi2 < _noise(self.n)
+        return is_noise(self.chi2, self.n)
 
     def forced(self, problem: NetworkProblem, which: Sequence[int]) -> NetworkProblem:
         """The problem with some of the signals in it."""
@@ -127,14 +127,14 @@ def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
     the deadline."""
     work = _Work(problem, runs or Runs())
     found = [work.annealed(LEVELS)]
-    if work.chi2(found[0].D) > _noise(normal_size(found[0])):  # what is cheap at a wide error may have come first
+    if not is_noise(work.chi2(found[0].D), normal_size(found[0])):  # what is cheap at a wide error may have come first
         found.append(work.annealed(LEVELS[1:]))
     return work.told(min(found, key=lambda point: point.score))
 
 
-def _noise(n: int) -> float:
-    """What chi2 of n data is by chance at most: three of its standard deviations more than n."""
-    return n + 3.0 * math.sqrt(2.0 * n)
+def is_noise(chi2: float, n: int) -> bool:
+    """Whether chi2 of n data is no more than chance: three of its standard deviations above n."""
+    return chi2 < n + 3.0 * math.sqrt(2.0 * n)
 
 
 class _Work:
@@ -429,7 +429,8 @@ class _Work:
 
 
 def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]) -> NetworkProblem:
-    """A problem whose simulations hold what acts at some places, with harmonics (K+1, q) [SI] each."""
+    """A problem whose simulations hold what acts at some places, with harmonics (K+1, q) [SI] each; of balances alone:
+    what has none is not run in time, which takes a hundred times as long."""
     sources, amplitudes = list[Source](), list[Array]()
     shown = np.zeros((problem.K + 1, len(problem.signals)), complex)
     for place, g in signals:
@@ -438,8 +439,6 @@ def with_signals(problem: NetworkProblem, signals: Sequence[tuple[Place, Array]]
             amplitudes += list(g.T)
         elif place.channel is not None:
             shown[:, problem.signals.index(place.channel)] += g[:, 0]
-    if not sources and not shown.any():
-        return problem
     forced = Forced(tuple(sources), np.stack(amplitudes, axis=1) if sources else np.zeros((1, 0)), shown)
     return replace(problem, simulator=replace(problem.simulator, forced=forced))
 
