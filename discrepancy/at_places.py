@@ -6,7 +6,6 @@ size with which it comes nearest to the record. Walls that were fitted without i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
@@ -17,11 +16,12 @@ from fitting.inference.fit import Fit, Member
 from fitting.inference.network import NetworkProblem
 from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
+from fitting.inference.search import bounded_step
 from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins
-from fitting.inference.unknown import bounds
-from solver.effect import ALL_PLACES
+from fitting.inference.unknown import bounds, penalty, precisions
+from solver.effect import ALL_PLACES, CHANNEL
 from solver.errors import InputError
 
 from . import thresholds as at
@@ -31,15 +31,16 @@ from .weigh import promised
 Array = np.ndarray
 
 SIZES = (0.3, 1.0, 3.0)  # typical sizes at which a law may begin, beside its own starts
+FARTHER = 5.0  # times the size that was tried, at most, where its linear promise lies farther
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A law at the size, or sizes, at which its search begins. chi2 : what that leaves."""
+    """A law at the size, or sizes, at which its search begins. left : the cost that is promised from there."""
 
     term: Term
     x: Array
-    chi2: float
+    left: float
 
 
 def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs) -> list[list[Begun]]:
@@ -48,7 +49,8 @@ def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], r
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
-    """The laws that act at a place of the map or at one that does nearly as well beside the others."""
+    """The laws of a place of the map and of its segment, and those of places that do nearly as well beside the others:
+    between two sites a wall, a drop, a loss and an outlet are told apart by their laws alone."""
     mine = found.places[i]
     others = {p.key for j, p in enumerate(found.places) if j != i}
     near = [mine]
@@ -59,17 +61,21 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
     chosen = dict[tuple[str, int], Term]()
     for place in near:
         for t in terms:
-            if acts_at(t, place):
+            if acts_at(t, place) or (place is mine and in_segment(t, place)):
                 for each in _along(problem, t, place):
                     chosen.setdefault((each.label, len(each.unknowns)), each)
     return list(chosen.values())
 
 
+def in_segment(term: Term, place: Place) -> bool:
+    """Whether a law acts in the segment of a place, or at its end."""
+    return place.kind != CHANNEL and not term.is_sensor and term.place == place.name.partition(".")[0]
+
+
 def acts_at(term: Term, place: Place) -> bool:
     """Whether a law may be what acts at a place."""
     if place.kind == NUMBER:
-        owner = place.name.partition(".")[0]
-        return term.place == owner and not term.is_sensor
+        return in_segment(term, place)
     return effect_of(term).source == place.kind and term.place == place.name
 
 
@@ -90,16 +96,38 @@ def _along(problem: NetworkProblem, term: Term, place: Place) -> list[Term]:
 
 
 def _nearest(problem: NetworkProblem, found: SourceMap, i: int, laws: Sequence[Term], runs: Runs) -> list[Begun]:
-    """Laws at the size with which each comes nearest to the record, beside the sources of the other places."""
+    """Laws at the size with which each promises to come nearest to the record, beside the sources of the other places:
+    linear in the size and in the walls."""
     beside = found.forced(problem, [j for j in range(len(found.signals)) if j != i])
     trials = [(t, x) for t in laws for x in _sizes(t)]
-    members = [_member(problem, found, [(t, x)]) for t, x in trials]
+    members = [_member(problem, found, [])] + [_member(problem, found, [each]) for each in trials]
+    none, *shown = beside.observe(members, runs)
+    if none is None:
+        return []
+    z0, J = problem.residual(none), problem.target.whiten(found.J)
     best: dict[int, Begun] = {}
-    for (t, x), X in zip(trials, beside.observe(members, runs), strict=True):
-        chi2 = math.inf if X is None else float(np.square(problem.residual(X)).sum())
-        if id(t) not in best or chi2 < best[id(t)].chi2:
-            best[id(t)] = Begun(t, x, chi2)
-    return sorted((b for b in best.values() if math.isfinite(b.chi2)), key=lambda b: b.chi2)
+    for (t, x), X in zip(trials, shown, strict=True):
+        if X is not None:
+            begun = _promised(found, J, z0, problem.residual(X), t, x)
+            if id(t) not in best or begun.left < best[id(t)].left:
+                best[id(t)] = begun
+    return sorted(best.values(), key=lambda b: b.left)
+
+
+def _promised(found: SourceMap, J: Array, z0: Array, z: Array, term: Term, x: Array) -> Begun:
+    """A law where it may begin, with the residual z there and z0 without it: its size and the walls moved to where they
+    promise to leave least."""
+    (low, *_), (high, *_) = bounds(term.unknowns)
+    column = (z - z0) / x[0] if x[0] else np.zeros_like(z)
+    walls_low, walls_high = bounds(found.unknowns)
+    prior = np.append(precisions(found.unknowns), 0.0)
+    here = np.append(found.x, x[0])
+    step = bounded_step(
+        np.column_stack([J, column]), z, prior, here, np.append(walls_low, low), np.append(walls_high, high)
+    )
+    size = float(np.clip(x[0] + step[-1], *sorted((x[0] / FARTHER, x[0] * FARTHER))))
+    left = z + J @ step[:-1] + column * step[-1]
+    return Begun(term, np.append(size, x[1:]), float(left @ left) + penalty(prior[:-1], found.x + step[:-1]))
 
 
 def _sizes(term: Term) -> list[Array]:
@@ -133,7 +161,8 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Beg
     fits = []
     for i, some in enumerate(laws):
         beside = found.forced(problem, [j for j in range(len(laws)) if j != i])
-        own = refitted(beside, found, [[(b.term, b.x)] for b in some[: at.EACH]], runs)
+        chosen = [b for k, b in enumerate(some) if k < at.EACH or b.term.rewires]
+        own = refitted(beside, found, [[(b.term, b.x)] for b in chosen], runs)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
 
