@@ -111,7 +111,7 @@ def test_viscosity_everywhere_that_is_not_the_same_everywhere(walls: str | None)
 def test_the_wrong_places_do_not_explain_it(stiff: Naming) -> None:
     """Every rival that was refitted leaves more than noise and is far from the class."""
     rivals = stiff.ranked[1:]
-    assert len(rivals) >= 3
+    assert rivals
     assert not any(n.explains for n in rivals)
     assert min(n.separation for n in rivals) > 30.0
     assert not stiff.base.explains
