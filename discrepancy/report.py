@@ -14,6 +14,7 @@ from solver.writing import write_folder
 
 from . import tables, thresholds, visible
 from .outcome import VERDICTS, Outcome
+from .map_text import map_sentences
 from .places import label_text
 from .scales import APART, Z
 from .wording import candidates_heading, heading, meaning, next_steps, of_fit, why_walls
@@ -78,6 +79,8 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         inseparable=f"{thresholds.INSEPARABLE:g}",
         invisible=f"{thresholds.INVISIBLE:g}",
         united=any(row["unit"] for row in tables.absorbed_rows(outcome)),
+        acts=map_sentences(outcome.map) if outcome.map else [],
+        alike=f"{thresholds.ALIKE:g}",
         **_rows(outcome),
     )
 

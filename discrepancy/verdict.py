@@ -12,6 +12,7 @@ from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
+from fitting.inference.source_map import SourceMap
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Reach
 
@@ -32,7 +33,8 @@ class Naming:
     confidence : probability that the verdict is right: the best name (effect and place), or that nothing of the
     catalogue acts; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
     reason : for unknown; of partial, what remains. complete : whether the search came to its end.
-    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`).
+    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`). map : where something
+    acts; None where that was not asked.
     """
 
     verdict: str
@@ -46,6 +48,7 @@ class Naming:
     reason: str | None = None
     complete: bool = True
     reaches: Mapping[str, Reach] = field(default_factory=dict)
+    map: SourceMap | None = None
 
     @property
     def best(self) -> Named:
