@@ -70,9 +70,9 @@ class OddNumber:
 class Acting:
     """What acts at one place.
 
-    unit : SI. mean, band : (N,) g at the times of the map and its standard deviation, of the source with the largest RMS
-    where the place has several ; ``sources`` says how many, ``part`` which of them. Of a number that stands out both
-    are empty, and ``number`` is given. pulse : peak to peak of what was measured there, of ``channel``; or None.
+    unit : SI. mean, band : (N,) g at the times of the map and its standard deviation, of the source with the largest
+    RMS where the place has several; ``sources`` says how many, ``part`` which of them. Of a number that stands out
+    both are empty, and ``number`` is given. pulse : peak to peak of what was measured there, of ``channel``; or None.
     rivals : what this record cannot tell it from.
     """
 
@@ -102,7 +102,8 @@ class Acting:
 class SourceMapShown:
     """Everything that acts.
 
-    time : (N,) [s] of one beat of the period T [s]. explains : whether no more than noise is left with it. chi2_per_datum : what is left; 1 is noise.
+    time : (N,) [s] of one beat of the period T [s]. explains : whether no more than noise is left with it.
+    chi2_per_datum : what is left; 1 is noise.
     """
 
     acting: tuple[Acting, ...]

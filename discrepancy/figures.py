@@ -58,10 +58,10 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], tuple[Picture, str]]]:
     """How the figures are drawn that have data, in the order of NAMES."""
     network, isolability = outcome.network_before, outcome.isolability
     drawn: dict[str, Callable[[], tuple[Picture, str]]] = {}
-    acting = outcome.map
-    if network is not None and acting is not None and acting.acting:
-        drawn["map"] = lambda: map_figure(outcome, acting, network)
     if network is not None and outcome.kind == "network":
+        acting = outcome.map
+        if acting is not None and acting.acting:
+            drawn["map"] = lambda: map_figure(outcome, acting, network)
         drawn["network"] = lambda: _network(outcome, network)
     if outcome.z_map.size:
         drawn["z_map"] = lambda: _z_map(outcome)

@@ -127,6 +127,6 @@ def _caption(shown: SourceMapShown) -> str:
     places = ", ".join(a.spot.label for a in shown.acting)
     beats = " and what acts there over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
     return (
-        f"The network of the model, flow from left to right, with the places where something acts that it lacks{beats}. "
-        f"Marked: {places}. A circle is a measured site; the letters are what was measured there."
+        "The network of the model, flow from left to right, with the places where something acts that it "
+        f"lacks{beats}. Marked: {places}. A circle is a measured site; the letters are what was measured there."
     )

@@ -225,9 +225,8 @@ class Outcome(Shown):
     agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
-    map : where something acts that the model lacks; None where
-    that was not asked. written : whether there are files of it. met : of ``unknown``, whether the model meets the record, but only with
-    numbers that hardly any animal has.
+    map : where something acts that the model lacks; None where that was not asked. written : whether there are files
+    of it. met : of ``unknown``, whether the model meets the record, but only with numbers that hardly any animal has.
 
     As data frame: a row for each hypothesis that was refitted, best first.
     """

@@ -13,8 +13,8 @@ from solver.legible import number
 from solver.writing import write_folder
 
 from . import tables, thresholds, visible
-from .outcome import VERDICTS, Outcome
 from .map_text import map_sentences
+from .outcome import VERDICTS, Outcome
 from .places import label_text
 from .scales import APART, Z
 from .wording import candidates_heading, heading, meaning, next_steps, of_fit, why_walls

@@ -33,8 +33,8 @@ class Naming:
     confidence : probability that the verdict is right: the best name (effect and place), or that nothing of the
     catalogue acts; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
     reason : for unknown; of partial, what remains. complete : whether the search came to its end.
-    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`). map : where something
-    acts; None where that was not asked.
+    reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`). map : where
+    something acts; None where that was not asked.
     """
 
     verdict: str

@@ -34,8 +34,8 @@ def beat_harmonics(
     vanish, in the time of a few dozen of them. names : of the outputs. tolerance : of the last correction of the flows
     that pulsate, relative to them; what is left is a part of it. more : harmonics that are kept beyond K, whose
     products with others count below it. settings.dt plays no role. sources : terms that are added to the equations
-    (:mod:`~solver.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members. progress : called after every correction; what it
-    raises ends the search. Other arguments as there.
+    (:mod:`~solver.sources`), with the harmonics ``amplitudes`` : (n, n_sources), the same for all members.
+    progress : called after every correction; what it raises ends the search. Other arguments as there.
 
     Members of a batch whose balance is not found, or has no room, are NaN; a simulation in time may find their beat.
     Raises ValueError as simulate_periodic, for names that are no outputs, and where a member has no steady state with
