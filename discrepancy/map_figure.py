@@ -23,21 +23,24 @@ Array = np.ndarray
 _COLOURS = (VERMILION, BLUE, PURPLE)  # of what acts; ORANGE of what cannot be told from it
 _KINDS = {OUTLET: "outlet", JUNCTION: "junction", CHANNEL: "channel"}
 _WIDE, _HIGH = 4.0, 1.9  # inches of a beat
-_COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not below: segments in a row, inches
+_BESIDE = 0.8  # x/L of the mark of what acts in a segment that is marked already
+_COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not above: segments in a row, inches
 
 
 def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tuple[Picture, str]:
     """Left the network, right a panel for each place with its g(t)."""
-    found = [(mark(a.spot, True), _colour(i)) for i, a in enumerate(shown.acting)]
-    found += [(mark(spot, False), ORANGE) for a in shown.acting for rival in a.rivals for spot in rival.spots]
+    spots = [(a.spot, _colour(i)) for i, a in enumerate(shown.acting)]
+    rivals = [(spot, ORANGE) for a in shown.acting for rival in a.rivals for spot in rival.spots]
+    found = [(mark(spot, colour is not ORANGE), colour) for spot, colour in (*spots, *rivals)]
     beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
     most = {"widest": _NARROW} if beside and shown.signals else {}
     figure, axes, drawn = draw(network, lambda kind, place: _at(found, kind, place), **most)
     _sites(axes, outcome, network, drawn, found)
-    for i, a in enumerate(shown.acting):
-        _stretch(axes, a.spot, drawn, _colour(i))
+    for (spot, colour), (there, _) in zip((*spots, *rivals), found, strict=True):
+        hidden = _at(found, there.kind, there.place) != colour
+        _stretch(axes, spot.at if spot.at is not None else _BESIDE * hidden, drawn.get(there.place), colour)
     _beats(figure, axes, shown, beside)
-    _legend(figure, shown, any(not m.named for m, _ in found))
+    _legend(figure, shown, bool(rivals))
     return figure, _caption(shown)
 
 
@@ -72,15 +75,15 @@ def _sites(
             below(axes, letters, x, y)
 
 
-def _stretch(axes: Axes, spot: Spot, drawn: dict[str, Lane], colour: str) -> None:
-    """Where along a segment something acts."""
-    if spot.at is not None:
-        x, y = drawn[spot.place].at(spot.at)
+def _stretch(axes: Axes, at: float, lane: Lane | None, colour: str) -> None:
+    """Where along a segment something acts; 0 : all along it."""
+    if at and lane is not None:
+        x, y = lane.at(at)
         axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
 
 
 def _beats(figure: Picture, axes: Axes, shown: SourceMapShown, beside: bool) -> None:
-    """A panel for each signal, beside a narrow network or below a wide one."""
+    """A panel for each signal, beside a narrow network or above a wide one."""
     n = len(shown.signals)
     if not n:
         return
@@ -92,9 +95,9 @@ def _beats(figure: Picture, axes: Axes, shown: SourceMapShown, beside: bool) -> 
         places = [grid[i, 1] for i in range(n)]
     else:
         figure.set_size_inches(width, height + _HIGH + 0.4)
-        grid = figure.add_gridspec(2, n, height_ratios=(height, _HIGH))
-        axes.set_subplotspec(grid[0, :])
-        places = [grid[1, i] for i in range(n)]
+        grid = figure.add_gridspec(2, n, height_ratios=(_HIGH, height))
+        axes.set_subplotspec(grid[1, :])
+        places = [grid[0, i] for i in range(n)]
     for i, a in enumerate(shown.acting):
         if a.number is None:
             _beat(figure.add_subplot(places.pop(0)), a, shown, _colour(i))

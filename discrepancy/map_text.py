@@ -38,7 +38,7 @@ def acts_as(shown: SourceMapShown, it: str = "It") -> str:
 
 def map_sentences(shown: SourceMapShown) -> list[str]:
     """What the map says, and what it leaves."""
-    left = f"χ² is {number(shown.chi2_per_datum, 2)} per datum"
+    left = f"χ² is {number(shown.chi2_per_datum)} per datum"
     if not shown.acting and shown.explains:
         return [f"Nothing acts beyond noise: {left} with the subject’s own numbers alone."]
     if not shown.acting:
@@ -57,7 +57,7 @@ def phrase(spot: Spot) -> str:
 def _signal(a: Acting, time: Array) -> str:
     unit, factor = readable(a.unit)
     size = f"{phrase(a.spot)} of {number(factor * a.rms, 2)} {unit} (rms{_of_pulse(a)})"
-    size += f", {a.part} (the largest of {a.sources} such terms)" if a.part else ""
+    size += f", {a.part} (the strongest of {a.sources} such terms)" if a.part else ""
     if a.steady:
         return f"{size}, nearly the same throughout the beat"
     return f"{size}, largest at {number(float(time[np.argmax(np.abs(a.mean))]), 2)} s"

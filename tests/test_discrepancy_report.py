@@ -154,7 +154,7 @@ SAID = {
     "unknown": (
         "catalogue does not have",
         "acts as a pressure in the wall of CA of",
-        "even along CA (the largest of 3",
+        "even along CA (the strongest of 3",
         "What remains",
         "harmonics 5 to 9",
         "largest at CA.Q",

@@ -9,11 +9,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from forked import NETWORK, T, clean, record
 from made_up import synthetic
+from test_confirm import named, stiffer, study
 
 from discrepancy.acting import Acting, SourceMapShown, Spot
 from discrepancy.figures import figures
@@ -24,7 +26,7 @@ from discrepancy.outcome import Outcome, verdict_json
 from discrepancy.report import page
 from discrepancy.show import Gap
 from discrepancy.shown_map import band_of, beat_of, shown_map
-from discrepancy.summary import sentence
+from discrepancy.summary import Shown, sentence, summary
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
@@ -188,7 +190,7 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
     ("signals", "chi2", "said"),
     [
         ((), 142.0, "Nothing acts beyond noise"),
-        ((), 143.0, "No place was found where something acts, and yet more than noise is left: χ² is 1.4 per datum."),
+        ((), 143.0, "No place was found where something acts, and yet more than noise is left: χ² is 1.43 per datum."),
         ((LEAK,), 90.0, "With that, only noise is left: χ² is 0.9 per datum."),
         ((LEAK,), 300.0, "With that, more than noise is left: χ² is 3 per datum."),
     ],
@@ -199,7 +201,7 @@ def test_what_is_left_is_said(signals: tuple[Signal, ...], chi2: float, said: st
     assert said in text and text.startswith("What the model lacks acts" if signals else "No")
 
 
-def named() -> Named:
+def nothing() -> Named:
     none = np.zeros(0)
     return Named(Fit((), (), none, none, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int)), 0.0, 9.0)
 
@@ -207,7 +209,7 @@ def named() -> Named:
 @pytest.mark.parametrize("complete", [True, False])
 def test_an_unknown_law_is_told_by_place_and_shape(complete: bool) -> None:
     """The verdict's sentence; without a map, or with an empty one, as before."""
-    naming = Naming("unknown", PROBLEM, named(), (), (), {}, (), 0.5, "RMS 3", complete)
+    naming = Naming("unknown", PROBLEM, nothing(), (), (), {}, (), 0.5, "RMS 3", complete)
     gap = Gap((9.0, 9.3), {})
     said = sentence(naming, (), gap, None, shown(LEAK))
     tried = "No law of the catalogue explains it." if complete else "Nothing that was tried explains it."
@@ -216,6 +218,21 @@ def test_an_unknown_law_is_told_by_place_and_shape(complete: bool) -> None:
     assert sentence(naming, (), gap, None, shown()) == sentence(naming, (), gap, None)
     partial = sentence(replace(naming, verdict="partial"), (), gap, gap, shown(LEAK))
     assert "but more than noise remains. All that is missing acts as a loss of flow along B" in partial
+
+
+def test_the_outcome_has_the_map_of_its_naming() -> None:
+    """From the naming of a small network on: sentence, verdict.json and page, with beats of the study's period."""
+    s = study()
+    run = stiffer(s, 0.0)
+    made = SimpleNamespace(path="b.csv", sha256="ab", told={}, channels={})
+    naming = replace(named("unknown"), map=found(LEAK), base=replace(named().base, misfit=9.0), complete=True)
+    outcome = summary(made, "fork.toml", s, naming, Shown(run, run))  # type: ignore[arg-type]
+    assert outcome.map is not None and outcome.map.T == T
+    assert (
+        "No law of the catalogue explains it. It acts as a loss of flow along B of 1.4 mL/s (rms, " in outcome.sentence
+    )
+    assert verdict_json(outcome)["map"][0]["where"] == "B" and "Where something acts" in page(outcome, {})
+    assert summary(made, "", s, replace(naming, map=None), Shown(run, run)).map is None  # type: ignore[arg-type]
 
 
 # --- verdict.json, figure and page --------------------------------------------------------------------------------
@@ -297,7 +314,7 @@ def test_a_map_survives_a_journal_bit_by_bit(tmp_path: Path) -> None:
     every = tuple({type(source): p for p in PLACES for source in p.sources}.values())
     signals = [replace(signal(p), g=np.full((K + 1, p.columns), 0.1 + 0.2j)) for p in (*every, number)]
     made = found(*signals, rivals=[Rival(PLACES[:3], 2.5)], x={"B.E": 0.3})
-    naming = Naming("unknown", PROBLEM, named(), (), (), {}, (), 0.5, map=made)
+    naming = Naming("unknown", PROBLEM, nothing(), (), (), {}, (), 0.5, map=made)
     Journal(tmp_path, []).naming(PROBLEM, lambda: naming)
     again = Journal(tmp_path, []).naming(PROBLEM, pytest.fail).map
     assert again is not None
