@@ -1,4 +1,4 @@
-"""The figures of a study: the network with the place marked, z map, waveforms, loops, gap, and what can be told apart.
+"""The figures of a study: where something acts, the place marked, z map, waveforms, loops, gap, what can be told apart.
 
 Every function takes an :class:`~discrepancy.outcome.Outcome` and returns a drawing; :func:`figures` calls those whose
 data there are.
@@ -23,6 +23,7 @@ from solver.notebook.network import below, draw
 from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
 from . import thresholds
+from .map_figure import map_figure
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
 from .scales import APART, Scale, Z
@@ -31,7 +32,7 @@ from .tables import channel_z, harmonics_shown, loop_sites, period
 Array = np.ndarray
 
 MEASURED, BEFORE, AFTER = BLACK, VERMILION, BLUE
-NAMES = ("network", "z_map", "waveforms", "loops", "gap", "isolability")
+NAMES = ("map", "network", "z_map", "waveforms", "loops", "gap", "isolability")
 _MISSING = "#e6e6e6"
 _MOST_TICKS = 36  # numbers below the z map that do not touch
 _MOST_FRAMED = 60  # cells in a row that still have room for a frame
@@ -58,6 +59,9 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], tuple[Picture, str]]]:
     network, isolability = outcome.network_before, outcome.isolability
     drawn: dict[str, Callable[[], tuple[Picture, str]]] = {}
     if network is not None and outcome.kind == "network":
+        acting = outcome.map
+        if acting is not None and acting.acting:
+            drawn["map"] = lambda: map_figure(outcome, acting, network)
         drawn["network"] = lambda: _network(outcome, network)
     if outcome.z_map.size:
         drawn["z_map"] = lambda: _z_map(outcome)

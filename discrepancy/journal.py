@@ -18,8 +18,11 @@ from typing import Any, TypeVar
 
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.places import Place
+from fitting.inference.source_map import Rival, Signal, SourceMap
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown
+from solver import sources
 from solver.errors import InputError
 from solver.files import write_whole
 from solver.saved import dataclasses, from_bytes, to_bytes
@@ -30,7 +33,11 @@ from .weigh import Named
 
 Result = TypeVar("Result")
 
-_KINDS = dataclasses(Naming, Named, Fit, Term, Unknown, Run, Gap)  # that stages hold
+# that stages hold
+_KINDS = dataclasses(
+    Naming, Named, Fit, Term, Unknown, Run, Gap,
+    SourceMap, Signal, Rival, Place, *sources.ALL,
+)  # fmt: skip
 
 
 class Journal:

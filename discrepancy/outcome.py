@@ -14,6 +14,7 @@ from solver.network import Network
 from solver.notebook.shown import Shown
 
 from . import thresholds
+from .acting import SourceMapShown, map_json
 
 if TYPE_CHECKING:
     from solver.notebook.style import Picture
@@ -224,8 +225,8 @@ class Outcome(Shown):
     agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
-    written : whether there are files of it. met : of ``unknown``, whether the model meets the record, but only with
-    numbers that hardly any animal has.
+    map : where something acts that the model lacks; None where that was not asked. written : whether there are files
+    of it. met : of ``unknown``, whether the model meets the record, but only with numbers that hardly any animal has.
 
     As data frame: a row for each hypothesis that was refitted, best first.
     """
@@ -242,6 +243,7 @@ class Outcome(Shown):
     confidence: float | None = None
     complete: bool = True
     met: bool = False
+    map: SourceMapShown | None = None
     walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
@@ -299,7 +301,7 @@ class Outcome(Shown):
         return notebook
 
     def plot(self, figure: str | None = None) -> Picture:
-        """A figure of the report: "network", "z_map", "waveforms", "loops", "gap" or "isolability".
+        """A figure of the report: "map", "network", "z_map", "waveforms", "loops", "gap" or "isolability".
 
         Default: the first of them that this study has. Raises ValueError for one that it has not.
         """
@@ -343,6 +345,8 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
             {"site": at.site, "signal": at.signal, "harmonic": at.harmonic, "z": at.z} for at in outcome.located
         ],
         "global_p_value": outcome.p_value,
+        "map": None if outcome.map is None else map_json(outcome.map),
+        "map_leaves": None if outcome.map is None else outcome.map.left,
         "gap": {
             "before": gap(outcome.gap_before),
             "after": gap(outcome.gap_after),

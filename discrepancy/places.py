@@ -34,7 +34,7 @@ def marks(outcome: Outcome) -> list[Mark]:
     found = [(effect.name, effect.where) for effect in outcome.effects]
     named = found if outcome.verdict in ("effect", "several", "partial") else []
     return [
-        Mark(_kind(name), _site(place), (name, where) in named, f"{plain(name)} at {place_text(place)}")
+        Mark(_kind(name), site_of(place), (name, where) in named, f"{plain(name)} at {place_text(place)}")
         for name, where in dict.fromkeys((*named, *chain.from_iterable(outcome.members), *found))
         for place in where
     ]
@@ -72,5 +72,6 @@ def label_text(label: str) -> str:
     return plain(name) + (f" at {place_text(place)}" if at else "")
 
 
-def _site(place: str) -> str:
+def site_of(place: str) -> str:
+    """The site of a channel; another place as it is."""
     return place.rpartition(".")[0] or place

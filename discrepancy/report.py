@@ -13,6 +13,7 @@ from solver.legible import number
 from solver.writing import write_folder
 
 from . import tables, thresholds, visible
+from .map_text import map_sentences
 from .outcome import VERDICTS, Outcome
 from .places import label_text
 from .scales import APART, Z
@@ -78,6 +79,8 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         inseparable=f"{thresholds.INSEPARABLE:g}",
         invisible=f"{thresholds.INVISIBLE:g}",
         united=any(row["unit"] for row in tables.absorbed_rows(outcome)),
+        acts=map_sentences(outcome.map) if outcome.map else [],
+        alike=f"{thresholds.ALIKE:g}",
         **_rows(outcome),
     )
 

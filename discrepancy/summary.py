@@ -18,16 +18,19 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
+from .acting import SourceMapShown
 from .animal import odd_ones, walls_of
 from .confirm import change, met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
+from .map_text import acts_as
 from .outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .outliers import implausible
 from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
+from .shown_map import shown_map
 from .study import Study, Unusable
 from .verdict import Naming
 
@@ -86,12 +89,14 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
     bent = _bent(walls, naming)
     remarks = plain(naming.reason) if naming.reason else None
+    acting = None if naming.map is None else shown_map(naming.map, study.network, study.fitted)
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, effects, before.gap, after.gap if after else None),
+        sentence=sentence(naming, effects, before.gap, after.gap if after else None, acting),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
+        map=acting,
         walls=walls,
         record=record.path,
         model=os.fspath(model),
@@ -216,9 +221,23 @@ def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]
     return find(signals, residual, covariance), balances
 
 
-def sentence(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
-    """The verdict in one sentence; a second one where the search was cut short."""
+def sentence(
+    naming: Naming,
+    effects: tuple[NamedEffect, ...],
+    before: Gap,
+    after: Gap | None,
+    acting: SourceMapShown | None = None,
+) -> str:
+    """The verdict in one sentence; a second one where the search was cut short, or no law explains all.
+
+    acting : the source map, which then says what is missing.
+    """
     said = _said(naming, effects, before, after)
+    if acting and acting.acting and naming.verdict == "partial":
+        said = f"{said} {acts_as(acting, 'All that is missing')}"
+    elif acting and acting.acting and naming.verdict == "unknown" and not _met(naming):
+        tried = "No law of the catalogue explains it" if naming.complete else "Nothing that was tried explains it"
+        said = f"Something is missing: {_left(before)}. {tried}. {acts_as(acting)}"
     return said if naming.complete else f"{said} Search incomplete: the time limit was over before all was compared."
 
 
@@ -257,7 +276,12 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
         met = met_only_with(implausible(naming.base.fit))
         return f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
     missing = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
-    return f"Something is missing{missing}: the gap to held-out beats is {before.total[1]:.3g} times the noise."
+    return f"Something is missing{missing}: {_left(before)}."
+
+
+def _left(before: Gap) -> str:
+    """The gap where nothing is added."""
+    return f"the gap to held-out beats is {before.total[1]:.3g} times the noise"
 
 
 def _met(naming: Naming) -> bool:

@@ -15,6 +15,7 @@ FEWEST_BEATS = 8  # fewer leave no scatter to judge by once some are held out
 # --- find ---
 FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
 LOUDEST = 8  # entries of the z map that the verdict lists
+ALIKE = 10.0  # of -2 ln evidence above the source map's: places that are no farther off cannot be told from its own
 
 # --- name ---
 # largest log-odds that count, and shift and slope of those that are stated: of the bench by logistic regression on 588

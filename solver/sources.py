@@ -150,6 +150,9 @@ class InletFlow(Source):
         return np.eye(len(model.network.inlets))[0]
 
 
+ALL: tuple[type[Source], ...] = (WallPressure, Drop, Step, Outflow, OutletFlow, InletFlow)
+
+
 def _nothing(model: Model) -> Array:
     return np.zeros((model.mesh.n_elements, model.mesh.element.N + 1))
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from discrepancy.acting import Acting, MapRival, SourceMapShown, Spot
 from discrepancy.outcome import (
     ADDED,
     Absorbed,
@@ -69,6 +70,16 @@ def isolability(n: int) -> Isolability:
     return Isolability(labels, separation, np.linspace(1.0, 300.0, n), (labels[0],))
 
 
+def acting() -> SourceMapShown:
+    """A made-up pressure in the wall of CA, which a drop there does nearly as well."""
+    time = np.arange(N) * T / N
+    pressure = 900.0 * np.exp(-(((time - 0.12) / 0.05) ** 2)) - 150.0
+    drop = Spot("drop", "CA", "a drop of pressure in CA at x/L = 0.3", 0.3)
+    wall = Acting(Spot("wall", "CA", "the wall of CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
+                  6000.0, rivals=(MapRival((drop,), 4.2),))  # fmt: skip
+    return SourceMapShown((wall,), time, T, True, 1.02)
+
+
 def synthetic(verdict: str, network: Network) -> Outcome:
     """An outcome of that verdict with everything that it can have."""
     sentence = f"A synthetic outcome of the verdict {verdict}."
@@ -103,6 +114,7 @@ def synthetic(verdict: str, network: Network) -> Outcome:
         confidence=None if verdict == "unknown" else 0.87,
         complete=verdict != "partial",
         walls=walls,
+        map=replace(acting(), acting=()) if verdict == "none" else acting(),
         notes=("CA.E: 33 % above the file's.",) if verdict == "partial" else (),
         separating_measurement="Measure CA.R: its loop opens only for the wall." if verdict == "ambiguous" else None,
         located=() if verdict == "none" else (Located("CA", "Q", 7, 41.2, -35.0), Located("CA", "P", 1, 30.0)),

@@ -112,7 +112,13 @@ def reports(tmp_path_factory: pytest.TempPathFactory, sheep: Network) -> Callabl
 # --- what it says -------------------------------------------------------------------------------------------------
 
 SAID = {
-    "none": ("No effect is missing", "Smallest detectable sizes", "±2.1 kPa·s", "Invisible to them"),
+    "none": (
+        "No effect is missing",
+        "Nothing acts beyond noise",
+        "Smallest detectable sizes",
+        "±2.1 kPa·s",
+        "Invisible to them",
+    ),
     "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3·10⁻¹²"),
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
     "several": (
@@ -145,7 +151,14 @@ SAID = {
         "individual",
         "They count as this subject’s, not as effects",
     ),  # fmt: skip
-    "unknown": ("catalogue does not have", "What remains", "harmonics 5 to 9", "largest at CA.Q"),
+    "unknown": (
+        "catalogue does not have",
+        "acts as a pressure in the wall of CA of",
+        "even along CA (the strongest of 3",
+        "What remains",
+        "harmonics 5 to 9",
+        "largest at CA.Q",
+    ),
     "unusable": ("cannot be used", "Why: CA.P <dead>: it does not change", "Put right", "Line 7 is empty."),
 }
 
@@ -179,7 +192,7 @@ def test_bench_has_no_network(tmp_path: Path, sheep: Network) -> None:
     full = synthetic("several", sheep)
     write_report(full, tmp_path)
     write_report(replace(full, kind="bench", channels=full.channels[3::2], z_map=full.z_map[:, 3:4]), tmp_path)
-    assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network"}
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == set(NAMES) - {"network", "map"}
     read(tmp_path / "report.html")
 
 

@@ -29,12 +29,14 @@ def figure(network: Network) -> Picture:
     return drawn
 
 
-def draw(network: Network, mark: Mark = lambda kind, place: None) -> tuple[Picture, Axes, dict[str, Lane]]:
-    """The figure, its axes, and where each segment lies; what has a mark is drawn in its colour."""
+def draw(
+    network: Network, mark: Mark = lambda kind, place: None, widest: float = 14.0
+) -> tuple[Picture, Axes, dict[str, Lane]]:
+    """The figure, its axes, and where each segment lies; what has a mark is drawn in its colour. widest : inches."""
     drawn = {lane.segment.name: lane for lane in lanes(network)}
     columns = max(max(lane.x0, lane.x1) for lane in drawn.values())
     rows = max(lane.y for lane in drawn.values())
-    width = min(14.0, max(7.0, 2.2 + 1.9 * columns))
+    width = min(widest, max(7.0, 2.2 + 1.9 * columns))
     picture = Picture(figsize=(width, 1.5 + 0.6 * rows), layout="constrained")
     axes = picture.add_subplot()
     axes.set_axis_off()

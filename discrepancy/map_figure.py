@@ -1,0 +1,135 @@
+"""The figure of the source map: the network with the places marked, and what acts there over one beat."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from solver.effect import CHANNEL, JUNCTION, OUTLET
+from solver.layout import Lane, lanes
+from solver.network import Network
+from solver.notebook.network import below, draw
+from solver.notebook.style import BLUE, FAINT, ORANGE, PURPLE, TEXT, VERMILION, Picture
+from solver.units import readable
+
+from .acting import Acting, SourceMapShown, Spot
+from .map_text import axis_label, phrase
+from .outcome import Outcome
+from .places import Mark, site_of
+
+Array = np.ndarray
+
+_COLOURS = (VERMILION, BLUE, PURPLE)  # of what acts; ORANGE of what cannot be told from it
+_KINDS = {OUTLET: "outlet", JUNCTION: "junction", CHANNEL: "channel"}
+_WIDE, _HIGH = 4.0, 1.9  # inches of a beat
+_BESIDE = 0.8  # x/L of the mark of what acts in a segment that is marked already
+_COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not above: segments in a row, inches
+
+
+def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tuple[Picture, str]:
+    """Left the network, right a panel for each place with its g(t)."""
+    spots = [(a.spot, _colour(i)) for i, a in enumerate(shown.acting)]
+    rivals = [(spot, ORANGE) for a in shown.acting for rival in a.rivals for spot in rival.spots]
+    found = [(mark(spot, colour is not ORANGE), colour) for spot, colour in (*spots, *rivals)]
+    beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
+    most = {"widest": _NARROW} if beside and shown.signals else {}
+    figure, axes, drawn = draw(network, lambda kind, place: _at(found, kind, place), **most)
+    _sites(axes, outcome, network, drawn, found)
+    for (spot, colour), (there, _) in zip((*spots, *rivals), found, strict=True):
+        hidden = _at(found, there.kind, there.place) != colour
+        _stretch(axes, spot.at if spot.at is not None else _BESIDE * hidden, drawn.get(there.place), colour)
+    _beats(figure, axes, shown, beside)
+    _legend(figure, shown, bool(rivals))
+    return figure, _caption(shown)
+
+
+def mark(spot: Spot, named: bool) -> Mark:
+    """Where to mark a place: a number's at its artery or outlet."""
+    if spot.kind == "number":
+        owner, *rest = spot.place.split(".")
+        return Mark("outlet" if "outlet" in rest[:-1] else "segment", owner, named, spot.label)
+    kind = _KINDS.get(spot.kind, "segment")
+    return Mark(kind, site_of(spot.place) if kind == "channel" else spot.place, named, spot.label)
+
+
+def _colour(i: int) -> str:
+    return _COLOURS[i % len(_COLOURS)]
+
+
+def _at(found: list[tuple[Mark, str]], kind: str, place: str) -> str | None:
+    """The colour of the first mark at a place."""
+    return next((colour for mark, colour in found if mark.is_at(kind, place)), None)
+
+
+def _sites(
+    axes: Axes, outcome: Outcome, network: Network, drawn: dict[str, Lane], found: list[tuple[Mark, str]]
+) -> None:
+    """The measured sites, with what was measured there."""
+    for site in network.sites:
+        letters = " ".join(c.name[-1] for c in outcome.channels if c.name.rpartition(".")[0] == site.name)
+        if letters:
+            x, y = drawn[site.segment].at(site.position)
+            colour = _at(found, "channel", site.name)
+            axes.plot([x], [y], "o", ms=7, mfc="white", mec=colour or TEXT, mew=3.0 if colour else 1.0, zorder=5)
+            below(axes, letters, x, y)
+
+
+def _stretch(axes: Axes, at: float, lane: Lane | None, colour: str) -> None:
+    """Where along a segment something acts; 0 : all along it."""
+    if at and lane is not None:
+        x, y = lane.at(at)
+        axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
+
+
+def _beats(figure: Picture, axes: Axes, shown: SourceMapShown, beside: bool) -> None:
+    """A panel for each signal, beside a narrow network or above a wide one."""
+    n = len(shown.signals)
+    if not n:
+        return
+    width, height = figure.get_size_inches()
+    if beside:
+        figure.set_size_inches(width + _WIDE, max(height, _HIGH * n + 0.5))
+        grid = figure.add_gridspec(n, 2, width_ratios=(width, _WIDE))
+        axes.set_subplotspec(grid[:, 0])
+        places = [grid[i, 1] for i in range(n)]
+    else:
+        figure.set_size_inches(width, height + _HIGH + 0.4)
+        grid = figure.add_gridspec(2, n, height_ratios=(_HIGH, height))
+        axes.set_subplotspec(grid[1, :])
+        places = [grid[0, i] for i in range(n)]
+    for i, a in enumerate(shown.acting):
+        if a.number is None:
+            _beat(figure.add_subplot(places.pop(0)), a, shown, _colour(i))
+
+
+def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
+    """g(t) with its band, closed."""
+    factor = readable(a.unit)[1]
+    mean, band = (factor * np.append(x, x[0]) for x in (a.mean, a.band))
+    time = np.append(shown.time, shown.T)
+    panel.axhline(0.0, color=FAINT, lw=0.6)
+    panel.fill_between(time, mean - band, mean + band, color=colour, alpha=0.25, linewidth=0)
+    panel.plot(time, mean, color=colour)
+    panel.margins(x=0)
+    title = phrase(a.spot) + (f"\n{a.part}" if a.part else "")
+    panel.set_title(title[0].upper() + title[1:], loc="left")
+    panel.set_xlabel("time [s]")
+    panel.set_ylabel(axis_label(a))
+
+
+def _legend(figure: Picture, shown: SourceMapShown, rivals: bool) -> None:
+    handles = [Line2D([], [], color=_colour(i), lw=6, label=a.spot.label) for i, a in enumerate(shown.acting)]
+    if rivals:
+        handles.append(Line2D([], [], color=ORANGE, lw=6, label="cannot be told from it"))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+
+
+def _caption(shown: SourceMapShown) -> str:
+    places = ", ".join(a.spot.label for a in shown.acting)
+    beats = " and what acts there over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
+    return (
+        "The network of the model, flow from left to right, with the places where something acts that it "
+        f"lacks{beats}. Marked: {places}. A circle is a measured site; the letters are what was measured there."
+    )

@@ -1,0 +1,131 @@
+"""The source map as it is shown: harmonics become beats with a band, places become words, numbers get their values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fitting.inference.places import Place
+from fitting.inference.source_map import Rival, Signal, SourceMap
+from fitting.inference.unknown import parameter_values
+from fitting.records.beats import Beats
+from solver.coordinate import SCALE
+from solver.effect import ALL_PLACES, OUTLET
+from solver.network import Network
+from solver.sources import Drop, Source, Step, WallPressure
+from solver.units import INFLOW, SIGNAL_UNITS
+
+from . import thresholds
+from .acting import Acting, MapRival, OddNumber, SourceMapShown, Spot
+
+Array = np.ndarray
+
+_SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
+_SAMPLES = 400  # of a beat: all harmonics of a record are smooth on them
+_SPREADS = 3.0  # standard deviations of χ² that noise stays within
+
+
+def shown_map(found: SourceMap, network: Network, beats: Beats) -> SourceMapShown:
+    """What a map says of a record. beats : those that were fitted, whose channels tell the pulse at a place."""
+    time = np.arange(_SAMPLES) * (beats.T / _SAMPLES)
+    acting = tuple(
+        Acting(spot(s.place), rivals=_rivals(s.place, found), **_told(s, found, time, network, beats))
+        for s in found.signals
+    )
+    explains = found.chi2 < found.n + _SPREADS * math.sqrt(2.0 * found.n)
+    return SourceMapShown(acting, time, beats.T, explains, found.chi2 / found.n)
+
+
+def spot(place: Place) -> Spot:
+    """A place in words."""
+    return Spot(place.kind, place.name, place.label, place.at)
+
+
+def beat_of(g: Array, time: Array, T: float) -> Array:
+    """(N, q) x(t) = g_0 + 2 Re Σ g_k exp(2πikt/T) at times (N,) [s] of harmonics g : (K+1, q)."""
+    k = np.arange(1, len(g))
+    turn = np.exp(2j * np.pi * np.mod(np.multiply.outer(time / T, k), 1.0))
+    return np.asarray(g[0].real + 2.0 * (turn @ g[1:]).real)
+
+
+def band_of(sd: Array, n: int) -> Array:
+    """(n, q) standard deviation of that beat, the same at every time: sqrt(sd_0² + 4 Σ sd_k²).
+
+    sd : (K+1, q) of the real mean, and of the real and of the imaginary part of each harmonic, which are independent:
+    2 Re(g_k e^iφ) has the variance 4 sd_k² whatever φ.
+    """
+    return np.broadcast_to(np.sqrt(sd[0] ** 2 + 4.0 * (sd[1:] ** 2).sum(axis=0)), (n, sd.shape[1]))
+
+
+def _told(signal: Signal, found: SourceMap, time: Array, network: Network, beats: Beats) -> dict[str, Any]:
+    """What acts at a place, or which value its number has."""
+    place = signal.place
+    if place.unknown is not None:
+        unit, odd = _number(place, found, network)
+        return {"unit": unit, "mean": np.zeros(0), "band": np.zeros(0), "number": odd}
+    each = beat_of(signal.g, time, beats.T)
+    largest = int(np.argmax((each**2).mean(axis=0)))
+    unit = place.sources[largest].unit if place.sources else SIGNAL_UNITS[place.name[-1]]
+    channel = _channel(place, largest, unit, network, beats)
+    return {
+        "unit": unit,
+        "mean": each[:, largest],
+        "band": band_of(signal.sd, len(each))[:, largest],
+        "sources": place.columns,
+        "part": _part(place.sources[largest]) if place.columns > 1 else "",
+        "channel": channel,
+        "pulse": float(np.ptp(beats.mean(channel))) if channel else None,
+    }
+
+
+def _number(place: Place, found: SourceMap, network: Network) -> tuple[str, OddNumber]:
+    """The value of a number that stands out, beside what all of its kind have in common."""
+    i = [u.name for u in found.unknowns].index(place.unknown.name if place.unknown else "")
+    own, step = found.unknowns[i], found.unknowns[i].size * float(found.x[i])
+    value = float(parameter_values(found.unknowns, network, found.x)[place.name])
+    file, quantity = network.parameters()[place.name], network.parameter_quantities()[place.name]
+    factor = own.kind == SCALE
+    return quantity.unit, OddNumber(file, value, math.exp(step) if factor else step, factor, quantity.display)
+
+
+def _part(source: Source) -> str:
+    """Which of several sources of a place."""
+    match source:
+        case WallPressure(place=name, degree=degree):
+            return f"{_SHAPES[degree]} along {name}"
+        case Step(place=name):
+            return f"between {name} and the junction"
+        case Drop(place=name, start=0.0, end=1.0):
+            return f"along {name}"
+        case Drop(place=name, start=start, end=end):
+            return f"between x/L = {start:g} and {end:g} of {name}"
+    return f"of {source.place}"
+
+
+def _channel(place: Place, i: int, unit: str, network: Network, beats: Beats) -> str:
+    """The measured channel that shows the same quantity at a place, the nearest of several; "" where there is none."""
+    if not place.sources or place.name == INFLOW:
+        return place.name if place.name in beats.values else ""
+    x = 1.0 if place.kind == OUTLET else 0.5 if place.at is None else place.at
+    letter = next(key for key, each in SIGNAL_UNITS.items() if each == unit)
+    there = sorted((s for s in network.sites if s.segment == place.sources[i].place), key=lambda s: abs(s.position - x))
+    names = [f"{site.name}.{letter}" for site in there if place.name != ALL_PLACES]
+    return next((name for name in names if name in beats.values), "")
+
+
+def _rivals(place: Place, found: SourceMap) -> tuple[MapRival, ...]:
+    """What this record cannot tell from a place: what stands in its stead in sets that are nearly as probable."""
+    return tuple(
+        MapRival(tuple(spot(p) for p in _new(rival, found.places)), rival.above)
+        for rival in found.rivals
+        if rival.above < thresholds.ALIKE and place.key not in {p.key for p in rival.places}
+    )
+
+
+def _new(rival: Rival, places: Sequence[Place]) -> list[Place]:
+    """The places of a rival that are not those of the map."""
+    known = {p.key for p in places}
+    return [p for p in rival.places if p.key not in known]
