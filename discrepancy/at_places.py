@@ -21,7 +21,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins
 from fitting.inference.unknown import bounds, penalty, precisions
-from solver.effect import ALL_PLACES, CHANNEL
+from solver.effect import CHANNEL
 from solver.errors import InputError
 
 from . import thresholds as at
@@ -45,7 +45,9 @@ class Begun:
 
 def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs) -> list[list[Begun]]:
     """For every place of the map, or others that are as good, the laws of the catalogue there, nearest first."""
-    return [_nearest(problem, found, i, _laws(problem, found, i, terms), runs) for i in range(len(found.signals))]
+    n = range(len(found.signals))
+    beside = [found.forced(problem, [j for j in n if j != i]) for i in n]
+    return [_nearest(beside[i], found, _laws(problem, found, i, terms), runs) for i in n]
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
@@ -79,13 +81,14 @@ def acts_at(term: Term, place: Place) -> bool:
     return effect_of(term).source == place.kind and term.place == place.name
 
 
-def _along(problem: NetworkProblem, term: Term, place: Place) -> list[Term]:
-    """A law where it usually lies, and, of a part of a segment, begun where the map has it."""
-    moved = placed(problem.network, term, [0.0] * len(term.unknowns)) if place.kind != NUMBER else None
+def _along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
+    """A law where it usually lies, and, of a part of a segment, begun where the map has it, or anywhere."""
+    whole = place is not None and place.kind == NUMBER
+    moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
     if moved is None:
         return [term]
     first = len(term.unknowns)
-    if place.at is not None:
+    if place is not None and place.at is not None:
         (position, *_) = moved.unknowns[first:]
         x = (place.at - position.nominal) / position.size
         starts = [min(moved.starts, key=lambda start: abs(start[first] - x))]
@@ -95,13 +98,14 @@ def _along(problem: NetworkProblem, term: Term, place: Place) -> list[Term]:
     return [term, replace(moved, starts=tuple(starts))]
 
 
-def _nearest(problem: NetworkProblem, found: SourceMap, i: int, laws: Sequence[Term], runs: Runs) -> list[Begun]:
-    """Laws at the size with which each promises to come nearest to the record, beside the sources of the other places:
-    linear in the size and in the walls."""
-    beside = found.forced(problem, [j for j in range(len(found.signals)) if j != i])
+def _nearest(problem: NetworkProblem, found: SourceMap, laws: Sequence[Term], runs: Runs) -> list[Begun]:
+    """Laws at the size with which each promises to come nearest to the record, linear in the size and in the walls.
+
+    problem : with what acts beside them.
+    """
     trials = [(t, x) for t in laws for x in _sizes(t)]
     members = [_member(problem, found, [])] + [_member(problem, found, [each]) for each in trials]
-    none, *shown = beside.observe(members, runs)
+    none, *shown = problem.observe(members, runs)
     if none is None:
         return []
     z0, J = problem.residual(none), problem.target.whiten(found.J)
@@ -193,11 +197,16 @@ def _own(fit: Fit) -> Array:
 def refitted(
     problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs
 ) -> list[Fit]:
-    """Hypotheses searched for from the walls of the map, and where their laws begin."""
-    white = problem.target.whiten(found.J)
+    """Hypotheses searched for from the walls of the map, and where their laws begin: from afar first, with an error
+    granted to the model as in the map, and then to the noise."""
+    if not hypotheses:
+        return []
+    wide = problem.widened(np.full(len(problem.parts), at.AFAR))
+    white = wide.target.whiten(found.J)
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
-    return [f for f in problem.searched_from(members, runs, known) if f is not None] if members else []
+    seen = [f for f in wide.searched_from(members, runs, known) if f is not None]
+    return [f for f in problem.relaxed(problem.restated(seen, wide), runs) if f is not None]
 
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -217,12 +226,13 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     yield (result := exact(problem, [*none, *fits], {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
-    if not (result.best.explains and result.best.fit.terms):
+    if result.best.explains and not result.best.fit.terms:
         yield (result := _also_promising(result, columns, runs))
     if not result.best.explains:
-        yield (result := _everywhere(result, runs))
-    if not result.best.explains and (finer := _refined(result, runs)):
-        yield (result := result.joined_by(finer))
+        yield (result := _elsewhere(result, found, runs))
+    if not result.best.explains and result.best.fit.terms:
+        result = result.at_minimum(runs)
+        yield (result := result.joined_by([*_refined(result, runs), *_with_one_more(result, runs)]).polished(runs))
     yield result.at_minimum(runs)
 
 
@@ -236,16 +246,29 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
 
 
-def _everywhere(result: Compared, runs: Runs) -> Compared:
-    """With the laws that act everywhere, begun at the walls of the file and seen from afar: one that changes every wave
-    is no source of a fixed shape, and the walls of the map have taken up a part of it."""
-    problem = result.problem
-    afar = problem.widened(np.full(len(problem.parts), at.AFAR))
-    hypotheses = [(t,) for t in result.sought if t.place == ALL_PLACES]
-    fits = [f for f in afar.refit(hypotheses, runs=runs) if f is not None]
-    fits = sorted(problem.restated(fits, afar), key=lambda f: f.chi2)[: at.EACH]
-    again = [f for f in problem.refine(fits, runs) if f is not None]
-    return result.joined_by(again).polished(runs)
+def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
+    """With the laws, anywhere, that promise most from the walls of the map: where sensors are few one place looks like
+    another, and a law that changes every wave is no source of a fixed shape."""
+    problem, tried = result.problem, {n.label for n in result.ranked}
+    assert isinstance(problem, NetworkProblem)
+    plain, sought = found.forced(problem, []), [t for t in result.sought if t.label not in tried and not t.rewires]
+    laws = [each for t in sought for each in _along(problem, t)]
+    chosen = _nearest(plain, found, laws, runs)[: at.EACH]
+    fits = refitted(plain, found, [[(b.term, b.x)] for b in chosen], runs)
+    return result.joined_by(fits).polished(runs)
+
+
+def _with_one_more(result: Compared, runs: Runs) -> list[Fit]:
+    """The best law with another that adds evidence beside it by its columns."""
+    first, problem = result.best.fit, result.problem
+    if len(first.terms) >= at.MOST_EFFECTS:
+        return []
+    there = {t.label for t in first.terms}
+    others = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    columns = problem.columns(first, others, runs)
+    best, gained = promised(first, others, columns)
+    both = [(*first.terms, t) for score, t in gained[: at.EACH] if score < best - at.WORTH]
+    return [f for f in problem.refit(both, first, runs, columns) if f is not None] if both else []
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fitting.inference.bench import bench
 from fitting.inference.forward import Forward
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.prior import Calibrated
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates

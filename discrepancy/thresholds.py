@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fitting.inference.network import STEP_DT as STEP_DT
+from fitting.inference.network_record import STEP_DT as STEP_DT
 
 # of the forward models: harmonics and steps of the simulations, and the width of the prior of an effect's size
 from fitting.inference.simulator import HARMONICS_BEYOND as HARMONICS_BEYOND

@@ -10,7 +10,8 @@ from forked import NETWORK, clean, record
 from small_network import term
 
 from fitting.inference.fit import Member
-from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
 from fitting.inference.parts import placed
 from fitting.inference.terms import Term
 

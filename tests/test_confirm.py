@@ -18,7 +18,7 @@ from discrepancy.study import Study
 from discrepancy.summary import sentence
 from discrepancy.verdict import Naming
 from fitting.inference.fit import Fit
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.terms import sensor_terms
 from fitting.inference.unknown import absent
 

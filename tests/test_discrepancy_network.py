@@ -21,7 +21,8 @@ from discrepancy.name import name
 from discrepancy.verdict import Naming
 from fitting.inference.added import estimates, extended, sensor_parameters
 from fitting.inference.fit import Fit, Member
-from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
 from fitting.inference.observation import sense
 from fitting.inference.simulator import OutOfTime, Runs, Simulator
 from fitting.inference.terms import Term, candidates, joins, sensor_terms

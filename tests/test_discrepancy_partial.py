@@ -15,7 +15,8 @@ from discrepancy.name import name
 from discrepancy.verdict import Naming
 from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
-from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
 from solver import Settings, simulate_periodic
 from solver.effects import BY_NAME
 

@@ -26,7 +26,7 @@ from discrepancy.verdict import Naming
 from fitting.calibrate import calibrate
 from fitting.inference.added import estimates
 from fitting.inference.asked import parse_unknowns
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.prior import along
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.unknown import quantile

@@ -26,7 +26,7 @@ from fitting.cohort.file import Entry
 from fitting.inference.batches import simulated
 from fitting.inference.fit import Member
 from fitting.inference.loop import NoFit
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.simulator import Runs, Simulator
 from fitting.records.sensors import UnusableRecord
 from fmu_src.refusal import sentence

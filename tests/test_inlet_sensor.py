@@ -15,7 +15,8 @@ from small_network import NAMES
 
 from discrepancy.name import COMMON, Naming, name
 from fitting.inference.added import estimates, extended
-from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
 from fitting.inference.terms import candidates
 from fitting.inference.unknown import quantile
 from fitting.records.inflow import Inflow

@@ -14,7 +14,7 @@ from discrepancy.animal import walls_of
 from discrepancy.name import name
 from discrepancy.outliers import animal_without, implausible, standing_out
 from fitting.inference.fit import Fit
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.terms import nuisances
 from fitting.inference.unknown import Unknown, quantile
 

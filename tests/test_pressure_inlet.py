@@ -14,7 +14,7 @@ from compare import relative_error
 from fmus import COARSE, mixed
 
 from fitting.calibrate import calibrate
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.records.beats import Beats
 from fmu_src.cosimulation import CoSimulation
 from fmu_src.run import run_fmu

@@ -18,7 +18,7 @@ from discrepancy.study import Unusable
 from fitting.inference.asked import parse_unknowns
 from fitting.inference.fit import Member
 from fitting.inference.hierarchy import with_widths
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.prior import CALIBRATION, Calibrated, along, possible
 from fitting.inference.terms import candidates, deviations
 from fitting.inference.unknown import values

@@ -24,7 +24,7 @@ from fitting.inference.bench import fit
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
 from fitting.inference.hierarchy import score
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.profile import reaches
 from fitting.inference.search import relax
 from fitting.inference.simulator import Meter, OutOfTime, Runs

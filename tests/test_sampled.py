@@ -10,7 +10,7 @@ from forked import NETWORK, T, record
 from small_network import NAMES
 
 from discrepancy.name import name
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.terms import candidates
 from solver import Settings, sensors, simulate_periodic
 

@@ -20,7 +20,8 @@ from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import LOG_RANGE
 from fitting.inference.jackknife import without_groups
-from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
 from fitting.inference.selection import conditioned, reach
 from fitting.inference.unknown import quantile
 

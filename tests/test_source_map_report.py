@@ -30,7 +30,7 @@ from discrepancy.summary import Shown, sentence, summary
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
-from fitting.inference.network import network_problem
+from fitting.inference.network_record import network_problem
 from fitting.inference.places import Place, places
 from fitting.inference.source_evidence import Normal
 from fitting.inference.source_map import Rival, Signal, SourceMap

@@ -24,7 +24,8 @@ from test_discrepancy_network import beats
 from discrepancy.name import name
 from fitting.inference.batches import _elsewhere, simulated
 from fitting.inference.fit import Member
-from fitting.inference.network import NetworkProblem, network_problem
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
 from fitting.inference.simulator import Meter, OutOfTime, Runs
 from fitting.workers import Workers, cores, serve
 

@@ -124,10 +124,6 @@ class Forward(Protocol):
     def widened(self, parts: Array) -> Forward:
         """The same record with errors of these ``parts`` in its covariance."""
 
-    def placed(self, fit: Fit, term: Term) -> Term | None:
-        """A term that may lie anywhere along its segment; None if there is no such thing."""
-        return None
-
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""
         return None

@@ -12,9 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver import Settings
-from solver.balance import NoSteadyState
-from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -22,11 +19,8 @@ from ..records.beats import Beats
 from ..records.felt import Felt
 from ..records.inflow import inflow
 from ..records.noise import (
-    MAX_HARMONICS,
     Target,
-    check_flow_driven,
     degrees_of_freedom,
-    harmonics_above_noise,
     inflow_noise,
     pulses,
     sensor_noise,
@@ -41,19 +35,15 @@ from .forward import Drive, Forward
 from .jackknife import Rest
 from .misfit import Block
 from .observation import meter, of_other_beats, sense, shown
-from .parts import placed
-from .prior import Calibrated, of_animal, possible
+from .prior import of_animal
 from .search import Search, bounded_step, relax, search
-from .simulator import HARMONICS_BEYOND, Runs, Simulator, linear_response, started, varying
+from .simulator import Runs, Simulator, linear_response, varying
 from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
 Array = np.ndarray
 
-STEP_DT = 1e-3  # s, where no balance is found
-_FEWEST = 80  # of such steps in a beat
-_REPEATS = 3.0  # of their tolerance: what beats need not repeat better than where they take more than two
 _STEP = 0.02  # of x: finite differences
 _SHARPER = 2  # times that the elements are halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter elements
@@ -91,9 +81,6 @@ class NetworkProblem(Forward):
     def refined(self, fit: Fit, term: Term) -> Term | None:
         finer = about_common if self.deviations else refined
         return finer(self.network, term, sizes_of(fit, term))
-
-    def placed(self, fit: Fit, term: Term) -> Term | None:
-        return placed(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt)
@@ -378,35 +365,3 @@ class NetworkProblem(Forward):
         signal = np.tile(np.arange(m), 2 * K + 1)
         found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
         return allowed(self.network, found, 0.5 * self.beats.N / self.beats.T)
-
-
-def network_problem(
-    beats: Beats, network: Network, names: Sequence[str] | None = None, runs: Runs | None = None,
-    prior: Calibrated | None = None,
-) -> NetworkProblem:  # fmt: skip
-    """The problem of a record with inlet.Q and some outputs of the network. prior : of a calibration.
-
-    Raises ValueError if they do not belong together, or if the network breaks down with this inflow.
-    """
-    check_flow_driven(network)
-    runs, known = runs or Runs(), network.output_units()
-    chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
-    K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2))
-    settings = Settings(dt=min(STEP_DT, beats.T / max(_FEWEST, 4 * K)), tolerance=3e-5)
-    drive = inflow(beats, settings.dt)
-    time = beats.T * np.arange(200) / 200.0
-    start = float(time[np.argmin(np.abs(drive(time)))])
-    simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance,
-                          beyond=HARMONICS_BEYOND)  # fmt: skip
-    try:
-        simulator, X = started(simulator, runs)
-    except NoSteadyState as why:
-        raise InputError(
-            f"{INFLOW}: {1e6 * drive(time).mean():.4g} mL/s on average is more than the arteries of {network.name} can "
-            f"carry; check the unit of its column, or the network."
-        ) from why
-    error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
-    H = linear_response(network, chosen, beats.T, K, {})
-    felt = varying(beats, network, chosen, K)
-    own, may = target(beats, chosen, H, error, felt), possible(network, prior)
-    return NetworkProblem(network, beats, chosen, K, simulator, own, error, H[: K + 1], felt, possible=may)
