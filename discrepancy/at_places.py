@@ -21,7 +21,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins
 from fitting.inference.unknown import bounds, penalty, precisions
-from solver.effect import CHANNEL
+from solver.effect import CHANNEL, WALL
 from solver.errors import InputError
 
 from . import thresholds as at
@@ -82,8 +82,9 @@ def acts_at(term: Term, place: Place) -> bool:
 
 
 def _along(problem: NetworkProblem, term: Term, place: Place | None = None) -> list[Term]:
-    """A law where it usually lies, and, of a part of a segment, begun where the map has it, or anywhere."""
-    whole = place is not None and place.kind == NUMBER
+    """A law where it usually lies, and, of a part of a segment, begun where the map has it, or anywhere; a part of a
+    wall anywhere alone, as it is mostly whole walls that differ."""
+    whole = place is not None and (place.kind == NUMBER or effect_of(term).source == WALL)
     moved = None if whole else placed(problem.network, term, [0.0] * len(term.unknowns))
     if moved is None:
         return [term]

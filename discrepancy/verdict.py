@@ -106,12 +106,12 @@ def _without(found: Compared, best: Named) -> Named:
 
 
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
-    """What is held with an error of the model, too: the likeliest, and of every two effects that are weighed each by
-    itself, so that a second one must do better than the same misfit spread over all channels."""
-    likely = [*found.nones, *[n for n in found.ranked if n.visible][: at.LOOSE]]
-    alone = {t.label for n in (*likely, *exact) if len(n.fit.terms) > 1 for t in n.fit.terms}
-    known = {n.key for n in likely}
-    return likely + [n for n in found.ranked if n.label in alone and n.key not in known]
+    """What is held with an error of the model, too: the animal without effect and the likeliest single effects, those
+    of every two that explain the record among them, so that a second one must do better than the same misfit spread
+    over all channels. Where two leave more than noise, the second may be anything that takes up a part of it."""
+    single = [n for n in found.ranked if len(n.fit.terms) == 1]
+    alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
+    return [*found.nones, *single[: at.LOOSE], *(n for n in single[at.LOOSE :] if n.label in alone)]
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:

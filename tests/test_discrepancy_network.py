@@ -310,7 +310,7 @@ def test_sharpened_shortens_elements_where_they_matter(noise: float, halvings: i
 def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
     """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
     before = network_problem(beats(1.25), NETWORK)
-    after = before.restored((0.05, np.inf, before.error, 1.7 * healthy.target.covariance, before.response))
+    after = before.restored((0.05, before.error, 1.7 * healthy.target.covariance, before.response))
     (old,) = before.refit([()])
     assert old is not None
     (new,) = after.restated([old], before)
