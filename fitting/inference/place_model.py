@@ -170,12 +170,22 @@ class PlaceModel:
                 break
         return best + PRICE * sum(a.law is not None for a in active) + self.worth * len(active), active, widths
 
-    def most_probable(self, normal: Normal, point: Point) -> tuple[Array, Array]:
-        """θ and g of a point's places."""
+    def _precision(self, normal: Normal, point: Point) -> tuple[Array, Array, Array]:
+        """Standard deviations (p,) of the priors of θ, and in their units the precision (p, p) and the gradient (p,) of
+        its posterior at 0, sources integrated out."""
         reduced = normal.without(self.columns_of(point.active), self.variance(point.active)).of_unknowns
         sd = self.sd(point.active, point.widths)
-        A = np.eye(len(sd)) + sd[:, None] * reduced[:-1, :-1] * sd
-        x = np.clip(-sd * np.linalg.solve(A, sd * reduced[:-1, -1]), self.low, self.high)
+        return sd, np.eye(len(sd)) + sd[:, None] * reduced[:-1, :-1] * sd, sd * reduced[:-1, -1]
+
+    def spread(self, normal: Normal, point: Point) -> Array:
+        """(p, p) covariance of θ."""
+        sd, A, _ = self._precision(normal, point)
+        return sd[:, None] * np.linalg.inv(A) * sd
+
+    def most_probable(self, normal: Normal, point: Point) -> tuple[Array, Array]:
+        """θ and g of a point's places."""
+        sd, A, gradient = self._precision(normal, point)
+        x = np.clip(-sd * np.linalg.solve(A, gradient), self.low, self.high)
         columns = self.columns_of(point.active)
         if not len(columns):
             return x, np.zeros((self.problem.K + 1, 0), complex)

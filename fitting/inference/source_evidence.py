@@ -117,21 +117,29 @@ class Normal:
         i, j = np.unravel_index(int(np.argmin(scores)), scores.shape)
         return float(scores[i, j]), Law(float(amplitudes[int(i)]), *spectra[int(j)])
 
-    def amplitudes(self, columns: Array, variance: Array, x: Array) -> tuple[Array, Array]:
-        """(K+1, q) the most probable harmonics of sources for unknowns x, and their standard deviations."""
+    def amplitudes(self, columns: Array, variance: Array, x: Array, spread: Array | None = None) -> tuple[Array, Array]:
+        """(K+1, q) the most probable harmonics of sources for unknowns x, and the standard deviations of their real and
+        of their imaginary parts. spread : (p, p) covariance of the unknowns, which sources make up for; none: as if
+        they were known."""
         K, _ = self._kernel(columns, variance)
-        right = self.between[:, columns] @ np.append(x, 1.0)
-        g = -(K @ right[..., None])[..., 0]
-        return g, np.sqrt(np.maximum(np.einsum("kii->ki", K).real, 0.0))
+        right = self.between[:, columns]
+        g = -(K @ (right @ np.append(x, 1.0))[..., None])[..., 0]
+        of = np.einsum("kii->ki", K).real
+        if spread is not None:
+            moved = K @ right[..., :-1]
+            both = np.einsum("kia,ab,kib->ki", moved, spread, moved.conj()).real
+            # of a complex harmonic half the variance is that of its real part, on average
+            of = of + np.where(np.arange(len(of)) == 0, 1.0, 0.5)[:, None] * both
+        return g, np.sqrt(np.maximum(of, 0.0))
 
 
 def marginal(normal: Array, sd: Array) -> Array:
     """-2 ln evidence : (…,) of normal equations (…, p+1, p+1) with Gaussian priors about 0, sd : (…, p)."""
-    scale = np.concatenate([sd, np.ones((*sd.shape[:-1], 1))], axis=-1)
-    A = scale[..., None] * normal * scale[..., None, :] + np.diag(np.append(np.ones(sd.shape[-1]), 0.0))
-    # of the factor the last diagonal entry is what is left of y
-    diagonal = np.diagonal(np.linalg.cholesky(A), axis1=-2, axis2=-1)
-    return np.asarray(diagonal[..., -1] ** 2 + 2.0 * np.log(diagonal[..., :-1]).sum(axis=-1))
+    A = np.eye(sd.shape[-1]) + sd[..., None] * normal[..., :-1, :-1] * sd[..., None, :]
+    factor = np.linalg.cholesky(A)
+    v = np.linalg.solve(factor, (sd * normal[..., :-1, -1])[..., None])[..., 0]
+    volume = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+    return np.asarray(normal[..., -1, -1] - (v**2).sum(axis=-1) + 2.0 * volume)
 
 
 def _gram(a: Array, b: Array) -> Array:

@@ -103,7 +103,8 @@ def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
     if not is_noise(
         work.model.chi2(found[0].D), normal_size(found[0])
     ):  # what is cheap at a wide error may have come first
-        found.append(work.annealed(LEVELS[1:]))
+        with suppress(OutOfTime):
+            found.append(work.annealed(LEVELS[1:]))
     return work.told(min(found, key=lambda point: point.score))
 
 
@@ -257,7 +258,7 @@ class _Search:
         columns, signals = self.model.columns_of(active), []
         sd = np.zeros_like(point.g, float)
         if len(columns):
-            sd = normal.amplitudes(columns, self.model.variance(active), point.x)[1]
+            sd = normal.amplitudes(columns, self.model.variance(active), point.x, self.model.spread(normal, point))[1]
         for a, own in zip(active, slices(active), strict=True):
             units = self.model.units[columns[own]]
             signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist())))
