@@ -21,6 +21,7 @@ from dataclasses import replace
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.network import NetworkProblem
+from fitting.inference.places import NUMBER
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import source_map
 from fitting.inference.terms import Term
@@ -62,7 +63,17 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
         if known is None:
             raise
     assert known is not None
-    return replace(profiled(decided(known, terms, complete), runs), map=found)
+    naming = replace(profiled(decided(known, terms, complete), runs), map=found)
+    return naming if found is None else _of_no_law(naming, found)
+
+
+def _of_no_law(naming: Naming, found: SourceMap) -> Naming:
+    """Where no law is worth its price, but something acts at a place for certain: unknown, not nothing."""
+    acting = [place.label for place in found.places if place.kind != NUMBER]
+    if naming.verdict != "none" or not acting or found.margin < at.FREE:
+        return naming
+    reason = f"something acts as {' and as '.join(acting)}, which no law of the catalogue explains"
+    return replace(naming, verdict="unknown", confidence=at.INCOMPLETE, reason=reason)
 
 
 def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]:

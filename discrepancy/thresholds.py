@@ -45,6 +45,7 @@ BRANCHES = 3  # laws of each of two places that are tried together
 NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
 POLISHED = 7  # hypotheses near the best that are searched on under sharper weights
 EACH = 6  # laws of a place that are refitted, and of those that promise evidence by their columns
+FREE = 30.0  # of -2 ln evidence that the map loses without a place, from which something acts there whatever it is
 AFAR = 0.03  # error of the model, in pulses, under which laws that act everywhere are begun at the walls of the file
 WORTH = 4.0  # of evidence that a law must promise to be refitted
 REFINED = 5  # hypotheses at a time that are searched on with fresh derivatives

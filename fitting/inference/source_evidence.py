@@ -23,7 +23,7 @@ import numpy as np
 
 Array = np.ndarray
 
-AMPLITUDES = tuple(10.0 ** (0.5 * i) for i in range(-4, 9))  # in units of the sources: 1 % of a pulse
+AMPLITUDES = tuple(10.0 ** (0.5 * i) for i in range(-4, 7))  # in units of the sources, 1 % of a pulse: to ten pulses
 SPECTRA = ((2.0, 1.0), (6.0, 1.0), (3.0, 2.0), (8.0, 2.0), (20.0, 2.0))  # k0 and n
 FIRST_LOOK = (SPECTRA[2:4], AMPLITUDES[::2])
 PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a law, all of the list equally likely beforehand
@@ -82,9 +82,13 @@ class Normal:
     def _kernel(self, columns: Array, variance: Array) -> tuple[Array, float]:
         """K = r (1 + r GᴴG r)⁻¹ r for the standard deviations r, and the ln det of what is inverted."""
         r = np.sqrt(variance)
-        M = np.eye(len(columns)) + r[:, :, None] * self.of_sources[:, columns[:, None], columns] * r[:, None]
-        log_det = np.linalg.slogdet(M)[1]  # of the real problem: half of that of the mean, which is real
-        return r[:, :, None] * np.linalg.inv(M) * r[:, None], float(log_det[0] + 2.0 * log_det[1:].sum())
+        GG = r[:, :, None] * self.of_sources[:, columns[:, None], columns] * r[:, None]
+        # by eigenvectors: sources that look alike make GᴴG all but singular
+        value, vector = np.linalg.eigh(GG)
+        value = np.maximum(value, 0.0)
+        inverse = (vector / (1.0 + value)[:, None]) @ vector.conj().swapaxes(1, 2)
+        log_det = np.log1p(value).sum(axis=1)  # of the real problem: half of that of the mean, which is real
+        return r[:, :, None] * inverse * r[:, None], float(log_det[0] + 2.0 * log_det[1:].sum())
 
     def only(self, columns: Array) -> Normal:
         """The same with some of the sources, in this order."""

@@ -88,6 +88,12 @@ class SourceMap:
         """Whether it leaves noise alone."""
         return is_noise(self.chi2, self.n)
 
+    @property
+    def margin(self) -> float:
+        """By how much -2 ln evidence is more without one of the places; ∞ where there is none."""
+        fewer = [r.above for r in self.rivals if len(r.places) < len(self.places)]
+        return min(fewer, default=math.inf)
+
     def forced(self, problem: NetworkProblem, which: Sequence[int]) -> NetworkProblem:
         """The problem with some of the signals in it."""
         return with_signals(problem, [(self.signals[i].place, self.signals[i].g) for i in which])
