@@ -23,7 +23,7 @@ from fitting.inference.forward import Forward
 from fitting.inference.network import NetworkProblem
 from fitting.inference.places import NUMBER
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.source_map import source_map
+from fitting.inference.source_map import SourceMap, source_map
 from fitting.inference.terms import Term
 from solver.errors import InputError
 
