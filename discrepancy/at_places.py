@@ -12,7 +12,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from fitting.inference.fit import Fit, Member
+from fitting.inference.fit import Fit, Member, sizes_of
 from fitting.inference.network import NetworkProblem
 from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
@@ -273,8 +273,13 @@ def _with_one_more(result: Compared, runs: Runs) -> list[Fit]:
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:
-    """The best law that acts everywhere, with a size of its own for every segment."""
-    first = result.best.fit
-    finer = [result.problem.refined(first, t) for t in first.terms]
-    hypotheses = [(*first.terms[:i], f, *first.terms[i + 1 :]) for i, f in enumerate(finer) if f is not None]
-    return [f for f in result.problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []
+    """The best law finer: one that acts everywhere with a size of its own for every segment, one of a part of a segment
+    wherever it lies, and however long it is."""
+    first, problem, hypotheses = result.best.fit, result.problem, list[tuple[Term, ...]]()
+    for i, t in enumerate(first.terms):
+        for finer in (problem.refined(first, t), placed(problem.network, t, sizes_of(first, t))):
+            if finer is not None:
+                hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
+                if len(first.terms) > 1:  # the other one may have stood in for it
+                    hypotheses.append((finer,))
+    return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []
