@@ -252,8 +252,14 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     another, and a law that changes every wave is no source of a fixed shape."""
     problem, tried = result.problem, {n.label for n in result.ranked}
     assert isinstance(problem, NetworkProblem)
-    plain, sought = found.forced(problem, []), [t for t in result.sought if t.label not in tried and not t.rewires]
-    laws = [each for t in sought for each in _along(problem, t)]
+    plain, sought = found.forced(problem, []), [t for t in result.terms if not t.rewires]
+    # a part of a wall anywhere, too, also where every wall differs: it is whole walls that do
+    laws = [
+        each
+        for t in sought
+        for each in _along(problem, t)
+        if each.moves_along or (t.label not in tried and t in result.sought)
+    ]
     chosen = _nearest(plain, found, laws, runs)[: at.EACH]
     fits = refitted(plain, found, [[(b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)

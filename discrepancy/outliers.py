@@ -78,7 +78,7 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     hypotheses = [[one] for some in instead for one in some]
     if len(instead) > 1 and all(instead[:2]):
         hypotheses.append([instead[0][0], instead[1][0]])
-    base, *fits = found.problem.refine([held, *(_with(held, each) for each in hypotheses)], runs)
+    base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
     new = [settled(held) if base is None else base, *(f for f in fits if f is not None)]
     yield Compared.of(found.problem, [*kept, *new], found.columns, found.terms)
 
@@ -129,13 +129,20 @@ def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Arr
     return [each for _, each in sorted(found, key=lambda f: f[0])[:_TRIED]]
 
 
-def _with(held: Fit, effects: Sequence[Instead]) -> Fit:
-    """A fit with effects in place of numbers that stand out."""
-    x = held.x.copy()
+def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:
+    """A fit with effects in place of numbers that stand out; of a kind of few also as in the file, where what all have
+    in common may have moved instead of the one."""
+    x, groups = held.x.copy(), [u.group for u in held.unknowns]
     x[[i for _, i, _ in effects]] = 0.0
+    few = {groups[i] for _, i, _ in effects if groups.count(groups[i]) <= _FEWEST}
+    moved = {variable for u in held.unknowns if u.group in few for variable in u.variables}
+    as_in_file = np.where([bool(moved & set(u.variables)) for u in held.unknowns], 0.0, x)
     terms = tuple(t for t, _, _ in effects)
     unknowns = (*held.unknowns, *(u for t in terms for u in t.unknowns))
-    return replace(held, terms=terms, unknowns=unknowns, x=np.concatenate([x, *(own for _, _, own in effects)]))
+    return [
+        replace(held, terms=terms, unknowns=unknowns, x=np.concatenate([walls, *(own for _, _, own in effects)]))
+        for walls in ([x, as_in_file] if few else [x])
+    ]
 
 
 def _owner(unknown: Unknown) -> str:
