@@ -45,9 +45,17 @@ class Begun:
 
 def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs) -> list[list[Begun]]:
     """For every place of the map, or others that are as good, the laws of the catalogue there, nearest first."""
-    n = range(len(found.signals))
-    beside = [found.forced(problem, [j for j in n if j != i]) for i in n]
-    return [_nearest(beside[i], found, _laws(problem, found, i, terms), runs) for i in n]
+    begun = []
+    for i in range(len(found.signals)):
+        beside, walls = _beside(problem, found, i)
+        begun.append(_nearest(beside, walls, _laws(problem, found, i, terms), runs))
+    return begun
+
+
+def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
+    """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
+    others = [j for j in range(len(found.signals)) if j != i]
+    return found.forced(problem, others), found.standing_out(others)
 
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
@@ -165,11 +173,23 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Beg
     """For every place the laws there, refitted beside the free sources of the other places; nearest first."""
     fits = []
     for i, some in enumerate(laws):
-        beside = found.forced(problem, [j for j in range(len(laws)) if j != i])
-        chosen = [b for k, b in enumerate(some) if k < at.EACH or b.term.rewires]
-        own = refitted(beside, found, [[(b.term, b.x)] for b in chosen], runs)
+        beside, walls = _beside(problem, found, i)
+        own = refitted(beside, walls, [[(b.term, b.x)] for b in _few(some)], runs)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
+
+
+def _few(begun: Sequence[Begun]) -> list[Begun]:
+    """The laws that are refitted: the nearest, and every outlet of another kind, which begins far off."""
+    return [b for k, b in enumerate(begun) if k < at.EACH or b.term.rewires]
+
+
+def one_for_all(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
+    """Single laws of any of several places, without what the map has at the others: one may be what acts at all."""
+    every = {(b.term.label, len(b.term.unknowns)): b.term for some in laws for b in some}
+    plain, walls = found.forced(problem, []), found.standing_out(())
+    chosen = _few(_nearest(plain, walls, list(every.values()), runs))
+    return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -186,7 +206,7 @@ def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[
         for a, b in product(some, others)
         if a.terms[0].label != b.terms[0].label and joins(b.terms[0], a.terms) and joins(a.terms[0], b.terms)
     ]
-    return refitted(found.forced(problem, []), found, both, runs)
+    return refitted(found.forced(problem, []), found.standing_out(()), both, runs)
 
 
 def _own(fit: Fit) -> Array:
@@ -217,13 +237,12 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
-    laws = alone(problem, found, begun_at(problem, found, terms, runs), runs)
+    begun = begun_at(problem, found, terms, runs)
+    laws = alone(problem, found, begun, runs)
     if len(laws) < 2:
         fits = [f for some in laws for f in some]
-    else:  # each alone, too, where the other place may be nothing
-        fits = together(problem, found, laws, runs)
-        each = [[(f.terms[0], _own(f))] for some in laws for f in some[:1]]
-        fits += refitted(found.forced(problem, []), found, each, runs)
+    else:
+        fits = [*together(problem, found, laws, runs), *one_for_all(problem, found, begun, runs)]
     yield (result := exact(problem, [*none, *fits], {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
@@ -252,7 +271,11 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     another, and a law that changes every wave is no source of a fixed shape."""
     problem, tried = result.problem, {n.label for n in result.ranked}
     assert isinstance(problem, NetworkProblem)
-    plain, sought = found.forced(problem, []), [t for t in result.terms if not t.rewires]
+    plain, walls, sought = (
+        found.forced(problem, []),
+        found.standing_out(()),
+        [t for t in result.terms if not t.rewires],
+    )
     # a part of a wall anywhere, too, also where every wall differs: it is whole walls that do
     laws = [
         each
@@ -260,8 +283,8 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
         for each in _along(problem, t)
         if each.moves_along or (t.label not in tried and t in result.sought)
     ]
-    chosen = _nearest(plain, found, laws, runs)[: at.EACH]
-    fits = refitted(plain, found, [[(b.term, b.x)] for b in chosen], runs)
+    chosen = _nearest(plain, walls, laws, runs)[: at.EACH]
+    fits = refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)
 
 

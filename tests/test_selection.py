@@ -153,7 +153,7 @@ def test_each_of_two_effects_is_found_as_a_second_one(d: float) -> None:
     found, pair = beside(d)
     for mine in pair.fit.terms:
         (other,) = (t for t in pair.fit.terms if t is not mine)
-        price_of_it = price(pair.fit, found.terms, 0) - price(replace(pair.fit, terms=(other,)), found.terms, 0)
+        price_of_it = price(pair.fit, found.terms) - price(replace(pair.fit, terms=(other,)), found.terms)
         limit = found_from(found.terms, mine, pair)
         if d < thresholds.VISIBLE:  # the size of such an effect pays for its width
             assert limit**2 == pytest.approx(

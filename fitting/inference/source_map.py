@@ -94,6 +94,14 @@ class SourceMap:
         fewer = [r.above for r in self.rivals if len(r.places) < len(self.places)]
         return min(fewer, default=math.inf)
 
+    def standing_out(self, which: Sequence[int]) -> SourceMap:
+        """The same with the numbers of some places as far off as they are, and those of others like their kind's."""
+        kept = {self.places[i].name for i in which}
+        gone = {p.unknown.name for p in self.places if p.unknown is not None and p.name not in kept}
+        return replace(
+            self, x=np.array([0.0 if u.name in gone else x for u, x in zip(self.unknowns, self.x, strict=True)])
+        )
+
     def forced(self, problem: NetworkProblem, which: Sequence[int]) -> NetworkProblem:
         """The problem with some of the signals in it."""
         return with_signals(problem, [(self.signals[i].place, self.signals[i].g) for i in which])
