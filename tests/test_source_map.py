@@ -51,7 +51,7 @@ def stacked(x: Array, W: Array) -> Array:
 @pytest.mark.parametrize("columns", [[1], [0, 2], [2, 1, 0]])
 def test_evidence_is_the_density_of_the_data(columns: list[int]) -> None:
     """-2 ln N(y; 0, 1 + J Λ Jᵀ + G S Gᴴ), sources with real and imaginary parts of variance a² q_k: by the
-    normal equations, with sources integrated out, to what is granted for rounding; and the law of a list that makes it least."""
+    normal equations, with sources integrated out, to what is granted for rounding; and the law that makes it least."""
     W, y, J, G = drawn(2)
     K, law, relative, sd = len(y) - 1, Law(0.7, 3.0, 2.0), [1.0, 0.5, 0.2][: len(columns)], np.array([1.0, 0.3, 2.0])
     variance = law.variance(K, relative)
