@@ -68,12 +68,16 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
 
 def _of_no_law(naming: Naming, found: SourceMap) -> Naming:
-    """Where no law is worth its price, but something acts at a place for certain: unknown, not nothing."""
+    """Unknown, where something acts for certain and no law is worth its price, and where what is free at a single place
+    explains the record, and no law does."""
     acting = [place.label for place in found.places if place.kind != NUMBER]
-    if naming.verdict != "none" or not acting or found.margin < at.FREE:
+    certain = naming.verdict == "none" and bool(acting) and found.margin > at.FREE
+    partly = naming.verdict == "partial" and found.explains and len(found.places) == len(acting) == 1
+    if not (certain or partly):
         return naming
-    reason = f"something acts as {' and as '.join(acting)}, which no law of the catalogue explains"
-    return replace(naming, verdict="unknown", confidence=at.INCOMPLETE, reason=reason)
+    nearest = f"; {naming.best.label} comes nearest, and leaves {naming.reason}" if partly else ""
+    reason = f"something acts as {' and as '.join(acting)}, which no law of the catalogue explains{nearest}"
+    return replace(naming, verdict="unknown", members=(), confidence=at.INCOMPLETE, reason=reason)
 
 
 def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]:
