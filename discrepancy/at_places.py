@@ -130,17 +130,18 @@ def _nearest(problem: NetworkProblem, found: SourceMap, laws: Sequence[Term], ru
 def _promised(found: SourceMap, J: Array, z0: Array, z: Array, term: Term, x: Array) -> Begun:
     """A law where it may begin, with the residual z there and z0 without it: its size and the walls moved to where they
     promise to leave least."""
-    (low, *_), (high, *_) = bounds(term.unknowns)
-    column = (z - z0) / x[0] if x[0] else np.zeros_like(z)
-    walls_low, walls_high = bounds(found.unknowns)
-    prior = np.append(precisions(found.unknowns), 0.0)
-    here = np.append(found.x, x[0])
-    step = bounded_step(
-        np.column_stack([J, column]), z, prior, here, np.append(walls_low, low), np.append(walls_high, high)
+    sizes = np.array([u.of_size for u in term.unknowns])
+    lead = int(np.argmax(np.where(sizes, np.abs(x), -1.0)))
+    low, high = (
+        np.append(wall, own[lead]) for wall, own in zip(bounds(found.unknowns), bounds(term.unknowns), strict=True)
     )
-    size = float(np.clip(x[0] + step[-1], *sorted((x[0] / FARTHER, x[0] * FARTHER))))
+    column = (z - z0) / x[lead] if x[lead] else np.zeros_like(z)
+    prior = np.append(precisions(found.unknowns), 0.0)
+    step = bounded_step(np.column_stack([J, column]), z, prior, np.append(found.x, x[lead]), low, high)
+    size = float(np.clip(x[lead] + step[-1], *sorted((x[lead] / FARTHER, x[lead] * FARTHER))))
+    begin = np.where(sizes, x * (size / x[lead] if x[lead] else 1.0), x)
     left = z + J @ step[:-1] + column * step[-1]
-    return Begun(term, np.append(size, x[1:]), float(left @ left) + penalty(prior[:-1], found.x + step[:-1]))
+    return Begun(term, begin, float(left @ left) + penalty(prior[:-1], found.x + step[:-1]))
 
 
 def _sizes(term: Term) -> list[Array]:
@@ -152,11 +153,18 @@ def _sizes(term: Term) -> list[Array]:
     along = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
     for start in along:
         for size in (sign * size for size in (SIZES if len(along) == 1 else SIZES[1:2]) for sign in (1.0, -1.0)):
-            x = start.copy()
-            x[0] = size
-            found.append(x)
+            for sizes in _which(term):
+                x = start.copy()
+                x[sizes] = size
+                found.append(x)
     inside = [x for x in found if np.all((x >= low) & (x <= high))]
     return inside or [np.clip(found[0], low, high)]
+
+
+def _which(term: Term) -> list[list[int]]:
+    """Of a law's numbers that are sizes each by itself, and all of them together."""
+    sizes = [i for i, u in enumerate(term.unknowns) if u.of_size]
+    return [*([i] for i in sizes), *([sizes] if len(sizes) > 1 else [])]
 
 
 def _member(problem: NetworkProblem, found: SourceMap, laws: Sequence[tuple[Term, Array]]) -> Member:
