@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
@@ -24,7 +24,7 @@ Anatomy = TypeVar("Anatomy", bound="Described")
 
 ALL_PLACES = "all"
 # as which source in the equations an effect shows (:mod:`~solver.sources`)
-WALL, DROP, OUTFLOW, OUTLET, JUNCTION, CHANNEL = "wall", "drop", "outflow", "outlet", "junction", "channel"
+KINDS = WALL, DROP, OUTFLOW, OUTLET, JUNCTION, CHANNEL = "wall", "drop", "outflow", "outlet", "junction", "channel"
 _SOURCES = {"segment": WALL, "fluid": DROP, "outlet": OUTLET, "junction": JUNCTION, "channel": CHANNEL}
 _NEAR = 1e-9  # of an element: ends that agree with its own
 _SUFFIX = {"outlet": ".outlet", "junction": ".junction"}  # of an owner's variables
@@ -112,6 +112,42 @@ class Drag:
         )
 
 
+@dataclass(frozen=True)
+class SearchSpec:
+    """What only a search for an effect asks: of which size it is, where the search begins, and what shows it.
+
+    typical : size of x = 1 by key, in SI, or of the logarithm where the number is a factor; by default the nominal
+    value of its quantity, or 1 of the logarithm. scales : its numbers are factors. relative : keys that are counted,
+    typical size included, relative to another key of the owner, with the unit of the ratio.
+    starts : points x, (n,) each, from which a search may begin, beside 0. starts_along : values, (m,) each, of the
+    first m of :meth:`Effect.coordinates_along`, from which a search for where along a segment it acts may begin; the
+    others are searched for where these do not do.
+    local : the pressure and radius of one wall show it. source : the kind of source in the equations as which it shows
+    where a model lacks it; "" stands for that of its owner.
+
+    Raises InputError for a size that is not above 0, starts that are not finite or differ in length, and an unknown
+    source.
+    """
+
+    typical: Mapping[str, float] = field(default_factory=dict)
+    scales: bool = False
+    relative: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    starts: tuple[tuple[float, ...], ...] = ()
+    starts_along: tuple[tuple[float, ...], ...] = ()
+    local: bool = False
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for key, size in self.typical.items():
+            if not 0.0 < size < math.inf:
+                raise InputError(f"SearchSpec: typical size {size:g} of {key}; give a finite one above 0.")
+        for name, points in (("starts", self.starts), ("starts_along", self.starts_along)):
+            if len({len(point) for point in points}) > 1 or not np.isfinite([x for p in points for x in p]).all():
+                raise InputError(f"SearchSpec: {name} {points}; give finite points of one length.")
+        if self.source and self.source not in KINDS:
+            raise InputError(f"SearchSpec: source {self.source!r}; use one of {', '.join(KINDS)}.")
+
+
 class Effect:
     """A row of the catalogue.
 
@@ -124,14 +160,8 @@ class Effect:
     at_rest : whether it moves the radius under a steady pressure. cuts : x/L where elements must end.
     at_ends : numbers of its owner that may be given at both ends, with the term that holds their relative difference.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
-    remembers : it adds states to the solution, which a batch then carries for all of its members.
-    source : the kind of source in the equations as which it shows where a model lacks it; by default that of its owner.
-
-    What a search asks: local : the pressure and radius of one wall show it. scales : its numbers are factors. typical :
-    sizes of x = 1 by key (default: the nominal value). relative : keys that are counted relative to another key of the
-    owner, with the unit of the ratio. starts : points x from which a search may begin, beside 0; starts_along : values
-    of the first of :meth:`coordinates_along`, from which a search for where along a segment it acts may begin; the
-    others are searched for where these do not do.
+    remembers : it adds states to the solution, which a batch then carries for all of its members. search : what only a
+    search for it asks.
     """
 
     name: ClassVar[str]
@@ -152,17 +182,7 @@ class Effect:
     needs: ClassVar[str | None] = None
     rewires: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
-    source: ClassVar[str]
-    local: ClassVar[bool] = False
-    scales: ClassVar[bool] = False
-    typical: ClassVar[Mapping[str, float]] = {}
-    relative: ClassVar[Mapping[str, tuple[str, str]]] = {}
-    starts: ClassVar[tuple[tuple[float, ...], ...]] = ()
-    starts_along: ClassVar[tuple[tuple[float, ...], ...]] = ()
-
-    def __init_subclass__(cls) -> None:
-        if "owner" in vars(cls) and not hasattr(cls, "source"):
-            cls.source = _SOURCES[cls.owner]
+    search: ClassVar[SearchSpec] = SearchSpec()
 
     # --- places -------------------------------------------------------------------------------------------------
 
@@ -205,6 +225,11 @@ class Effect:
 
     # --- how a search counts it -----------------------------------------------------------------------------------
 
+    @property
+    def source(self) -> str:
+        """As which kind of source in the equations it shows where a model lacks it."""
+        return self.search.source or _SOURCES[self.owner]
+
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
         """The numbers of a search for it at a place, as it usually lies there; none where it has nothing to act on.
 
@@ -220,12 +245,12 @@ class Effect:
 
     def step(self, network: Described, owner: Any, key: str) -> float:
         """Change of a shifted number of one owner, in SI, for x = 1: of typical size."""
-        size = self.typical.get(key, self.terms[key].nominal)
-        return size * _held(owner, self.relative[key][0]) if key in self.relative else size
+        size, relative = self.search.typical.get(key, self.terms[key].nominal), self.search.relative
+        return size * _held(owner, relative[key][0]) if key in relative else size
 
     def scaled(self, key: str, values: Sequence[float]) -> float | None:
         """Change of the logarithm for x = 1 if a number with these values is scaled, None if it is shifted."""
-        return self.typical.get(key, 1.0) if self.scales and key not in self.along else None
+        return self.search.typical.get(key, 1.0) if self.search.scales and key not in self.along else None
 
     def _coordinate(self, network: Described, place: str, key: str, variables: Sequence[str]) -> Coordinate | None:
         if not variables:
@@ -240,10 +265,10 @@ class Effect:
         moves = tuple(zip(variables, steps, strict=True))
         low, high = allowed(kind, moves, values, self.terms[key])
         first, size, unit, ratio = next(iter(values.values())), steps[0], self.terms[key].unit, None
-        if everywhere and key in self.relative:
-            ratio, unit = self.relative[key]
+        if everywhere and key in self.search.relative:
+            ratio, unit = self.search.relative[key]
             if factor is None:
-                size, first = self.typical.get(key, 1.0), first / _held(owners[0], ratio)
+                size, first = self.search.typical.get(key, 1.0), first / _held(owners[0], ratio)
             else:
                 first = float(np.mean([_held(owner, key) / _held(owner, ratio) for owner in owners]))
         name = f"{ALL_PLACES}.{key}" if everywhere else variables[0]

@@ -24,6 +24,7 @@ from .effect import (
     Drag,
     Effect,
     Points,
+    SearchSpec,
     Values,
     check_known,
     small_wave_impedance,
@@ -59,10 +60,9 @@ class WallViscosity(Effect):
     }
     always = True
     neutral = {"phi0": 0.0}
-    local = True
-    typical = {"phi0": 0.017}
-    relative = {"phi0": ("E", "s")}
-    starts = ((0.1,), (0.3,), (1.0,))
+    search = SearchSpec(
+        typical={"phi0": 0.017}, relative={"phi0": ("E", "s")}, starts=((0.1,), (0.3,), (1.0,)), local=True
+    )
     signature = "the P-R loop opens, its loss proportional to ω; high harmonics are damped"
     confusable = ("stress_relaxation", "channel_lag")
     separator = "radius; two heart rates"
@@ -97,10 +97,9 @@ class NonlinearWallViscosity(Effect):
     always = True
     neutral = {"phiNL": 0.0}
     needs = "phi0"  # what bends or delays a viscous stress acts only where there is one
-    local = True
-    typical = {"phiNL": 0.5}
-    relative = {"phiNL": ("phi0", "s")}
-    starts = ((0.5,), (-0.5,), (-2.0,))
+    search = SearchSpec(
+        typical={"phiNL": 0.5}, relative={"phiNL": ("phi0", "s")}, starts=((0.5,), (-0.5,), (-2.0,)), local=True
+    )
     signature = "even in ε̇: upstroke, second harmonic"
     confusable = ("nonlinear_elasticity",)
     separator = "phase; amplitude"
@@ -122,10 +121,7 @@ class NonlinearElasticity(Effect):
     always = True
     neutral = {"ENL": 0.0}
     at_rest = True
-    local = True
-    typical = {"ENL": 1.0}
-    relative = {"ENL": ("E", "1")}
-    starts = ((1.0,), (4.0,))
+    search = SearchSpec(typical={"ENL": 1.0}, relative={"ENL": ("E", "1")}, starts=((1.0,), (4.0,)), local=True)
     signature = "curves the middle line of the P-R loop, whose area stays"
     confusable = ("external_pressure",)
     separator = "pressure level"
@@ -142,10 +138,8 @@ class StressRelaxation(Effect):
     terms = {"tau": Quantity("s", "relaxation time tau of the viscous stress", 0.0, 10.0, nominal=1e-2, display="ms")}
     neutral = {"tau": 0.0}
     needs = "phi0"
-    local = True
     remembers = True
-    typical = {"tau": 0.01}
-    starts = ((0.3,), (1.0,), (3.0,), (10.0,), (30.0,))
+    search = SearchSpec(typical={"tau": 0.01}, starts=((0.3,), (1.0,), (3.0,), (10.0,), (30.0,)), local=True)
     signature = "stiffness reaches a plateau at high frequency"
     confusable = ("wall_viscosity", "channel_lag")
     separator = "heart rate"
@@ -162,8 +156,7 @@ class ExternalPressure(Effect):
     terms = {"P_ext": Quantity("Pa", "external pressure P_ext", -1e5, 1e5, nominal=1e3, display="mmHg")}
     neutral = {"P_ext": 0.0}
     at_rest = True
-    local = True
-    typical = {"P_ext": 1333.0}
+    search = SearchSpec(typical={"P_ext": 1333.0}, local=True)
     signature = "offset without hysteresis; exact alias of a free R0"
     confusable = ("channel_offset",)
     separator = "measured R0"
@@ -184,7 +177,7 @@ class Taper(Effect):
     neutral = {"taper": 0.0, "taper_h": 0.0, "taper_E": 0.0}
     at_ends = {"R0": "taper", "h": "taper_h", "E": "taper_E"}
     at_rest = True
-    typical = {"taper": 0.2}
+    search = SearchSpec(typical={"taper": 0.2})
     signature = "amplification toward the periphery"
     confusable = ("wall_stiffness",)
     separator = "several sites"
@@ -208,8 +201,7 @@ class FluidFriction(Effect):
     places = ("all",)
     terms = {"friction_scale": Quantity("1", "friction scale s, C_f becomes s C_f", 0.0, 1e3)}
     neutral = {"friction_scale": 1.0}
-    scales = True
-    typical = {"friction_scale": 0.7}
+    search = SearchSpec(typical={"friction_scale": 0.7}, scales=True)
     signature = "mean pressure gradient along the path"
     confusable = ("terminal_reflection", "stenosis")
     separator = "P at both ends with Q"
@@ -226,7 +218,7 @@ class VelocityProfile(Effect):
     terms = {"alpha": Quantity("1", "convective coefficient alpha", 0.0, 2.0, tunable=False)}
     always = True
     neutral = {"alpha": 1.0}
-    typical = {"alpha": 0.2}
+    search = SearchSpec(typical={"alpha": 0.2})
     signature = "proportional to the amplitude squared; systole, inlet"
     confusable = ("junction_loss",)
     separator = "amplitude"
@@ -254,7 +246,7 @@ class UnsteadyFriction(Effect):
     terms = {"unsteady_scale": Quantity("1", "part s of the frequency-dependent wall shear", 0.0, 1e2)}
     neutral = {"unsteady_scale": 0.0}
     remembers = True
-    typical = {"unsteady_scale": 1.0}
+    search = SearchSpec(typical={"unsteady_scale": 1.0})
     signature = "attenuation grows as √ω"
     confusable = ("terminal_reflection",)
     separator = "friction against harmonic"
@@ -278,7 +270,7 @@ class TerminalReflection(Effect):
     terms = {"R_t": quantities(Reflection)["R_t"]}
     always = True
     neutral = {"R_t": 0.0}
-    typical = {"R_t": 0.2}
+    search = SearchSpec(typical={"R_t": 0.2})
     signature = "size of the reflected wave, mean P"
     confusable = ("side_branch",)
     separator = "distal Q"
@@ -301,7 +293,7 @@ class TerminalCompliance(Effect):
     always = True
     neutral: ClassVar[Mapping[str, float]] = {}
     rewires = True
-    typical = {"R1": 0.3, "C": 0.7, "R2": 0.3}
+    search = SearchSpec(typical={"R1": 0.3, "C": 0.7, "R2": 0.3})
     signature = "diastolic decay"
     confusable = ("wall_stiffness",)
     separator = "distal Q"
@@ -326,7 +318,7 @@ class TerminalCompliance(Effect):
         start = {"R1": 0.5 * min(Z, total), "C": 0.05 / total, "R2": total - 0.5 * min(Z, total)}
         found = []
         for key, value in start.items():
-            name, step = f"{place}.outlet.{key}", self.typical[key]
+            name, step = f"{place}.outlet.{key}", self.search.typical[key]
             unit = self.terms[key].unit
             found.append(Coordinate(name, SCALE, ((name, step),), -6.0 / step, 6.0 / step, unit, step, value))
         return tuple(found)
@@ -340,7 +332,7 @@ class JunctionLoss(Effect):
     terms = {"k": Quantity("1", "pressure kept at the junction, k (0 static ... 1 total)", 0.0, 1.0)}
     always = True
     neutral = {"k": 0.0}
-    typical = {"k": 1.0}
+    search = SearchSpec(typical={"k": 1.0})
     signature = "systolic step at one junction"
     confusable = ("stenosis",)
     separator = "P either side"

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .coordinate import Coordinate
-from .effect import DROP, OUTFLOW, Array, Described, Drag, Effect, Points, Values, small_wave_impedance
+from .effect import DROP, OUTFLOW, Array, Described, Drag, Effect, Points, SearchSpec, Values, small_wave_impedance
 from .quantity import Quantity
 from .wall import Wall
 
@@ -88,11 +88,8 @@ class WallStiffness(Partial):
     neutral = {"E_scale": 1.0, **usual}
     along = tuple(part)
     longest = 0.8  # what is longer is the artery's own wall
-    starts_along = _PARTS
     at_rest = True
-    local = True
-    scales = True
-    typical = {"E_scale": 0.3}
+    search = SearchSpec(typical={"E_scale": 0.3}, scales=True, starts_along=_PARTS, local=True)
     signature = "reflections timed by place; wave speed"
     confusable = ("taper",)
     separator = "radius with pressure"
@@ -113,9 +110,8 @@ class SideBranch(Partial):
     terms = {"leak": Quantity("m^2/(Pa.s)", "leak conductance g per length", 0.0, 1e-3, nominal=1e-9), **part}
     neutral = {"leak": 0.0, **usual}
     along = tuple(part)
-    starts_along = _PARTS
-    source = OUTFLOW
-    typical = {"leak": 0.05}  # part of the flow of a progressive wave that is lost over the segment: g L Z
+    # leak: part of the flow of a progressive wave that is lost over the segment, g L Z
+    search = SearchSpec(typical={"leak": 0.05}, starts_along=_PARTS, source=OUTFLOW)
     signature = "flow is lost across the segment"
     confusable = ("terminal_reflection",)
     separator = "Q at both sides"
@@ -123,7 +119,7 @@ class SideBranch(Partial):
     def step(self, network: Described, owner: Any, key: str) -> float:
         if key in self.along:
             return super().step(network, owner, key)
-        return self.typical[key] / (small_wave_impedance(network, owner) * float(owner.L))
+        return self.search.typical[key] / (small_wave_impedance(network, owner) * float(owner.L))
 
     def wall(self, wall: Wall, values: Values, x: Array) -> Wall:
         return replace(wall, leak=values["leak"] * self.inside(values, x))
@@ -143,10 +139,8 @@ class Stenosis(Partial):
     terms = {"K": Quantity("1", "loss coefficient K", 0.0, 1e5, tunable=False), **part}
     neutral = {"K": 0.0, **usual}
     along = tuple(part)
-    starts_along = tuple((p,) for p in _POSITIONS)
-    typical = {"K": 10.0}
     cuts = (0.45, 0.55)
-    source = DROP
+    search = SearchSpec(typical={"K": 10.0}, starts_along=tuple((p,) for p in _POSITIONS), source=DROP)
     signature = "systolic quadratic drop, timed reflection"
     confusable = ("fluid_friction",)
     separator = "paired P"

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from .coordinate import SCALE, SHIFT, Coordinate
-from .effect import Array, Described, Effect, Values
+from .effect import Array, Described, Effect, SearchSpec, Values
 from .quantity import Quantity
 from .units import SIGNAL_UNITS
 
@@ -28,10 +28,10 @@ class Sensor(Effect):
 
     def coordinates(self, network: Described, place: str, bench: bool = False) -> tuple[Coordinate, ...]:
         """The numbers of a search for it in a channel."""
-        kind = SCALE if self.scales else SHIFT
+        kind = SCALE if self.search.scales else SHIFT
         found = []
         for key, q in self.searched(place).items():
-            step, nominal = self.typical.get(key, q.nominal), self.neutral[key] if self.scales else 0.0
+            step, nominal = self.search.typical.get(key, q.nominal), self.neutral[key] if self.search.scales else 0.0
             low, high = self.reach.get(key, (-30.0, 30.0))
             name = f"{place}.{key}"
             found.append(Coordinate(name, kind, ((name, step),), low, high, q.unit, step, nominal))
@@ -78,7 +78,7 @@ class ChannelLag(Sensor):
     equation = "y(t) = x(t - lag)"
     terms = {"lag": Quantity("s", "delay of the channel", -1.0, 1.0, nominal=1e-3, display="ms")}
     neutral = {"lag": 0.0}
-    typical = {"lag": 3e-3}
+    search = SearchSpec(typical={"lag": 3e-3})
     signature = "one channel only: phase linear in frequency"
     confusable = ("wall_viscosity", "stress_relaxation")
     separator = "calibration of the sensor"
@@ -97,8 +97,7 @@ class ChannelGain(Sensor):
     equation = "y(t) = g x(t)"
     terms = {"gain": Quantity("1", "gain g of the channel", 1e-3, 1e3)}
     neutral = {"gain": 1.0}
-    scales = True
-    typical = {"gain": 0.03}
+    search = SearchSpec(typical={"gain": 0.03}, scales=True)
     signature = "one channel only: scale"
     confusable = ("wall_stiffness",)
     separator = "calibration of the sensor"
@@ -141,12 +140,14 @@ class CatheterResonance(Sensor):
         "zeta": Quantity("1", "damping ratio zeta of the catheter", 0.0, 100.0),
     }
     neutral = {"f_n": 0.0, "zeta": 1.0}
-    typical = {"slow": 5e-3, "resonance": 1e-4}
     reach = {"slow": (0.0, 100.0), "resonance": (0.0, 300.0)}
-    starts = tuple(
-        (2.0 * zeta / (2.0 * math.pi * f_n) / 5e-3, (2.0 * math.pi * f_n) ** -2.0 / 1e-4)
-        for f_n in _NATURAL_FREQUENCIES
-        for zeta in _DAMPINGS
+    search = SearchSpec(
+        typical={"slow": 5e-3, "resonance": 1e-4},
+        starts=tuple(
+            (2.0 * zeta / (2.0 * math.pi * f_n) / 5e-3, (2.0 * math.pi * f_n) ** -2.0 / 1e-4)
+            for f_n in _NATURAL_FREQUENCIES
+            for zeta in _DAMPINGS
+        ),
     )
     signature = "one channel only: peak near f_n"
     confusable = ("wall_viscosity",)

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from .effect import Array, Effect, Values
+from .effect import Array, Effect, SearchSpec, Values
 from .quantity import Quantity
 from .wall import Wall
 
@@ -50,10 +50,12 @@ class FractionalViscosity(Effect):
     neutral = {"springpot": 0.0, "springpot_order": 0.3}
     how = ("springpot_order",)
     needs = "phi0"
-    local = True
     remembers = True
-    typical = {"springpot": 0.3, "springpot_order": 0.2}
-    starts = tuple(product((0.3, 1.0, 2.0), (-1.0, 0.0, 1.0, 2.0)))
+    search = SearchSpec(
+        typical={"springpot": 0.3, "springpot_order": 0.2},
+        starts=tuple(product((0.3, 1.0, 2.0), (-1.0, 0.0, 1.0, 2.0))),
+        local=True,
+    )
     signature = "loss nearly independent of frequency, stiffness that grows slowly with it"
     confusable = ("stress_relaxation", "wall_viscosity")
     separator = "two heart rates"

@@ -17,8 +17,9 @@ from fmu_src.cosimulation import CoSimulation
 from fmu_src.run import run_fmu
 from fmu_src.variables import variable_table
 from solver import Network, Settings, Windkessel, catalogue, effects, sampled_inflow, simulate, simulate_periodic
-from solver.effect import Effect, Values
+from solver.effect import Effect, SearchSpec, Values
 from solver.effects import ALL, BY_NAME
+from solver.errors import InputError
 from solver.files import dumps, loads
 from solver.loop import column, loop_pressure
 from solver.network import from_dict, to_dict
@@ -400,6 +401,22 @@ def test_a_new_effect(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
     exact = 0.5 * s.E * s.h / (0.75 * s.R0) * (R / s.R0 - 1.0)
     np.testing.assert_allclose(column(sheep, "CA.toy", R, BEAT), exact, atol=1e-7 * np.ptp(exact))
     assert "| `toy` |" in catalogue.table()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"typical": {"toy": 0.0}}, "size 0 of toy; give a finite one above 0"),
+        ({"starts": ((1.0,), (1.0, 2.0))}, "starts .* finite points of one length"),
+        ({"starts_along": ((np.nan,),)}, "starts_along .* finite points of one length"),
+        ({"source": "segment"}, "'segment'; use one of wall, drop"),
+    ],
+    ids=str,
+)
+def test_what_a_search_cannot_use(given: dict, said: str) -> None:
+    """A size that is none, points that are none or of several lengths, and a source that there is not."""
+    with pytest.raises(InputError, match=said):
+        SearchSpec(**given)
 
 
 class StiffBed(Effect):

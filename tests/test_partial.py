@@ -90,7 +90,7 @@ def test_in_a_search(sheep: Network, effect: Partial) -> None:
     position = along[0]
     ends = [position.nominal + position.size * x for x in (position.low, position.high)]
     np.testing.assert_allclose([*ends, position.size], [0.02, 0.98, 0.15])
-    for start in effect.starts_along:
+    for start in effect.search.starts_along:
         for coordinate, value in zip(along, start, strict=False):
             assert coordinate.low <= (value - coordinate.nominal) / coordinate.size <= coordinate.high
 

@@ -89,6 +89,8 @@ def test_in_a_search(sheep: Network) -> None:
     for place in ("CA", "all"):
         w, a = effect.coordinates(sheep, place)
         assert (w.nominal, w.low, a.nominal) == (0.0, 0.0, 0.3)
-        assert all(c.low <= x <= c.high + 1e-9 for start in effect.starts for c, x in zip((w, a), start, strict=True))
+        assert all(
+            c.low <= x <= c.high + 1e-9 for start in effect.search.starts for c, x in zip((w, a), start, strict=True)
+        )
     elastic = sheep.with_parameters({"CA.phi0": 0.0})
     assert "CA" not in effect.where(elastic)

@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from solver.effect import Array, Effect, Values
+from solver.effect import Array, Effect, SearchSpec, Values
 from solver.outlets import Outlet
 from solver.quantity import Quantity, quantity
 from solver.sensors import Sensor
@@ -52,7 +52,7 @@ class TissueSupport(Effect):
     }
     neutral = {"k_near": 0.0, "k_far": 0.0}
     at_rest = True
-    local = True
+    search = SearchSpec(local=True)
     signature = "a wall that is stiffer toward one end"
     confusable = ("wall_stiffness",)
     separator = "radius at two places"
@@ -100,7 +100,7 @@ class Coupling(Sensor):
     equation = "Y/X = iω/(iω + cutoff), the mean as it is"
     terms = {"cutoff": Quantity("1/s", "cut-off rate of the amplifier", 0.0, 1e3, nominal=1.0)}
     neutral = {"cutoff": 0.0}
-    typical = {"cutoff": 0.3}
+    search = SearchSpec(typical={"cutoff": 0.3})
     reach = {"cutoff": (0.0, 30.0)}
     signature = "one channel only: low harmonics are early"
     confusable = ("channel_lag",)

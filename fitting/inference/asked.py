@@ -104,7 +104,8 @@ def _steps(names: Sequence[str], quantity: Quantity, nominal: Mapping[str, float
     key, reference = names[0].rpartition(".")[2], quantity.ratio_to
     if reference is None:
         return (1.0,) * len(names), quantity.unit
-    unit = next(effect.relative[key][1] for effect in effects.ALL if key in effect.relative)
+    specs = [effect.search for effect in effects.ALL]
+    unit = next(spec.relative[key][1] for spec in specs if key in spec.relative)
     steps = tuple(nominal[f"{name.rpartition('.')[0]}.{reference}"] for name in names)
     for name, step in zip(names, steps, strict=True):
         if step == 0.0:

@@ -21,7 +21,7 @@ def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
     missing = [c for c in effect.coordinates_along(network, term.place) if c.name not in there]
     if not missing:
         return None
-    values = (tuple(c.nominal for c in missing),) if term.moves_along else effect.starts_along
+    values = (tuple(c.nominal for c in missing),) if term.moves_along else effect.search.starts_along
     along = missing[: len(values[0])]
     starts = [(*x, *((v - c.nominal) / c.size for v, c in zip(each, along, strict=True))) for each in values]
     return replace(term, unknowns=(*term.unknowns, *(searched(effect, c) for c in along)), starts=tuple(starts))

@@ -97,7 +97,7 @@ def joins(term: Term, others: Sequence[Term]) -> bool:
 def term_at(network: Network, effect: Effect, place: str, bench: bool = False) -> Term | None:
     """An effect at a place; None where the network leaves it nothing to act on. bench : P and R of one wall alone."""
     unknowns = tuple(searched(effect, c) for c in effect.coordinates(network, place, bench))
-    return Term(effect.name, place, (place,), unknowns, effect.starts) if unknowns else None
+    return Term(effect.name, place, (place,), unknowns, effect.search.starts) if unknowns else None
 
 
 def searched(effect: Effect, coordinate: Coordinate) -> Unknown:
@@ -113,7 +113,7 @@ def candidates(network: Network, channels: Sequence[str], site: str | None = Non
     """Every effect at every place; on the bench of one ``site`` only its wall and its two channels."""
     found: list[Term | None] = []
     for effect in effects.ALL:
-        if effect.owner != "channel" and (site is None or effect.local):
+        if effect.owner != "channel" and (site is None or effect.search.local):
             places = [place for place in effect.where(network) if site in (None, place)]
             found += [term_at(network, effect, place) for place in places if not _alone(network, effect, place)]
     found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
