@@ -77,8 +77,8 @@ def test_what_leaves_is_gone(source: Source, lost: float) -> None:
 
 
 def test_a_drop_lowers_the_pressure_behind_it() -> None:
-    """A steady drop of 300 Pa where almost nothing flows: it is 300 Pa more in front, and as before behind (measured: 4e-11
-    of it, and 1.1e-8 Pa)."""
+    """A steady drop of 300 Pa where almost nothing flows: it is 300 Pa more in front, and as before behind
+    (measured: 4e-11 of it, and 1.1e-8 Pa)."""
     sheep = load("sheep")
     found = beat_harmonics(sheep, ["inlet.P", "PD.P"], K, still(sheep), sources=[Drop("AA", 0.0, 0.4)],
                            amplitudes=one({0: 300.0}), tolerance=1e-9)[0][0].real  # fmt: skip
