@@ -43,15 +43,6 @@ class Begun:
     left: float
 
 
-def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs) -> list[list[Begun]]:
-    """For every place of the map, or others that are as good, the laws of the catalogue there, nearest first."""
-    begun = []
-    for i in range(len(found.signals)):
-        beside, walls = _beside(problem, found, i)
-        begun.append(_nearest(beside, walls, _laws(problem, found, i, terms), runs))
-    return begun
-
-
 def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
     """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
     others = [j for j in range(len(found.signals)) if j != i]
@@ -177,12 +168,20 @@ def _member(problem: NetworkProblem, found: SourceMap, laws: Sequence[tuple[Term
     return Member(terms, unknowns, np.clip([x.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
 
-def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[list[Fit]]:
+def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
+    """Laws of any place of the map, refitted without what the map has at the others: one may be all that acts."""
+    every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
+    plain, walls = found.forced(problem, []), found.standing_out(())
+    chosen = _few(_nearest(plain, walls, list(every.values()), runs))
+    return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
+
+
+def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
     """For every place the laws there, refitted beside the free sources of the other places; nearest first."""
     fits = []
     for i, some in enumerate(laws):
         beside, walls = _beside(problem, found, i)
-        own = refitted(beside, walls, [[(b.term, b.x)] for b in _few(some)], runs)
+        own = refitted(beside, walls, [[(b.term, b.x)] for b in _few(_nearest(beside, walls, some, runs))], runs)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
 
@@ -190,14 +189,6 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Beg
 def _few(begun: Sequence[Begun]) -> list[Begun]:
     """The laws that are refitted: the nearest, and every outlet of another kind, which begins far off."""
     return [b for k, b in enumerate(begun) if k < at.EACH or b.term.rewires]
-
-
-def one_for_all(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
-    """Single laws of any of several places, without what the map has at the others: one may be what acts at all."""
-    every = {(b.term.label, len(b.term.unknowns)): b.term for some in laws for b in some}
-    plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = _few(_nearest(plain, walls, list(every.values()), runs))
-    return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -230,7 +221,7 @@ def refitted(
     granted to the model as in the map, and then to the noise."""
     if not hypotheses:
         return []
-    wide = problem.widened(np.full(len(problem.parts), at.AFAR))
+    wide = problem.granted(at.AFAR)
     white = wide.target.whiten(found.J)
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
@@ -245,12 +236,10 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
-    begun = begun_at(problem, found, terms, runs)
-    laws = alone(problem, found, begun, runs)
-    if len(laws) < 2:
-        fits = [f for some in laws for f in some]
-    else:
-        fits = [*together(problem, found, laws, runs), *one_for_all(problem, found, begun, runs)]
+    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
+    fits = single(problem, found, laws, runs)
+    if len(laws) > 1 and not any(is_noise(f.chi2, len(f.z)) for f in fits):
+        fits += together(problem, found, alone(problem, found, laws, runs), runs)
     yield (result := exact(problem, [*none, *fits], {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
