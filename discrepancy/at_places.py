@@ -70,7 +70,7 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
 
 def in_segment(term: Term, place: Place) -> bool:
     """Whether a law acts in the segment of a place, or at its end."""
-    return place.kind != CHANNEL and not term.is_sensor and term.place == place.name.partition(".")[0]
+    return place.kind != CHANNEL and not term.is_sensor and term.place == place.segment
 
 
 def acts_at(term: Term, place: Place) -> bool:

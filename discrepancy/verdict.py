@@ -12,7 +12,7 @@ from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside, settled
-from fitting.inference.places import Place
+from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_map import SourceMap
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Reach
@@ -72,7 +72,7 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
     problem = found.problem
     exact = [n for n in found.every if n.explains and both_show(found, n)]
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
-    ways = ranked([*exact, *(n for n in loose if n is not None)])
+    ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
     make = _Maker(found, tuple(terms), complete)
@@ -95,6 +95,15 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
         members = _class(order[: len(same)])
         return make(_said(best, members), problem, none, order, members, stated(confidence, problem.kind))
     return _partial(make, found, none, ways, confidence)
+
+
+def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
+    """Whether what acts beside nothing is numbers of arteries or outlets that stand out, and a law of the catalogue
+    there, which is the same, does as well."""
+    if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
+        return False
+    there, most = {p.segment for p in loose.places}, loose.score + 2.0 * math.log(at.CLASS_ODDS)
+    return any(n.fit.terms and n.score < most and {t.place for t in n.fit.terms} <= there for n in exact)
 
 
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
