@@ -12,6 +12,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from fitting.inference.beside import found_beside
 from fitting.inference.fit import Fit, Member, sizes_of
 from fitting.inference.network import NetworkProblem
 from fitting.inference.parts import placed
@@ -247,9 +248,10 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
     if not result.best.explains:
         yield (result := _elsewhere(result, found, runs))
-    if not result.best.explains and result.best.fit.terms:
+    if result.best.fit.terms and (left := _left(result, runs)):
         result = result.at_minimum(runs)
-        yield (result := result.joined_by([*_refined(result, runs), *_with_one_more(result, runs)]).polished(runs))
+        more = [*_refined(result, runs), *_with_one_more(result, left, runs)]
+        yield (result := result.joined_by(more).polished(runs))
     yield result.at_minimum(runs)
 
 
@@ -285,13 +287,21 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     return result.joined_by(fits).polished(runs)
 
 
-def _with_one_more(result: Compared, runs: Runs) -> list[Fit]:
-    """The best law with another that adds evidence beside it by its columns."""
+def _left(result: Compared, runs: Runs) -> tuple[Place, ...]:
+    """Where something acts beside the best hypothesis."""
+    assert isinstance(result.problem, NetworkProblem)
+    found = found_beside(result.problem, result.best.fit, runs)
+    return () if found is None else found.places
+
+
+def _with_one_more(result: Compared, left: Sequence[Place], runs: Runs) -> list[Fit]:
+    """The best law with another, where something acts beside it, that adds evidence beside it by its columns."""
     first, problem = result.best.fit, result.problem
     if len(first.terms) >= at.MOST_EFFECTS:
         return []
     there = {t.label for t in first.terms}
-    others = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    able = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    others = [t for t in able if any(acts_at(t, place) or in_segment(t, place) for place in left)]
     columns = problem.columns(first, others, runs)
     best, gained = promised(first, others, columns)
     both = [(*first.terms, t) for score, t in gained[: at.EACH] if score < best - at.WORTH]
