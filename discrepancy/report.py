@@ -80,7 +80,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         invisible=f"{thresholds.INVISIBLE:g}",
         united=any(row["unit"] for row in tables.absorbed_rows(outcome)),
         acts=map_sentences(outcome.map) if outcome.map else [],
-        alike=f"{thresholds.ALIKE:g}",
+        alike=f"{thresholds.RULED_OUT:.2g}",
         **_rows(outcome),
     )
 

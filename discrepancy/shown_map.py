@@ -121,7 +121,7 @@ def _rivals(place: Place, found: SourceMap) -> tuple[MapRival, ...]:
     return tuple(
         MapRival(tuple(spot(p) for p in _new(rival, found.places)), rival.above)
         for rival in found.rivals
-        if rival.above < thresholds.ALIKE and place.key not in {p.key for p in rival.places}
+        if rival.above < thresholds.RULED_OUT and place.key not in {p.key for p in rival.places}
     )
 
 
