@@ -11,9 +11,9 @@ from solver.legible import number
 
 from . import thresholds
 from .outcome import Outcome
-from .places import plain
-from .sensor_plan import Gain, SensorPlan, nearest
-from .tables import class_texts, effect_row, gap_unit, percent, spread_text
+from .places import places_text, plain
+from .sensor_plan import Gain, SensorPlan
+from .tables import class_texts, estimate_text, gap_unit, percent, spread_text
 from .tables import gap_text as gap_pair
 from .wording import of_fit, why_walls
 
@@ -29,10 +29,11 @@ def effects_table(outcome: Outcome) -> Table:
         title = "two faults of sensors"
     numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
     table = Table("effect", "where", *numbers, title=title, pad_edge=False)  # fits 80 columns
-    for row in map(effect_row, outcome.effects):
-        for i, p in enumerate(row["parameters"]):
-            first = (row["name"], row["where"]) if i == 0 else ("", "")
-            table.add_row(*first, p["name"], p["value"], p["interval"], row["confidence"] if i == 0 else "")
+    for effect in outcome.effects:
+        first, last = (plain(effect.name), places_text(effect.where)), percent(effect.confidence)
+        for name, each in effect.parameters.items():
+            table.add_row(*first, name, *estimate_text(name, each), last)
+            first, last = ("", ""), ""
     return table
 
 
@@ -83,7 +84,7 @@ def plan_table(plan: SensorPlan) -> Table:
     for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
         if effect in plan.table.invisible:
             continue
-        rival, separation = nearest(plan, effect) or ("–", float("inf"))
+        rival, separation = plan.table.nearest(effect) or ("–", float("inf"))
         table.add_row(plain(effect), number(float(visibility)), plain(rival), number(separation))
     return table
 

@@ -166,18 +166,13 @@ def _separable(table: Isolability, effects: Sequence[str]) -> int:
     return int((block >= thresholds.INSEPARABLE).sum() // 2)
 
 
-def nearest(plan: SensorPlan, effect: str) -> tuple[str, float] | None:
-    """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
-    return min(plan.table.rivals(effect).items(), key=lambda pair: pair[1], default=None)
-
-
 def plan_json(plan: SensorPlan) -> dict[str, Any]:
     """The plan as plain data: visible effects with their rivals, the invisible ones, and what more sensors bring."""
     effects = []
     for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
         if effect in plan.table.invisible:
             continue
-        rival, separation = nearest(plan, effect) or (None, None)
+        rival, separation = plan.table.nearest(effect) or (None, None)
         effects.append({"name": effect, "visibility": float(visibility), "nearest": rival, "separation": separation,
                         "cannot_be_told_from": list(plan.table.confused(effect))})  # fmt: skip
     gains = [{"channel": g.channel, "shows": list(g.visible), "separates": g.separable} for g in plan.gains]

@@ -1,21 +1,21 @@
-"""The rows of the page: numbers of a study as text, in the units that people read."""
+"""Numbers of a study as text, in the units that people read, and the tables of the page that take more than that."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from fitting.estimate import Estimate
 from solver import effects
-from solver.legible import DASH, number, plus_minus, rounded
+from solver.legible import DASH, number, rounded
 from solver.quantity import Quantity
-from solver.units import of_signal, printed, readable
+from solver.units import of_signal, readable
 
-from .outcome import Candidate, ChannelBeats, NamedEffect, Outcome, OwnNumber
-from .places import entry, place_text, plain
+from .outcome import ChannelBeats, Outcome, OwnNumber
+from .places import effect_text
 from .scales import Z
 
 Array = np.ndarray
@@ -25,7 +25,6 @@ _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
 _LONG_ODDS = 1000.0  # -2 ln: what is beyond is as good as ruled out
 _OF_A_SPREAD = 0.1  # the finest that a deviation is told to
-_OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
 
 
 # --- what there is ------------------------------------------------------------------------------------------------
@@ -73,6 +72,12 @@ def _quantity(name: str) -> Quantity | None:
     return next((e.terms[key] for e in effects.ALL if key in e.terms), None)
 
 
+def description(name: str) -> str:
+    """What the catalogue calls a parameter of an effect."""
+    quantity = _quantity(name)
+    return quantity.description if quantity else ""
+
+
 def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float = 0.0) -> tuple[str, str]:
     """The same of a quantity; a ratio to another, with a unit of its own, is none. least : width [SI] that it has."""
     display = quantity.display if quantity and quantity.unit == estimate.unit else None
@@ -112,93 +117,37 @@ def gap_unit(outcome: Outcome) -> str:
 
 def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
     """Gap on (fitted, held-out) beats."""
-    return (DASH, DASH) if pair is None else (_gap(pair[0]), _gap(pair[1]))
+    return (DASH, DASH) if pair is None else (times_noise(pair[0]), times_noise(pair[1]))
 
 
-def _gap(value: float) -> str:
+def times_noise(value: float) -> str:
+    """A whitened RMS, or χ² per degree of freedom."""
     return f"{value:.2f}" if 0.0 <= value < 100.0 else number(value)
-
-
-def places_text(where: Iterable[str]) -> str:
-    """Places in words."""
-    return ", ".join(map(place_text, where)) or DASH
 
 
 def class_texts(outcome: Outcome) -> list[str]:
     """Every hypothesis of the class in words, its effects together; none where nothing else cannot be ruled out."""
     if len(outcome.members) < 2:
         return []
-    return [
-        " with ".join(f"{plain(name)} at {places_text(where)}" for name, where in member) for member in outcome.members
-    ]
+    return [" with ".join(effect_text(name, where) for name, where in member) for member in outcome.members]
+
+
+def pulse_text(channel: ChannelBeats) -> str:
+    """The measured pulse of a channel."""
+    unit, factor = of_signal(channel.name)
+    return f"{number(factor * float(np.ptp(channel.measured)))} {unit}"
+
+
+def odds_text(behind: float) -> str:
+    """-2 ln of odds, as far as they are worth telling apart."""
+    return f"> {_LONG_ODDS:g}" if behind > _LONG_ODDS else number(behind)
 
 
 # --- rows ---------------------------------------------------------------------------------------------------------
 
 
-def effect_row(effect: NamedEffect) -> dict[str, Any]:
-    """An effect of the verdict: name, place, equation, confidence, parameters, and what the catalogue says of it."""
-    row = entry(effect.name)
-    return {
-        "signature": row.signature,
-        "confusable": ", ".join(map(plain, row.confusable)),
-        "separator": row.separator,
-        "name": plain(effect.name),
-        "where": places_text(effect.where),
-        "equation": effect.equation,
-        "confidence": percent(effect.confidence),
-        "parameters": [
-            {
-                "name": name,
-                "what": quantity.description if quantity else "",
-                "value": value,
-                "interval": interval,
-                "si": f"{number(p.value, 5)} {printed(p.unit)}".strip(),
-            }
-            for name, p in effect.parameters.items()
-            for quantity, (value, interval) in [(_quantity(name), estimate_text(name, p))]
-        ],
-    }
-
-
-def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Every hypothesis that was refitted, best first, which is nothing apart from itself."""
-    rows = [candidate_row(candidate) for candidate in outcome.candidates]
-    return [{**row, "separation": DASH} if i == 0 else row for i, row in enumerate(rows)]
-
-
-def candidate_row(candidate: Candidate) -> dict[str, Any]:
-    """A hypothesis that was refitted."""
-    texts = [(name, *estimate_text(name, p)) for name, p in candidate.parameters.items()]
-    return {
-        "name": plain(candidate.name),
-        "where": places_text(candidate.where),
-        "parameters": [f"{name} = {value} ({interval})" for name, value, interval in texts],
-        "behind": f"> {_LONG_ODDS:g}" if candidate.behind > _LONG_ODDS else number(candidate.behind),
-        "walls": candidate.walls,
-        "chi2": _gap(candidate.chi2_per_dof),
-        "held_out": _gap(candidate.held_out),
-        "separation": number(candidate.separation),
-        "in_class": candidate.in_class,
-    }
-
-
-def channel_row(channel: ChannelBeats) -> dict[str, str]:
-    """The gap of a channel before and after."""
-    unit, factor = of_signal(channel.name)
-    pulse = factor * float(np.ptp(channel.measured))
-    gaps = _gaps(channel.gap_before, channel.gap_after)
-    return {"name": channel.name, "pulse": f"{number(pulse)} {unit}", **gaps}
-
-
-def _gaps(before: tuple[float, float] | None, after: tuple[float, float] | None) -> dict[str, str]:
-    """The cells of a row for the gap before and after."""
-    keys = ("before_fit", "before_held", "after_fit", "after_held")
-    return dict(zip(keys, (*gap_text(before), *gap_text(after)), strict=True))
-
-
 def z_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """The z map by channel: the text and colour of every cell."""
+    """The z map by channel: the text and colour of every cell; none without a map."""
     located = {(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located}
     size = np.abs(outcome.z_map[: harmonics_shown(outcome)])
     return [
@@ -218,22 +167,6 @@ def _z_cell(name: str, harmonic: int, z: float, located: Mapping[tuple[str, int]
     angle = f", phase {number(phase)}°" if phase is not None and harmonic else ""
     title = f"{name}, {what}: |z| = {number(z)}{angle}"
     return {"text": f"{z:.0f}", "kind": f"z{Z.index(z)}", "found": phase is not None, "title": title}
-
-
-def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """What the refit of the nuisances took up."""
-    return [
-        {
-            "name": a.name,
-            "shift": plus_minus(a.x, a.sd),
-            "prior": f"0 ± {number(a.prior_sd)}",
-            "unit": "" if a.unit == "1" else a.unit,
-            "relative": number(a.x / a.prior_sd, 2) if a.prior_sd else DASH,
-            "factor": f"× {number(math.exp(a.x))}" if a.name.startswith("ln ") else DASH,
-            "far": bool(a.prior_sd) and abs(a.x) > _OUTSIDE_PRIOR * a.prior_sd,
-        }
-        for a in outcome.absorbed
-    ]
 
 
 def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
@@ -278,15 +211,6 @@ def spread_text(outcome: Outcome) -> str:
     absolute = ", ".join(key for key in spread if key in shifted)
     parts = "as parts of the number" + (f", of {absolute} absolute" if absolute else "")
     return f"Standard deviations between arteries, {parts}: {each}."
-
-
-def round_rows(outcome: Outcome) -> list[dict[str, str]]:
-    """Every turn: what was added and what it did to the gap."""
-    rows = []
-    for i, turn in enumerate(outcome.rounds, 1):
-        added = f"{plain(turn.added.name)} at {places_text(turn.added.where)}" if turn.added else "nothing"
-        rows.append({"turn": str(i), "added": added, **_gaps(turn.before, turn.after)})
-    return rows
 
 
 def beats(outcome: Outcome) -> dict[str, Any]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from solver.effect import Effect
-from solver.legible import DASH, number
+from solver.legible import number
 from solver.sensors import Sensor
 from solver.units import readable
 
-from .outcome import Detectable, Isolability, Outcome
-from .places import entry, label_text, plain
+from .outcome import Detectable, Outcome
+from .places import entry, plain
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
 _OUTLET = "another kind of outlet, which is refitted only where no other effect explains the record"
@@ -20,28 +19,9 @@ _TIME = "the time limit was over before it was simulated"
 _BREAKS = "the model cannot be simulated with it"
 
 
-# --- smallest sizes -----------------------------------------------------------------------------------------------
-
-
-def smallest_rows(outcome: Outcome) -> list[dict[str, str]]:
-    """The smallest detectable size of every effect, where it shows most easily."""
-    return [
-        {
-            "name": label_text(label),
-            "parameter": _counted(least),
-            "size": _size(entry(label.partition(" at ")[0]), least),
-        }
-        for label, least in outcome.smallest.items()
-    ]
-
-
-def _counted(least: Detectable) -> str:
-    """The number that changes: "all.phiNL / phi0" where it is counted relative to another."""
-    return f"{least.parameter} / {least.ratio}" if least.ratio else least.parameter
-
-
-def _size(effect: Effect, least: Detectable) -> str:
-    """The change with its sign and unit; the numbers of the catalogue where a search counts by others."""
+def change_text(label: str, least: Detectable) -> str:
+    """The least change with its sign and unit; the numbers of the catalogue where a search counts by others."""
+    effect = entry(label.partition(" at ")[0])
     if not math.isfinite(least.change):
         return _NOT_DETECTABLE
     place, _, key = least.parameter.rpartition(".")
@@ -55,27 +35,6 @@ def _size(effect: Effect, least: Detectable) -> str:
     quantity = effect.terms.get(key)
     unit, factor = readable(least.unit, quantity.display if quantity and quantity.unit == least.unit else None)
     return f"{sign}{number(factor * abs(least.change))} {unit}".rstrip()
-
-
-# --- what can be told apart ---------------------------------------------------------------------------------------
-
-
-def rival_rows(isolability: Isolability) -> list[dict[str, Any]]:
-    """Every effect with its visibility, its nearest rival, and all that it cannot be told from."""
-    return [_rival_row(isolability, label) for label in isolability.labels]
-
-
-def _rival_row(isolability: Isolability, label: str) -> dict[str, Any]:
-    visibility = isolability.visibility[isolability.labels.index(label)]
-    row = {"name": label_text(label), "visibility": number(float(visibility)), "rival": DASH, "separation": DASH}
-    if label in isolability.invisible:
-        return {**row, "confused": "invisible", "marked": True}
-    rivals = isolability.rivals(label)
-    if rivals:
-        nearest = min(rivals, key=rivals.__getitem__)
-        row |= {"rival": label_text(nearest), "separation": number(rivals[nearest])}
-    confused = isolability.confused(label)
-    return {**row, "confused": ", ".join(map(label_text, confused)) or DASH, "marked": bool(confused)}
 
 
 def not_judged(outcome: Outcome) -> dict[str, str]:
