@@ -14,7 +14,7 @@ from solver.network import Network
 from solver.notebook.shown import Shown
 
 from . import thresholds
-from .acting import SourceMapShown, map_json
+from .shown_map import SourceMapShown, map_json
 
 if TYPE_CHECKING:
     from solver.notebook.style import Picture

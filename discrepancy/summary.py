@@ -18,7 +18,6 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .acting import SourceMapShown
 from .animal import odd_ones, walls_of
 from .confirm import change, met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
@@ -30,7 +29,7 @@ from .outliers import implausible
 from .places import of_sensor, plain
 from .separating import separating_measurement
 from .show import Gap, Run
-from .shown_map import shown_map
+from .shown_map import SourceMapShown, shown_map
 from .study import Study, Unusable
 from .verdict import Naming
 

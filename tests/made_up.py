@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.acting import Acting, MapRival, SourceMapShown, Spot
 from discrepancy.outcome import (
     ADDED,
     Absorbed,
@@ -22,7 +21,10 @@ from discrepancy.outcome import (
     Round,
     Walls,
 )
+from discrepancy.shown_map import Acting, SourceMapShown
 from fitting.estimate import Estimate
+from fitting.inference.places import Place
+from fitting.inference.source_map import Rival
 from solver import Network
 
 Array = np.ndarray
@@ -74,9 +76,9 @@ def acting() -> SourceMapShown:
     """A made-up pressure in the wall of CA, which a drop there does nearly as well."""
     time = np.arange(N) * T / N
     pressure = 900.0 * np.exp(-(((time - 0.12) / 0.05) ** 2)) - 150.0
-    drop = Spot("drop", "CA", "a drop of pressure in CA at x/L = 0.3", 0.3)
-    wall = Acting(Spot("wall", "CA", "the wall of CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
-                  6000.0, rivals=(MapRival((drop,), 4.2),))  # fmt: skip
+    drop = Place("drop", "CA", at=0.3)
+    wall = Acting(Place("wall", "CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
+                  6000.0, rivals=(Rival((drop,), 4.2),))  # fmt: skip
     return SourceMapShown((wall,), time, T, True, 1.02)
 
 
