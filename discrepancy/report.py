@@ -14,7 +14,7 @@ from solver.legible import number, plus_minus
 from solver.units import printed
 from solver.writing import write_folder
 
-from . import places, tables, thresholds, visible, wording
+from . import places, tables, thresholds, wording
 from .map_text import map_sentences
 from .outcome import VERDICTS, Outcome
 from .scales import Z
@@ -73,7 +73,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "pulse": tables.pulse_text,
         "times": tables.times_noise,
     }
-    templates.globals |= {"at": thresholds, "tables": tables, "visible": visible, "wording": wording, "Z": Z}
+    templates.globals |= {"at": thresholds, "tables": tables, "wording": wording, "Z": Z}
     return templates.get_template("report.html.j2").render(
         outcome=outcome,
         drawings=drawings,

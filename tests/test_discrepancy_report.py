@@ -14,6 +14,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -37,8 +38,7 @@ from discrepancy.places import entry, marks
 from discrepancy.report import page, write_report
 from discrepancy.scales import Z
 from discrepancy.tables import beats, estimate_text, number, spread_text, wall_rows
-from discrepancy.visible import not_judged
-from discrepancy.wording import heading, meaning, next_steps
+from discrepancy.wording import not_judged
 from fitting.estimate import Estimate
 from fitting.pages import page as shared
 from solver import Network
@@ -226,6 +226,24 @@ def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
         assert words in text, words
 
 
+def part(outcome: Outcome, pattern: str) -> list[str]:
+    """Parts of a page as text."""
+    return [unescape(found).strip() for found in re.findall(pattern, page(outcome, {}), re.DOTALL)]
+
+
+def heading(outcome: Outcome) -> str:
+    return part(outcome, "<h1>(.*?)</h1>")[0]
+
+
+def meaning(outcome: Outcome) -> str:
+    return part(outcome, "What this means</h2>\n<p>(.*?)</p>")[0]
+
+
+def next_steps(outcome: Outcome) -> list[str]:
+    (steps,) = part(outcome, "<h3>What to [^<]* next</h3>\n<ul>(.*?)</ul>")
+    return re.findall("<li>(.*?)</li>", steps)
+
+
 CLASS = "The class: this record does not tell these apart"
 
 
@@ -370,10 +388,10 @@ def test_nothing_is_cut_at_1100_pixels(sheep: Network, tmp_path: Path) -> None:
     assert re.findall('data-cut="(.*?)"', dom, re.DOTALL) == ["nothing"]
 
 
-def rows(outcome: Outcome, heading: str) -> list[list[str]]:
+def rows(outcome: Outcome, below: str) -> list[list[str]]:
     """The cells of the table of a page below a heading, row by row."""
     html = page(outcome, {})
-    body = re.search(r"<tbody>(.*?)</tbody>", html[html.index(f">{heading}</h2>") :], re.DOTALL)
+    body = re.search(r"<tbody>(.*?)</tbody>", html[html.index(f">{below}</h2>") :], re.DOTALL)
     assert body is not None
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr.*?</tr>", body[1])]
 
