@@ -25,8 +25,7 @@ from . import thresholds
 from .map_figure import map_figure, sites
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
-from .scales import APART, Scale, Z
-from .tables import channel_z, harmonics_shown, loop_sites, period
+from .tables import APART, Scale, Z, channel_z, harmonics_shown, loop_sites, period
 
 Array = np.ndarray
 

@@ -17,7 +17,6 @@ from solver.writing import write_folder
 from . import places, tables, thresholds, wording
 from .map_text import map_sentences
 from .outcome import VERDICTS, Outcome
-from .scales import Z
 
 if TYPE_CHECKING:
     from fitting.pages.panels import Drawing
@@ -73,7 +72,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "pulse": tables.pulse_text,
         "times": tables.times_noise,
     }
-    templates.globals |= {"at": thresholds, "tables": tables, "wording": wording, "Z": Z}
+    templates.globals |= {"at": thresholds, "tables": tables, "wording": wording, "Z": tables.Z}
     return templates.get_template("report.html.j2").render(
         outcome=outcome,
         drawings=drawings,

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.fit import Fit, Member
+from fitting.inference.jackknife import Subset
 from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
-from fitting.inference.subset import Subset
 from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats
 from fitting.records.virtual import measured

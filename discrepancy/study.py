@@ -144,12 +144,10 @@ def check_scatter(beats: Beats) -> None:
             )
 
 
-def judge(
-    record: Record, network: Network, period: float | None = None, runs: Runs | None = None
-) -> tuple[Study, Naming]:
+def judge(record: Record, network: Network, runs: Runs | None = None) -> tuple[Study, Naming]:
     """Find and name, without FMU or files: what the bank of hidden effects calls. Raises Unusable."""
     runs = runs or Runs()
-    study = prepare(record, network, period, runs)
+    study = prepare(record, network, runs=runs)
     return study, name(study.problem, study.terms, runs)
 
 

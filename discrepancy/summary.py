@@ -27,11 +27,11 @@ from .map_text import acts_as
 from .outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .outliers import implausible
 from .places import of_sensor, plain
-from .separating import separating_measurement
 from .show import Gap, Run
 from .shown_map import SourceMapShown, shown_map
 from .study import Study, Unusable
 from .verdict import Naming
+from .wording import separating_measurement
 
 _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"

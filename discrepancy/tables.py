@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,6 @@ from solver.units import of_signal, readable
 
 from .outcome import ChannelBeats, Outcome, OwnNumber
 from .places import effect_text
-from .scales import Z
 
 Array = np.ndarray
 
@@ -25,6 +26,42 @@ _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
 _LONG_ODDS = 1000.0  # -2 ln: what is beyond is as good as ruled out
 _OF_A_SPREAD = 0.1  # the finest that a deviation is told to
+# Brewer's Blues, white first: light to dark also in grey and to colour-blind readers
+_BLUES = ("#ffffff", "#deebf7", "#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c")
+
+
+# --- classes of |z| and of separations: the same in figures and on the page --------------------------------------
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Classes of a number that is not negative: class i holds bounds[i] … bounds[i+1], the last all that is above."""
+
+    name: str
+    bounds: tuple[float, ...]
+
+    def index(self, value: float) -> int:
+        """The class of a value."""
+        return max(bisect_right(self.bounds, value) - 1, 0)
+
+    def colour(self, value: float) -> str:
+        """The colour of a value."""
+        return self.colours[self.index(value)]
+
+    @property
+    def colours(self) -> tuple[str, ...]:
+        """Of the classes."""
+        return _BLUES
+
+    @property
+    def texts(self) -> list[str]:
+        """The classes in words."""
+        between = [f"{low:g} – {high:g}" for low, high in zip(self.bounds[1:], self.bounds[2:], strict=False)]
+        return [f"< {self.bounds[1]:g}", *between, f"> {self.bounds[-1]:g}"]
+
+
+Z = Scale("|z|", (0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0))
+APART = Scale("separation d′", (0.0, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0))
 
 
 # --- what there is ------------------------------------------------------------------------------------------------

@@ -36,8 +36,7 @@ from discrepancy.outcome import (
 )
 from discrepancy.places import entry, marks
 from discrepancy.report import page, write_report
-from discrepancy.scales import Z
-from discrepancy.tables import beats, estimate_text, number, spread_text, wall_rows
+from discrepancy.tables import Z, beats, estimate_text, number, spread_text, wall_rows
 from discrepancy.wording import not_judged
 from fitting.estimate import Estimate
 from fitting.pages import page as shared

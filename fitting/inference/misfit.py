@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..records.noise import Target
 from .fit import Fit
 from .search import bounded_step
 from .unknown import bounds, precision
@@ -110,3 +111,45 @@ def _sums(fit: Fit, blocks: Sequence[Block], parts: Array) -> tuple[Array, Array
 def _covariance(block: Block, parts: Array) -> Array:
     scaled = block.B * parts[block.part]
     return np.eye(len(block.rows)) + scaled @ scaled.T
+
+
+# --- of a network, channel by channel ---------------------------------------------------------------------------------
+
+
+def parts_of(names: Sequence[str]) -> tuple[str, ...]:
+    """What the parts of channels with these names belong to."""
+    return (*names, *dict.fromkeys(_mean_of(name) for name in names))
+
+
+def blocks_of(target: Target) -> list[Block]:
+    """One block for the means, and one for each harmonic: real and imaginary parts of all m channels."""
+    m, K = len(target.names), len(target.X) - 1
+    white = target.whitener * sizes(target.X)[:, None, :]
+    found = [Block(np.arange(m), white[0].real, _parts_of_means(target))]
+    for k in range(1, K + 1):
+        a, b = white[k].real, white[k].imag
+        rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
+        found.append(Block(rows, np.block([[a, -b], [b, a]]), np.tile(np.arange(m), 2)))
+    return found
+
+
+def with_errors(target: Target, parts: Array) -> Target:
+    """With errors of these parts in its covariance."""
+    at, covariance = np.arange(len(target.names)), target.covariance.copy()
+    covariance[:, at, at] += errors_of(target, parts) ** 2
+    return Target.of(target.names, target.X, covariance)
+
+
+def errors_of(target: Target, parts: Array) -> Array:
+    """(K+1, m) standard deviation of errors of these parts."""
+    size = sizes(target.X)
+    return np.concatenate([parts[_parts_of_means(target)] * size[:1], parts[: len(target.names)] * size[1:]])
+
+
+def _mean_of(name: str) -> str:
+    return f"means of {name.rpartition('.')[2]}"
+
+
+def _parts_of_means(target: Target) -> Array:
+    known = parts_of(target.names)
+    return np.array([known.index(_mean_of(name)) for name in target.names])

@@ -27,18 +27,16 @@ from ..records.noise import (
     solver_error,
     target,
 )
-from . import channel_errors
 from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
-from .jackknife import Rest
-from .misfit import Block
+from .jackknife import Rest, leave_one_site_out, without_each_site
+from .misfit import Block, blocks_of, errors_of, parts_of, with_errors
 from .observation import meter, of_other_beats, sense, shown
 from .prior import of_animal
 from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, varying
-from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
@@ -293,14 +291,14 @@ class NetworkProblem(Forward):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        return channel_errors.parts(self.signals)
+        return parts_of(self.signals)
 
     def blocks(self, fit: Fit) -> list[Block]:
-        return channel_errors.blocks(self.target)
+        return blocks_of(self.target)
 
     def widened(self, parts: Array) -> NetworkProblem:
-        error = np.hypot(self.error, channel_errors.of_parts(self.target, parts))
-        return replace(self, target=channel_errors.widened(self.target, parts), error=error)
+        error = np.hypot(self.error, errors_of(self.target, parts))
+        return replace(self, target=with_errors(self.target, parts), error=error)
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
