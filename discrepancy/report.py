@@ -12,7 +12,6 @@ from fitting.pages.page import environment, words
 from solver.errors import InputError
 from solver.legible import number, plus_minus
 from solver.units import printed
-from solver.writing import write_folder
 
 from . import places, tables, thresholds, wording
 from .map_text import map_sentences
@@ -22,16 +21,6 @@ if TYPE_CHECKING:
     from fitting.pages.panels import Drawing
 
 _AS_READ = {"gap_as_given": "gap of the file as it is"}
-
-
-def write_report(outcome: Outcome, folder: Path) -> None:
-    """Write ``report.html`` and ``figures/*.png`` into a folder, which is made if it is missing: all or none.
-
-    Figures of an earlier report that have no data now are removed.
-    Raises ValueError as :func:`report_files`, or if the folder or a file cannot be written.
-    """
-    files = report_files(outcome)
-    write_folder(folder, files, gone=set(figure_files()) - set(files))
 
 
 def report_files(outcome: Outcome) -> dict[str, str | bytes]:

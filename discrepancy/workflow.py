@@ -17,7 +17,6 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import numpy as np
 
@@ -110,7 +109,8 @@ def discover(
         if not as_measured:
             check_sizes(measured, network)
         check_record(measured)
-        journal = Journal(folder, [*_key(measured, network, model, asked), (reading or Reading()).key])
+        given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model)]
+        journal = Journal(folder, [*given, told, decided(), software()])
         outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
     except Unusable as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
@@ -144,10 +144,6 @@ def _check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) 
             raise InputError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
     check_destinations(*(folder / file for file in _FILES), given=given, folders=True)
     make_folder(folder)
-
-
-def _key(record: Record, network: Network, model: str | os.PathLike[str], asked: Asked) -> list[Any]:
-    return [record.sha256, to_dict(network), os.fspath(model), *asked.key, decided(), software()]
 
 
 def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | Unusable:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -21,11 +22,13 @@ from discrepancy.outcome import (
     Round,
     Walls,
 )
+from discrepancy.report import figure_files, report_files
 from discrepancy.shown_map import Acting, SourceMapShown
 from fitting.estimate import Estimate
 from fitting.inference.places import Place
 from fitting.inference.source_map import Rival
 from solver import Network
+from solver.writing import write_folder
 
 Array = np.ndarray
 
@@ -80,6 +83,12 @@ def acting() -> SourceMapShown:
     wall = Acting(Place("wall", "CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
                   6000.0, rivals=(Rival((drop,), 4.2),))  # fmt: skip
     return SourceMapShown((wall,), time, T, True, 1.02)
+
+
+def write_report(outcome: Outcome, folder: Path) -> None:
+    """The page and its figures in a folder, without those of an earlier one: as a study writes them."""
+    files = report_files(outcome)
+    write_folder(folder, files, gone=set(figure_files()) - set(files))
 
 
 def synthetic(verdict: str, network: Network) -> Outcome:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import LAG, N, T, isolability, synthetic
+from made_up import LAG, N, T, isolability, synthetic, write_report
 
 from discrepancy.figures import NAMES, figure
 from discrepancy.outcome import (
@@ -35,7 +35,7 @@ from discrepancy.outcome import (
     verdict_json,
 )
 from discrepancy.places import entry, marks
-from discrepancy.report import page, write_report
+from discrepancy.report import page
 from discrepancy.tables import Z, beats, estimate_text, number, spread_text, wall_rows
 from discrepancy.wording import not_judged
 from fitting.estimate import Estimate

@@ -48,11 +48,6 @@ class Reading:
         decimal = {} if self.decimal is None else {"decimal": self.decimal}
         return decimal | ({"map": dict(self.names)} if self.names else {})
 
-    @property
-    def key(self) -> list[Any]:
-        """Plain, for what depends on it."""
-        return [self.decimal, dict(self.names)]
-
 
 @dataclass(frozen=True)
 class Chosen:

@@ -214,8 +214,10 @@ def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | Non
 
 
 def biopac(lines: Sequence[str], titles: Sequence[str]) -> tuple[list[str], list[str]] | None:
-    """The same of AcqKnowledge, where every channel's name and unit are lines of their own above the header; titles : of
-    the header, such as min, CH1, CH2."""
+    """The same of AcqKnowledge, where every channel's name and unit are lines of their own above the header.
+
+    titles : of the header, such as min, CH1, CH2.
+    """
     start = next((i for i, line in enumerate(lines) if re.fullmatch(r"\d+ channels?", line.strip(" \t,;"))), None)
     if start is None:
         return None
