@@ -167,10 +167,15 @@ class Isolability:
     invisible: tuple[str, ...]
     not_judged: tuple[str, ...] = ()
 
+    @property
+    def visible(self) -> dict[str, float]:
+        """The effects that show, with their visibility."""
+        return {e: float(d) for e, d in zip(self.labels, self.visibility, strict=True) if e not in self.invisible}
+
     def rivals(self, label: str) -> dict[str, float]:
         """The separation d' of an effect from every other visible one."""
-        row, others = self.separation[self.labels.index(label)], (label, *self.invisible)
-        return {e: float(d) for e, d in zip(self.labels, row, strict=True) if e not in others}
+        row = dict(zip(self.labels, self.separation[self.labels.index(label)], strict=True))
+        return {e: float(row[e]) for e in self.visible if e != label}
 
     def nearest(self, label: str) -> tuple[str, float] | None:
         """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""

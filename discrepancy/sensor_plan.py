@@ -155,13 +155,13 @@ def _table(
 
 
 def _gain(own: Isolability, channel: str, table: Isolability) -> Gain:
-    visible = tuple(e for e in own.invisible if e in table.labels and e not in table.invisible)
+    visible = tuple(e for e in own.invisible if e in table.visible)
     return Gain(channel, visible, _separable(table, own.labels) - _separable(own, own.labels))
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:
     """Pairs of visible effects, the hidden one first, that can be told apart, over two."""
-    at = [table.labels.index(e) for e in effects if e in table.labels and e not in table.invisible]
+    at = [table.labels.index(e) for e in effects if e in table.visible]
     block = table.separation[np.ix_(at, at)]
     return int((block >= thresholds.INSEPARABLE).sum() // 2)
 
@@ -169,11 +169,9 @@ def _separable(table: Isolability, effects: Sequence[str]) -> int:
 def plan_json(plan: SensorPlan) -> dict[str, Any]:
     """The plan as plain data: visible effects with their rivals, the invisible ones, and what more sensors bring."""
     effects = []
-    for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
-        if effect in plan.table.invisible:
-            continue
+    for effect, visibility in plan.table.visible.items():
         rival, separation = plan.table.nearest(effect) or (None, None)
-        effects.append({"name": effect, "visibility": float(visibility), "nearest": rival, "separation": separation,
+        effects.append({"name": effect, "visibility": visibility, "nearest": rival, "separation": separation,
                         "cannot_be_told_from": list(plan.table.confused(effect))})  # fmt: skip
     gains = [{"channel": g.channel, "shows": list(g.visible), "separates": g.separable} for g in plan.gains]
     return {"channels": list(plan.channels), "effects": effects, "invisible": list(plan.table.invisible),
