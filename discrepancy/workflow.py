@@ -299,18 +299,12 @@ class _Work:
         alone, it is not told.
         """
         best = naming.best
-        first, *second = (
-            NamedEffect(
-                t.effect,
-                t.where,
-                stated(self.network, naming, best, t),
-                naming.confidence,
-                entry(t.effect).equation,
-            )
-            for t in best.fit.terms
-        )
-        if not second:
-            return (Round(first, before.gap.total, after.gap.total),)
+        named = []
+        for t in best.fit.terms:
+            parameters = stated(self.network, naming, best, t)
+            named.append(NamedEffect(t.effect, t.where, parameters, naming.confidence, entry(t.effect).equation))
+        if len(named) < 2:
+            return (Round(named[0], before.gap.total, after.gap.total),)
         alone = middle = None
         with suppress(OutOfTime):
             runs = Runs(deadline=self.deadline, clock=monotonic)
@@ -319,10 +313,9 @@ class _Work:
             fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
             with suppress(RunFailed):
                 middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
-        return (
-            Round(first, before.gap.total, middle),
-            Round(second[0], middle or before.gap.total, after.gap.total),
-        )
+        first, second = named
+        last = Round(second, middle or before.gap.total, after.gap.total)
+        return Round(first, before.gap.total, middle), last
 
 
 def _nothing() -> Fit:
