@@ -286,15 +286,9 @@ def _met(naming: Naming) -> bool:
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
     band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    return ChannelBeats(
-        channel,
-        study.fitted.mean(channel),
-        band,
-        before.beats[channel],
-        after.beats[channel] if after else None,
-        before.gap.channels[channel],
-        after.gap.channels[channel] if after else None,
-    )
+    beat, left = (after.beats[channel], after.gap.channels[channel]) if after else (None, None)
+    measured, gap = study.fitted.mean(channel), before.gap.channels[channel]
+    return ChannelBeats(channel, measured, band, before.beats[channel], beat, gap, left)
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
@@ -317,19 +311,8 @@ def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
         parameters = {name: e for t in n.fit.terms for name, e in stated(study.network, naming, n, t).items()}
         names = " + ".join(t.effect for t in n.fit.terms)
         where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
-        dof = max(1, len(n.fit.z) - len(n.fit.x))
-        left = float(np.sqrt(chi2 / size))
-        found.append(
-            Candidate(
-                names,
-                where,
-                parameters,
-                n.above_best,
-                n.fit.chi2 / dof,
-                left,
-                n.separation,
-                any(n is member for member in naming.members),
-                "individual" if n.individual else "common",
-            )  # fmt: skip
-        )
+        per_dof, left = n.fit.chi2 / max(1, len(n.fit.z) - len(n.fit.x)), float(np.sqrt(chi2 / size))
+        in_class = any(n is member for member in naming.members)
+        walls = "individual" if n.individual else "common"
+        found.append(Candidate(names, where, parameters, n.above_best, per_dof, left, n.separation, in_class, walls))
     return tuple(found)

@@ -188,10 +188,7 @@ def z_rows(outcome: Outcome) -> list[dict[str, Any]]:
     located = {(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located}
     size = np.abs(outcome.z_map[: harmonics_shown(outcome)])
     return [
-        {
-            "name": channel.name,
-            "cells": [_z_cell(channel.name, k, float(z), located) for k, z in enumerate(column)],
-        }
+        {"name": channel.name, "cells": [_z_cell(channel.name, k, float(z), located) for k, z in enumerate(column)]}
         for channel, column in zip(outcome.channels, size.T, strict=False)
     ]
 
