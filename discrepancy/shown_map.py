@@ -28,7 +28,6 @@ Array = np.ndarray
 
 _SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
 _SAMPLES = 400  # of a beat: all harmonics of a record are smooth on them
-_SPREADS = 3.0  # standard deviations of χ² that noise stays within
 
 
 @dataclass(frozen=True)
@@ -122,8 +121,7 @@ def shown_map(found: SourceMap, network: Network, beats: Beats) -> SourceMapShow
     acting = tuple(
         Acting(s.place, rivals=_rivals(s.place, found), **_told(s, found, time, network, beats)) for s in found.signals
     )
-    explains = found.chi2 < found.n + _SPREADS * math.sqrt(2.0 * found.n)
-    return SourceMapShown(acting, time, beats.T, explains, found.chi2 / found.n)
+    return SourceMapShown(acting, time, beats.T, found.explains, found.chi2 / found.n)
 
 
 def beat_of(g: Array, time: Array, T: float) -> Array:

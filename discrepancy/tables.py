@@ -261,16 +261,9 @@ def beats(outcome: Outcome) -> dict[str, Any]:
     channels = []
     for channel in outcome.channels:
         unit, factor = of_signal(channel.name)
-        channels.append(
-            {
-                "name": channel.name,
-                "unit": unit,
-                "measured": short(channel.measured, factor),
-                "band": short(channel.band, factor),
-                "before": short(channel.before, factor),
-                "after": None if channel.after is None else short(channel.after, factor),
-            }
-        )
+        curves = {key: getattr(channel, key) for key in ("measured", "band", "before", "after")}
+        shown = {key: None if curve is None else short(curve, factor) for key, curve in curves.items()}
+        channels.append({"name": channel.name, "unit": unit, **shown})
     times = np.append(time[::step] - time[0], period(outcome))
     worst = channel_z(outcome)
     first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]
