@@ -82,19 +82,13 @@ def _network(outcome: Outcome, network: Network) -> tuple[Picture, str]:
     marked, worst = marks(outcome), channel_z(outcome)
 
     def colour_at(kind: str, place: str) -> str | None:
-        return _colour([mark for mark in marked if mark.is_at(kind, place)])
+        """Of the first mark there, and those of what was named come first: others cannot be told from it."""
+        return next((VERMILION if mark.named else ORANGE for mark in marked if mark.is_at(kind, place)), None)
 
     figure, axes, drawn = draw(network, colour_at)
     sites(axes, network, drawn, worst, colour_at, lambda names: Z.colour(max(worst[name] for name in names)), 11.0)
     _network_legend(figure, marked)
     return figure, _network_caption(marked)
-
-
-def _colour(here: Sequence[Mark]) -> str | None:
-    """Of the strongest mark at one place: what was named, or what cannot be told from it."""
-    if not here:
-        return None
-    return VERMILION if any(mark.named for mark in here) else ORANGE
 
 
 def _network_legend(figure: Picture, marked: Sequence[Mark]) -> None:

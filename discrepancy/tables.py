@@ -6,7 +6,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,8 +26,6 @@ _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
 _LONG_ODDS = 1000.0  # -2 ln: what is beyond is as good as ruled out
 _OF_A_SPREAD = 0.1  # the finest that a deviation is told to
-# Brewer's Blues, white first: light to dark also in grey and to colour-blind readers
-_BLUES = ("#ffffff", "#deebf7", "#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c")
 
 
 # --- classes of |z| and of separations: the same in figures and on the page --------------------------------------
@@ -39,6 +37,8 @@ class Scale:
 
     name: str
     bounds: tuple[float, ...]
+    # Brewer's Blues, white first: light to dark also in grey and to colour-blind readers
+    colours: ClassVar = ("#ffffff", "#deebf7", "#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c")
 
     def index(self, value: float) -> int:
         """The class of a value."""
@@ -46,12 +46,7 @@ class Scale:
 
     def colour(self, value: float) -> str:
         """The colour of a value."""
-        return self.colours[self.index(value)]
-
-    @property
-    def colours(self) -> tuple[str, ...]:
-        """Of the classes."""
-        return _BLUES
+        return str(self.colours[self.index(value)])
 
     @property
     def texts(self) -> list[str]:
