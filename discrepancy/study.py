@@ -18,6 +18,7 @@ from fitting.records.align import align
 from fitting.records.beats import Beats
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
+from fitting.records.sensors import UnusableRecord
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.network import Network
@@ -32,7 +33,7 @@ _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer,
 _SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
 
 
-class Unusable(InputError):
+class Unusable(UnusableRecord):
     """The record cannot be compared with this model; the message says why and what to do."""
 
 

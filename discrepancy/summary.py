@@ -14,6 +14,7 @@ from fitting.inference.hierarchy import with_widths
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
 from fitting.records.record import Record
+from fitting.records.sensors import UnusableRecord
 from solver.network import Network
 from solver.units import INFLOW
 
@@ -29,7 +30,7 @@ from .outliers import implausible
 from .places import of_sensor, plain
 from .show import Gap, Run
 from .shown_map import SourceMapShown, shown_map
-from .study import Study, Unusable
+from .study import Study
 from .verdict import Naming
 from .wording import separating_measurement
 
@@ -61,7 +62,7 @@ class Shown:
 
 
 def unusable(
-    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
+    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
 ) -> Outcome:
     """The outcome for a record that cannot be used."""
     channels = measured.channels if isinstance(measured, Record) else ()

@@ -28,6 +28,7 @@ from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.records.columns import Reading
+from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record, read_record
 from fitting.records.sensors import UnusableRecord
 from fitting.result_files import check_unmixed, json_text
@@ -52,7 +53,7 @@ from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable, weighted
-from .usable import check_beats, check_record, check_sizes, check_waves
+from .usable import check_beats, check_record, check_waves
 from .verdict import Naming
 
 Array = np.ndarray
@@ -104,15 +105,15 @@ def discover(
     _check_folder(folder, [record, model, prior])
     journal = None
     try:
-        if isinstance(measured, Unusable):
+        if isinstance(measured, UnusableRecord):
             raise measured
         if not as_measured:
-            check_sizes(measured, network)
+            check_plausible(measured, arteries(network))
         check_record(measured)
         given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model)]
         journal = Journal(folder, [*given, told, decided(), software()])
         outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
-    except Unusable as error:
+    except UnusableRecord as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
     outcome = replace(
         outcome,
@@ -146,12 +147,12 @@ def _check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) 
     make_folder(folder)
 
 
-def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | Unusable:
+def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | UnusableRecord:
     """The record, or why its content cannot be used. Raises ValueError for a file that cannot be read."""
     try:
         return read_record(record, reading)
     except UnusableRecord as error:
-        return Unusable(str(error))
+        return error
 
 
 def _rising(progress: Progress) -> Progress:
