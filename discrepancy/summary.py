@@ -256,7 +256,7 @@ def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: 
 def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
     """What is missing, what adding it does to the gap, and what else it may be."""
     labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
-    sensors, others = all(of_sensor(e.name) for e in effects), len(naming.members) - 1
+    sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
     kind = "pair" if naming.verdict == "several" else "candidate"
     rest = f"{others} other {kind}{'s' if others > 1 else ''} cannot be ruled out"
     lacks, tail = "The model lacks", ""
