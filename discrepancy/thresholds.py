@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fitting.inference.misfit import PART as PART
 from fitting.inference.network_record import STEP_DT as STEP_DT
 
 # of the forward models: harmonics and steps of the simulations, and the width of the prior of an effect's size
@@ -28,7 +29,6 @@ RELIABILITY = {"bench": (2.5, 0.23, 0.96), "network": (4.5, 0.0, 1.0), "partial"
 FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
 ELSE = 8.0  # price of an error of the model: something that is not in the catalogue
-PART = 2.0  # price of each part of such an error that is not zero
 PART_CLOSED = 0.5  # of the gap to the fitted beats that an effect must close to be named where more than noise remains
 LOOSE = 4  # hypotheses that are tried with an error of the model
 INCOMPLETE = 0.5  # confidence where not all could be compared, at most
@@ -45,7 +45,6 @@ BRANCHES = 3  # laws of each of two places that are tried together
 NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
 POLISHED = 7  # hypotheses near the best that are searched on under sharper weights
 EACH = 6  # laws of a place that are refitted, and of those that promise evidence by their columns
-FREE = 30.0  # of -2 ln evidence that the map loses without a place, from which something acts there whatever it is
 AFAR = 0.03  # error of the model, in pulses, under which laws that act everywhere are begun at the walls of the file
 WORTH = 4.0  # of evidence that a law must promise to be refitted
 REFINED = 5  # hypotheses at a time that are searched on with fresh derivatives

@@ -18,18 +18,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..records.noise import Target
 from .fit import Fit
+from .places import Place
 from .search import bounded_step
 from .unknown import bounds, precision
 
 Array = np.ndarray
 
+PART = 2.0  # -2 ln of the odds beforehand of each part that is not zero: judgement
 LARGEST = 1.0  # of a part: an error as large as the pulse
 _SMALLEST = 1e-6
 _STEPS = 40
 _TAKEN = 0.02  # of an error: where the unknowns take up all but this, the residual tells nothing about it
 _SETTLED = 1e-2  # relative change of a part that ends the search
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A hypothesis with an error of the model beside it, integrated out.
+
+    fit : whitened with it. errors : as ``widened`` of its problem takes them. cost : -2 ln of what is chosen of them
+    beforehand. places : of the network, where they act.
+    """
+
+    fit: Fit
+    errors: Array
+    cost: float
+    places: tuple[Place, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -52,6 +67,12 @@ def sizes(X: Array) -> Array:
     padded = np.pad(size[1:], ((1, 1), (0, 0)), mode="edge")
     size[1:] = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
     return size
+
+
+def beside(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Beside:
+    """A fit with the errors of its model that make the record most probable."""
+    parts = estimated(fit, blocks, n_parts)
+    return Beside(widened(fit, blocks, parts), parts, PART * float(np.count_nonzero(parts)))
 
 
 def widened(fit: Fit, blocks: Sequence[Block], parts: Array) -> Fit:
@@ -111,45 +132,3 @@ def _sums(fit: Fit, blocks: Sequence[Block], parts: Array) -> tuple[Array, Array
 def _covariance(block: Block, parts: Array) -> Array:
     scaled = block.B * parts[block.part]
     return np.eye(len(block.rows)) + scaled @ scaled.T
-
-
-# --- of a network, channel by channel ---------------------------------------------------------------------------------
-
-
-def parts_of(names: Sequence[str]) -> tuple[str, ...]:
-    """What the parts of channels with these names belong to."""
-    return (*names, *dict.fromkeys(_mean_of(name) for name in names))
-
-
-def blocks_of(target: Target) -> list[Block]:
-    """One block for the means, and one for each harmonic: real and imaginary parts of all m channels."""
-    m, K = len(target.names), len(target.X) - 1
-    white = target.whitener * sizes(target.X)[:, None, :]
-    found = [Block(np.arange(m), white[0].real, _parts_of_means(target))]
-    for k in range(1, K + 1):
-        a, b = white[k].real, white[k].imag
-        rows = np.concatenate([m * k + np.arange(m), m * (K + k) + np.arange(m)])
-        found.append(Block(rows, np.block([[a, -b], [b, a]]), np.tile(np.arange(m), 2)))
-    return found
-
-
-def with_errors(target: Target, parts: Array) -> Target:
-    """With errors of these parts in its covariance."""
-    at, covariance = np.arange(len(target.names)), target.covariance.copy()
-    covariance[:, at, at] += errors_of(target, parts) ** 2
-    return Target.of(target.names, target.X, covariance)
-
-
-def errors_of(target: Target, parts: Array) -> Array:
-    """(K+1, m) standard deviation of errors of these parts."""
-    size = sizes(target.X)
-    return np.concatenate([parts[_parts_of_means(target)] * size[:1], parts[: len(target.names)] * size[1:]])
-
-
-def _mean_of(name: str) -> str:
-    return f"means of {name.rpartition('.')[2]}"
-
-
-def _parts_of_means(target: Target) -> Array:
-    known = parts_of(target.names)
-    return np.array([known.index(_mean_of(name)) for name in target.names])
