@@ -189,7 +189,7 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
 
 def _few(begun: Sequence[Begun]) -> list[Begun]:
     """The laws that are refitted: the nearest, and every outlet of another kind, which begins far off."""
-    return [b for k, b in enumerate(begun) if k < at.EACH or b.term.rewires]
+    return [b for k, b in enumerate(begun) if k < at.FEW or b.term.rewires]
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -260,7 +260,7 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     no single place, and few sensors show none."""
     base, tried = result.none.fit, {n.label for n in result.ranked}
     best, gained = promised(base, result.sought, columns)
-    chosen = [t for score, t in gained[: at.EACH] if score < best - at.WORTH and t.label not in tried]
+    chosen = [t for score, t in gained[: at.FEW] if score < best - at.FIRST and t.label not in tried]
     fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
     return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
 
@@ -282,7 +282,7 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
         for each in _along(problem, t)
         if each.moves_along or (t.label not in tried and t in result.sought)
     ]
-    chosen = _nearest(plain, walls, laws, runs)[: at.EACH]
+    chosen = _nearest(plain, walls, laws, runs)[: at.FEW]
     fits = refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)
 
@@ -304,7 +304,7 @@ def _with_one_more(result: Compared, left: Sequence[Place], runs: Runs) -> list[
     others = [t for t in able if any(acts_at(t, place) or in_segment(t, place) for place in left)]
     columns = problem.columns(first, others, runs)
     best, gained = promised(first, others, columns)
-    both = [(*first.terms, t) for score, t in gained[: at.EACH] if score < best - at.WORTH]
+    both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
     return [f for f in problem.refit(both, first, runs, columns) if f is not None] if both else []
 
 

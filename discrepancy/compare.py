@@ -86,7 +86,7 @@ class Compared:
         if sharp is self.problem:
             return self
         near = [n.fit for n in self.every if n.score < self.best.score + at.NEAR]
-        again = {names_of(f.terms): f for f in sharp.refine(near[: at.POLISHED], runs) if f is not None}
+        again = {names_of(f.terms): f for f in sharp.refine(near[: at.FEW], runs) if f is not None}
         old = self.restated(sharp)
         return Compared.of(sharp, [again.get(names_of(f.terms), f) for f in old.fits], old.columns, self.terms)
 
@@ -112,7 +112,7 @@ def exact(
     found = {i: settled(f) for i, f in enumerate(fits)}
     left = set(found)
     again = [i for score, i in order if score < order[0][0] + at.NEAR]
-    while again := again[: at.REFINED]:  # until none that was not searched on looks better than those that were
+    while again := again[: at.FEW]:  # until none that was not searched on looks better than those that were
         left -= set(again)
         for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
             if fit is not None:

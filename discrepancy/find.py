@@ -46,7 +46,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     significant = benjamini_yekutieli(p, thresholds.FALSE_DISCOVERIES)
     order = np.argsort(-np.where(significant, z, -1.0), axis=None)
     located = []
-    for flat in order[: thresholds.LOUDEST]:
+    for flat in order[: thresholds.FEW]:
         k, i = (int(n) for n in np.unravel_index(int(flat), z.shape))
         if significant[k, i]:
             site, _, signal = names[i].rpartition(".")

@@ -202,5 +202,5 @@ def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
     return tuple(
         Rival(tuple(p for p in rival.places if p.key not in known), rival.above)
         for rival in found.rivals
-        if rival.above < thresholds.ALIKE and place.key not in {p.key for p in rival.places}
+        if rival.above < thresholds.RULED_OUT and place.key not in {p.key for p in rival.places}
     )

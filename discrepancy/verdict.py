@@ -102,7 +102,7 @@ def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
     there, which is the same, does as well."""
     if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
         return False
-    there, most = {p.segment for p in loose.places}, loose.score + 2.0 * math.log(at.CLASS_ODDS)
+    there, most = {p.segment for p in loose.places}, loose.score + at.RULED_OUT
     return any(n.fit.terms and n.score < most and {t.place for t in n.fit.terms} <= there for n in exact)
 
 
@@ -114,12 +114,12 @@ def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
         return [found.none, *([found.best] if found.best.fit.terms else [])]
     single = [n for n in found.ranked if len(n.fit.terms) == 1]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
-    return [found.none, *single[: at.LOOSE], *(n for n in single[at.LOOSE :] if n.label in alone)]
+    return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:
     """What cannot be ruled out."""
-    return tuple(n for n in order if n.score - order[0].score < 2.0 * math.log(at.CLASS_ODDS))
+    return tuple(n for n in order if n.score - order[0].score < at.RULED_OUT)
 
 
 def _said(best: Named, members: Sequence[Named]) -> str:

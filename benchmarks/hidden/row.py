@@ -89,7 +89,7 @@ def verdict_of(study: Study, naming: Naming) -> Line:
 
 def _map(found: SourceMap) -> Line:
     """Where something acts, and what cannot be told from it."""
-    alike = [[_spot(p) for p in r.places] for r in found.rivals if r.above < thresholds.ALIKE]
+    alike = [[_spot(p) for p in r.places] for r in found.rivals if r.above < thresholds.RULED_OUT]
     return {"places": [_spot(p) for p in found.places], "explains": found.explains, "alike": alike}
 
 
