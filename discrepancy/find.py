@@ -28,11 +28,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Found:
-    """z : (K+1, m) of the channels ``names``. significant : (K+1, m). p_value : of the global χ²."""
+    """z : (K+1, m) of the channels. p_value : of the global χ². located : the loudest that are significant."""
 
-    names: tuple[str, ...]
     z: Array
-    significant: Array
     p_value: float
     located: tuple[Located, ...]
 
@@ -54,7 +52,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
             site, _, signal = names[i].rpartition(".")
             phase = float(np.degrees(np.angle(residual[k, i])))
             located.append(Located(site, signal, int(k), float(z[k, i]), phase))
-    return Found(tuple(names), z, significant, _global(residual, covariance), tuple(located))
+    return Found(z, _global(residual, covariance), tuple(located))
 
 
 def benjamini_yekutieli(p: Array, rate: float) -> Array:

@@ -31,13 +31,12 @@ from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
-from .jackknife import Rest
+from .jackknife import Rest, leave_one_site_out, without_each_site
 from .misfit import sizes
 from .observation import meter, of_other_beats, sense, shown
 from .prior import of_animal
 from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, varying
-from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
