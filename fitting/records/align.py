@@ -88,15 +88,14 @@ def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record,
 
 def _cut(record: Record, whole: Whole, said: tuple[str, ...]) -> Beats:
     """Beats of unequal length. Raises ValueError if fewer than two are left, or a phase was never measured."""
-    cut = whole.cut
-    samples = np.minimum(cut.starts[cut.serving][:, None] + np.arange(cut.N), len(record.time) - 1)
+    samples = np.minimum(whole.edges[whole.serving][:, None] + np.arange(whole.N), len(record.time) - 1)
     record, spikes, steps = _cleaned(record, samples, _SLIP_OF_CUTS)
-    values = {name: cut.of(each) for name, each in record.channels.items()}
+    values = {name: whole.of(each) for name, each in record.channels.items()}
     for name, each in values.items():
         require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
     whole = replace(whole, channels={name: without_gaps(each) for name, each in record.channels.items()})
-    shifts = np.zeros(len(cut.serving))
-    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told, said)
+    shifts = np.zeros(len(whole.serving))
+    return Beats(record.path, record.sha256, whole.T, values, shifts, spikes, steps, whole, record.told, said)
 
 
 def _found(record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:
@@ -110,7 +109,7 @@ def _near(record: Record, usual: Found) -> tuple[float, Whole | None]:
     """The strict period near the usual one, or the beats if they vary. Raises ValueError if they cannot be told."""
     whole = unequal(record.channels, record.dt, usual.T)
     if whole is not None:
-        return whole.cut.interval * record.dt, whole
+        return whole.T, whole
     found = refined(usual, record.channels, record.dt)
     if not found.steady:
         raise InputError(
@@ -140,7 +139,7 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[st
         T, whole = _near(record, usual)
     except InputError:  # too irregular or too short to tell: then the word of the user counts
         whole = unequal(record.channels, record.dt, period)
-        T = float(period) if whole is None else whole.cut.interval * record.dt
+        T = float(period) if whole is None else whole.T
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * span / period

@@ -58,16 +58,18 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
     inside = marks[(marks >= before) & (marks < len(x) - end)]
     if len(inside) < _FEWEST:
         return None
-    mean = np.mean([x[p - before : p + end] for p in inside], axis=0)
-    at = (marks + int(_rise(mean, length).argmax()) - before).astype(float)
-    at = at[(at >= before + most) & (at < len(x) - after - most)]
+    mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
+    at = marks + int(_rise(mean, length).argmax()) - before
+    at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
     if len(at) < _FEWEST:
         return None
     for _ in range(2):
-        windows = np.stack([x[round(p) - before : round(p) + after] for p in at])
-        moved = [_best(x, round(p), windows.mean(axis=0), before, after, most) for p in at]
-        at = np.clip([p for p, _ in moved], before + most, len(x) - after - most - 1)
-    likeness = np.array([each for _, each in moved])
+        near = np.rint(at).astype(int)
+        mean = x[near[:, None] + np.arange(-before, after)].mean(axis=0)
+        r = _alike(x, mean)[near[:, None] + np.arange(-most, most + 1) - before]
+        best = r.argmax(axis=1)
+        likeness = r[np.arange(len(r)), best]
+        at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
     sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
@@ -110,26 +112,22 @@ def _alike(x: Array, beat: Array) -> Array:
     """The correlation of a beat with each stretch of x that is as long."""
     from scipy.signal import fftconvolve
 
-    w, beat = len(beat), beat - beat.mean()
+    w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
     total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
     power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
-    size = np.sqrt(np.maximum(power, 1e-9 * w) * max(float(beat @ beat), np.finfo(float).tiny))
+    size = np.sqrt(np.maximum(power, 1e-9 * w * max(x.var(), np.finfo(float).tiny)) * max(float(beat @ beat), np.finfo(float).tiny))
     return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
 
 
-def _best(x: Array, p: int, template: Array, before: int, after: int, most: int) -> tuple[float, float]:
-    """Where within ``most`` samples of p the template fits best, and the correlation there."""
-    windows = np.lib.stride_tricks.sliding_window_view(x[p - before - most : p + after + most], before + after)
-    windows = windows - windows.mean(axis=1, keepdims=True)
-    template = template - template.mean()
-    size = np.linalg.norm(windows, axis=1) * np.linalg.norm(template)
-    r = windows @ template / np.maximum(size, np.finfo(float).tiny)
-    best = int(r.argmax())
-    offset = 0.0
-    if 0 < best < len(r) - 1:
-        bend = r[best - 1] - 2.0 * r[best] + r[best + 1]
-        offset = 0.5 * (r[best - 1] - r[best + 1]) / bend if bend < 0.0 else 0.0
-    return p - most + best + offset, float(r[best])
+def vertex(r: Array, at: Array) -> Array:
+    """Place of the parabola through r : (m, n) at the samples (m,) and their neighbours; at the ends, the sample."""
+    if r.shape[1] < 3:
+        return at.astype(float)
+    row, inner = np.arange(len(r)), np.clip(at, 1, r.shape[1] - 2)
+    left, middle, right = (r[row, inner + i] for i in (-1, 0, 1))
+    bend = left - 2.0 * middle + right
+    bent = (bend < 0.0) & (inner == at)
+    return np.asarray(at + np.where(bent, 0.5 * (left - right) / np.where(bent, bend, 1.0), 0.0))
 
 
 def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
