@@ -16,7 +16,7 @@ import numpy as np
 from solver.errors import InputError
 
 from .harmonic_model import refine
-from .upstrokes import without_extremes, without_gaps
+from .upstrokes import vertex, without_extremes, without_gaps
 
 Array = np.ndarray
 
@@ -285,7 +285,8 @@ def _candidates(x: Array, step: float) -> Array:
     lags = np.arange(first + 1, len(r) - 1)
     lags = lags[(r[lags] > 0.0) & (r[lags] >= np.maximum(r[lags - 1], r[lags + 1]))]
     highest = [r[int(lag * (1.0 - _ELASTIC)) : int(lag * (1.0 + _ELASTIC)) + 1].max() for lag in lags]
-    return _vertex(r, lags[r[lags] == highest])
+    lags = lags[r[lags] == highest]
+    return vertex(np.broadcast_to(r, (len(lags), len(r))), lags)
 
 
 def _correlation(x: Array, lags: int) -> Array:
@@ -303,13 +304,6 @@ def _correlation(x: Array, lags: int) -> Array:
     return np.where(spread > floor, (products - head * tail / count) / np.sqrt(np.maximum(spread, floor)), 0.0)
 
 
-def _vertex(r: Array, peaks: Array) -> Array:
-    """Place of the parabola through each peak and its neighbours."""
-    left, middle, right = r[peaks - 1], r[peaks], r[peaks + 1]
-    bend = left - 2.0 * middle + right
-    return np.asarray(peaks + np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0))
-
-
 class _Stretches:
     """Stretches of one length [samples] of x : (m, n), half of it apart, to be compared with what follows them."""
 
@@ -317,7 +311,7 @@ class _Stretches:
         self.h = max(1.0, length / _SAMPLES)
         self.y, self.w = _resampled(x, self.h), round(length / self.h)
         self.windows = np.lib.stride_tricks.sliding_window_view(self.y, self.w, axis=1)
-        total, squares = (_added(each, self.w) for each in (self.y, self.y**2))
+        total, squares = ((t := _total(each))[:, self.w :] - t[:, : -self.w] for each in (self.y, self.y**2))
         self.means = total / self.w
         self.powers = np.maximum(squares - self.w * self.means**2, _EXACT)
 
@@ -336,9 +330,11 @@ class _Stretches:
         products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, self.w, axis=2), first[..., None])
         r = products[..., 0] / np.sqrt(own[..., None] * other)
         joint = np.einsum("cts,ct->ts", r, np.sqrt(own / own.mean(axis=1, keepdims=True)))
-        best = joint.argmax(axis=1)
-        other = other[:, np.arange(len(t)), best]
-        offset, r = _peak(joint, r, best)
+        row, best = np.arange(len(t)), joint.argmax(axis=1)
+        offset = vertex(joint, best) - best
+        left, r, right = (r[:, row, np.clip(best + i, 0, len(shifts) - 1)] for i in (-1, 0, 1))
+        r = r + 0.5 * offset * (right - left) + 0.5 * offset**2 * (left - 2.0 * r + right)  # on the parabola, too
+        other = other[:, row, best]
         size = np.sqrt(own * other)
         unlike = (own + other - 2.0 * r * size) / (2.0 * own.mean(axis=1, keepdims=True))
         shift = (shifts[best] + offset) * self.h
@@ -349,10 +345,9 @@ class _Stretches:
         return self.y.shape[1] >= lengths * self.w
 
 
-def _added(y: Array, w: int) -> Array:
-    """The sums of w successive numbers of y : (m, n)."""
-    total = np.concatenate([np.zeros((len(y), 1)), np.cumsum(y, axis=1)], axis=1)
-    return np.asarray(total[:, w:] - total[:, :-w])
+def _total(x: Array) -> Array:
+    """The sums of the first 0 … n of x : (m, n)."""
+    return np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
 
 
 def _weighted_median(r: Array, weights: Array) -> Array:
@@ -363,24 +358,10 @@ def _weighted_median(r: Array, weights: Array) -> Array:
     return np.take_along_axis(r, np.take_along_axis(order, middle[:, None], axis=1), axis=1)[:, 0]
 
 
-def _peak(joint: Array, r: Array, best: Array) -> tuple[Array, Array]:
-    """Where between the shifts the parabola through the joint correlation, (t, s), is highest, and r there : (c, t)."""
-    row, last = np.arange(len(best)), joint.shape[1] - 1
-    if last < 2:
-        return np.zeros(len(best)), r[:, row, best]
-    k = np.clip(best, 1, last - 1)
-    left, middle, right = joint[row, k - 1], joint[row, k], joint[row, k + 1]
-    bend = left - 2.0 * middle + right
-    offset = np.where((bend < 0.0) & (k == best), 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    left, middle, right = r[:, row, k - 1], r[:, row, k], r[:, row, k + 1]
-    there = middle + 0.5 * offset * (right - left) + 0.5 * offset**2 * (left - 2.0 * middle + right)
-    return offset, np.where(k == best, there, r[:, row, best])
-
-
 def _resampled(x: Array, h: float) -> Array:
     """Means of x : (m, n) over intervals of h samples, h >= 1."""
     n = x.shape[1]
-    total = np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
+    total = _total(x)
     edges = np.arange(int(n / h) + 1) * h
     whole = np.minimum(edges.astype(int), n - 1)
     return np.asarray(np.diff(total[:, whole] + (edges - whole) * x[:, whole], axis=1) / h)
