@@ -11,7 +11,7 @@ from solver.errors import InputError
 from ..threads import single_threaded
 from .beats import Beats, require_phases
 from .harmonic_model import Normal, evaluate, highest
-from .period import FEWEST, Found, refined, usual_period
+from .period import FEWEST, Found, strict_period, usual_period
 from .record import Array, Record
 from .rounding import converter_step
 from .spikes import without_spikes
@@ -38,7 +38,11 @@ def align(record: Record, period: float | None = None) -> Beats:
     a channel never measured.
     """
     dt, n = record.dt, len(record.time)
-    T, whole, said = _found(record) if period is None else _given(period, record)
+    if period is None:
+        usual = usual_period(record.channels, record.dt, record.path)
+        (T, whole), said = _near(record, usual), usual.said
+    else:
+        T, whole, said = _given(period, record)
     if whole is not None:
         return _cut(record, whole, said)
     f = dt / T
@@ -98,26 +102,19 @@ def _cut(record: Record, whole: Whole, said: tuple[str, ...]) -> Beats:
     return Beats(record.path, record.sha256, whole.T, values, shifts, spikes, steps, whole, record.told, said)
 
 
-def _found(record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:
-    """The period that is found [s], the beats if they vary, and its doubts. Raises ValueError if it cannot be told."""
-    usual = usual_period(record.channels, record.dt, record.path)
-    T, whole = _near(record, usual)
-    return T, whole, usual.said
-
-
 def _near(record: Record, usual: Found) -> tuple[float, Whole | None]:
     """The strict period near the usual one, or the beats if they vary. Raises ValueError if they cannot be told."""
     whole = unequal(record.channels, record.dt, usual.T)
     if whole is not None:
         return whole.T, whole
-    found = refined(usual, record.channels, record.dt)
-    if not found.steady:
+    T = strict_period(usual.T, record.channels, record.dt)
+    if T is None:
         raise InputError(
-            f"{record.path}: the heart rate is not steady: beats come every {found.T:.3g} s or so, but no period fits "
+            f"{record.path}: the heart rate is not steady: beats come every {usual.T:.3g} s or so, but no period fits "
             "the whole record, and their upstrokes are too unlike or too irregular to cut each by itself; "
             "use a stretch of the record with a steady rate."
         )
-    return found.T, None
+    return T, None
 
 
 def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:

@@ -9,7 +9,7 @@ period, too; a strict one is refined in :mod:`fitting.records.harmonic_model`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,12 +47,10 @@ _OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which eve
 class Found:
     """A period [s], and what makes it doubtful, in sentences.
 
-    steady : refined to a strict period of the whole record; else no such period is near, and T is a usual distance of
-    beats. other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
+    other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
     """
 
     T: float
-    steady: bool
     other: float = np.nan
     said: tuple[str, ...] = ()
 
@@ -84,14 +82,13 @@ def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
     Raises ValueError if nothing repeats, or not twice.
     """
     usual = usual_period(channels, dt, source)
-    return refined(usual, channels, dt)
+    return replace(usual, T=strict_period(usual.T, channels, dt) or usual.T)
 
 
-def refined(usual: Found, channels: Mapping[str, Array], dt: float) -> Found:
-    """With a strict period of the whole record, if one is near."""
-    T = dt / refine(list(channels.values()), dt / usual.T)
-    steady = abs(T / usual.T - 1.0) <= _STRAYED
-    return Found(T if steady else usual.T, steady, usual.other, usual.said)
+def strict_period(T: float, channels: Mapping[str, Array], dt: float) -> float | None:
+    """The strict period [s] of the whole record near T, a usual distance of beats; None if none is near."""
+    strict = dt / refine(list(channels.values()), dt / T)
+    return strict if abs(strict / T - 1.0) <= _STRAYED else None
 
 
 def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
@@ -168,7 +165,7 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     differ = [(*_differ(one, each), each) for each in more]
     differ = [each for each in differ if each[0] > (_UNLIKE if each[-1].lag < (_UPSTROKES + 0.5) * lag else _MUCH)]
     if not differ:
-        return Found(T, False)
+        return Found(T)
     most = max(times for times, *_ in differ)
     times, which, sure, other = next(each for each in differ if each[0] >= most / _NEARLY)
     together, count = other.lag * step, round(other.lag / lag)
@@ -177,21 +174,18 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
         nearly = timely and one.alike[which] >= _NEARLY_SAME * other.alike[which]
         why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
-        return Found(together, False, T, _said_of_parts(T, together, count, why) if why else ())
+        said = (
+            f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has "
+            f"{count} upstrokes, or beats alternate. If these are beats, give their period."
+        )
+        return Found(together, T, (said,) if why else ())
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
         f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
         "its period."
     )
-    return Found(T, False, together, (said,))
-
-
-def _said_of_parts(T: float, together: float, count: int, why: str) -> tuple[str, ...]:
-    return (
-        f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has {count} "
-        "upstrokes, or beats alternate. If these are beats, give their period.",
-    )
+    return Found(T, together, (said,))
 
 
 def _passed_over(
@@ -213,13 +207,13 @@ def _passed_over(
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
-            return Found(found.T, found.steady, lag * step, (said,))
+            return Found(found.T, lag * step, (said,))
     if found.T < _FASTEST:
         said = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
             "rodents reach; if it is a part of a beat, give the period."
         )
-        return Found(found.T, found.steady, found.other, (said,))
+        return replace(found, said=(said,))
     return found
 
 

@@ -21,14 +21,12 @@ _UNEQUAL = 0.02  # of the period: upstrokes that stray further from a steady rhy
 _PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
 _NOISE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
 _ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
-_MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
 _NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
 _UNLIKE = 0.35  # of the pulse, by which a beat may differ
 _USUAL = 6.0  # times as much as beats usually do
 _ORDINARY = (0.05, 0.95)  # quantiles: spikes are beyond them
 _MISSING = 3  # odd beats in a row that do not end a stretch
 _ONE = 1.5  # intervals: a period that is shorter is that of single beats
-_SAME = 0.1  # of a beat, by which a strict period may differ from the usual interval
 _END = 0.06  # of a beat: its end, from which it goes on
 _FEWEST = 4  # upstrokes
 _NAMED = 3
@@ -39,7 +37,7 @@ _UNSTEADY = 0.05  # of the mean length: more is worth a sentence
 class Whole:
     """The record that unequal beats are cut from, and how.
 
-    channels : (n,) each, SI, without gaps; dt [s]. edges : (m + 1,) samples, where the m beats of a stretch begin and the
+    channels : (n,) each, SI; dt [s]. edges : (m + 1,) samples, where the m beats of a stretch begin and the
     last one ends. steady : of those that are alike. serving : of those that are used. said : what was left out.
     """
 
@@ -98,18 +96,16 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     usual = _usual(intervals)
     passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
     intervals = intervals / passed
-    beats = T / dt / usual
-    if not 1.0 / _ONE < beats < _ONE:  # whatever its length: upstrokes tell that better where the rate drifts
+    if not 1.0 / _ONE < T / dt / usual < _ONE:
         return None
     x = without_gaps(channels[found.channel])
     near = np.abs(intervals - usual) <= _NEAR * usual
-    if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
+    if (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
     varied = pulses.std() > max(_PULSES, _NOISE * noise) * pulses.mean()
-    same = abs(beats - 1.0) <= _SAME
-    if same and not (varied or _wander(found.at, passed) > _UNEQUAL * usual):
+    if not varied and _wander(found.at, passed) <= _UNEQUAL * usual:
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     return _whole(channels, dt, edges[edges >= 0], usual)
@@ -126,9 +122,8 @@ def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float)
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
-    x = {name: without_gaps(each) for name, each in channels.items()}
     said = _said(edges, near, odd, alike, dt)
-    return Whole(x, dt, edges[first : last + 1], alike - first, alike - first, said)
+    return Whole(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
 
 
 def _wander(at: Array, passed: Array) -> float:
