@@ -151,7 +151,8 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
     most = round(_STRETCHES * 0.45 * lag)
     start = max(0, (x.shape[1] - most) // 2)
     stretches = _Stretches(x[:, start : start + most], lag)
-    later = [each for each in candidates if 1.5 < each / lag < 4.5 and stretches.hold(each / lag + 2.0)]
+    longest = stretches.y.shape[1] / stretches.w - 2.0
+    later = [each for each in candidates if 1.5 < each / lag < 4.5 and each / lag <= longest]
     return [stretches.later(each) for each in (lag, *later)]
 
 
@@ -333,10 +334,6 @@ class _Stretches:
         unlike = (own + other - 2.0 * r * size) / (2.0 * own.mean(axis=1, keepdims=True))
         shift = (shifts[best] + offset) * self.h
         return _Later(_weighted_median(r, size), unlike, shift, (own / own.mean(axis=1, keepdims=True)).sum(axis=0))
-
-    def hold(self, lengths: float) -> bool:
-        """Whether the record is so many of their lengths long."""
-        return self.y.shape[1] >= lengths * self.w
 
 
 def _total(x: Array) -> Array:

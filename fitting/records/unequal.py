@@ -17,6 +17,8 @@ from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
 
+# 400 steady synthetic recordings of 20 to 50 dB: upstrokes stray by 0.1 % (95 %), 1.5 % of them by more than the first
+# of these; pulses by more than both others in 1 %
 _UNEQUAL = 0.02  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
 _PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
 _NOISE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
@@ -37,8 +39,8 @@ _UNSTEADY = 0.05  # of the mean length: more is worth a sentence
 class Whole:
     """The record that unequal beats are cut from, and how.
 
-    channels : (n,) each, SI; dt [s]. edges : (m + 1,) samples, where the m beats of a stretch begin and the
-    last one ends. steady : of those that are alike. serving : of those that are used. said : what was left out.
+    channels : (n,) each, SI; dt [s]. edges : (m + 1,) samples, where the m beats of a stretch begin and the last one
+    ends. steady : numbers of the beats that are alike. serving : of those that are used. said : what was left out.
     """
 
     channels: Mapping[str, Array]
@@ -127,7 +129,7 @@ def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float)
 
 
 def _wander(at: Array, passed: Array) -> float:
-    """Standard deviation [samples] of upstrokes about the steady rhythm that fits them best."""
+    """Standard deviation [samples] of upstrokes about their regression t_b = t_0 + b T, an equal grid of beats."""
     count = np.concatenate([[0.0], np.cumsum(passed)])
     return float(np.std(at - np.polyval(np.polyfit(count, at, 1), count)))
 

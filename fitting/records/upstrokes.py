@@ -134,8 +134,7 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
     inside = np.rint(at[(at > reach + 1) & (at + reach < len(next(iter(channels.values()))) - 1)]).astype(int)
     leads = []
     for x in channels.values():
-        filled = without_gaps(x)
-        mean = np.mean([filled[p - reach : p + reach] for p in inside], axis=0)
+        mean = without_gaps(x)[inside[:, None] + np.arange(-reach, reach)].mean(axis=0)
         width = max(1, round(0.5 * _SMOOTH * length))
         slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
         middle = slice(reach - reach // 2, reach + reach // 2)
