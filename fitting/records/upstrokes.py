@@ -19,7 +19,7 @@ _SEARCHED = 0.08  # of the period, by which an upstroke may come earlier or late
 _FLAT = 0.1  # of the steepest slope: where the foot is
 _FEWEST = 3  # upstrokes
 _ORDINARY = (0.02, 0.98)  # quantiles: the usual range
-_AGAIN = 2  # times, with the record's own length, whatever was given: more moved no cut of 296 records
+_PASSES = 6  # at most, that find the length of a beat
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,15 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     """
     x = {name: without_gaps(values) for name, values in channels.items()}
     ordinary = np.array([without_extremes(each) for each in x.values()])
-    marks = _beats(ordinary, length)
-    for _ in range(_AGAIN):
+    tried: dict[float, Array] = {}
+    while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
+        tried[length] = marks = _beats(ordinary, length)
         if len(marks) < _FEWEST:
             return None
         length = float(np.median(np.diff(marks)))
-        marks = _beats(ordinary, length)
+    lengths = list(tried)
+    length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
+    marks = tried[length]
     found = [each for name in x if (each := _of(name, x[name], np.isnan(channels[name]), marks, length)) is not None]
     return max(found, key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)), default=None)
 
