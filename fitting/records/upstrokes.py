@@ -20,6 +20,7 @@ _FLAT = 0.1  # of the steepest slope: where the foot is
 _FEWEST = 3  # upstrokes
 _ORDINARY = (0.02, 0.98)  # quantiles: the usual range
 _PASSES = 6  # at most, that find the length of a beat
+_SURE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor that is dead for some beats
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = lost[around + after] == lost[around - before]
+    sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
     return Upstrokes(name, at[sure], likeness[sure]) if sure.sum() >= _FEWEST else None
 
 
