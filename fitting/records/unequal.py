@@ -28,6 +28,8 @@ _UNLIKE = 0.35  # of the pulse, by which a beat may differ
 _USUAL = 6.0  # times as much as beats usually do
 _ORDINARY = (0.05, 0.95)  # quantiles: spikes are beyond them
 _MISSING = 3  # odd beats in a row that do not end a stretch
+_MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
+_SAME = 0.1  # of a beat, by which a period may differ from the usual interval and still be that of equal beats
 _ONE = 1.5  # times more or less often than the period says: these upstrokes are not one a beat
 _END = 0.06  # of a beat: its end, from which it goes on
 _FEWEST = 4  # upstrokes
@@ -98,16 +100,17 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     usual = _usual(intervals)
     passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
     intervals = intervals / passed
-    if not 1.0 / _ONE < T / dt / usual < _ONE:
+    beats = T / dt / usual
+    if not 1.0 / _ONE < beats < _ONE:
         return None
     x = without_gaps(channels[found.channel])
     near = np.abs(intervals - usual) <= _NEAR * usual
-    if (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
+    if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
         return None
     pulses = _pulses(channels[found.channel], found.at)
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
     varied = pulses.std() > max(_PULSES, _NOISE * noise) * pulses.mean()
-    if not varied and _wander(found.at, passed) <= _UNEQUAL * usual:
+    if abs(beats - 1.0) <= _SAME and not (varied or _wander(found.at, passed) > _UNEQUAL * usual):
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     return _whole(channels, dt, edges[edges >= 0], usual)
@@ -169,12 +172,12 @@ def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
 
 def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tuple[str, ...]:
     """What was left out, in sentences."""
-    times, lengths = edges * dt, np.diff(edges) * dt
+    times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
     used, said = lengths[alike], []
     if np.abs(used - used.mean()).max() > _UNSTEADY * used.mean():
         said.append(
-            f"the heart rate was not steady: beats lasted {used.min():.3g} to {used.max():.3g} s; each was cut at the "
+            f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each was cut at the "
             "end of diastole."
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
