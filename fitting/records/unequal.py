@@ -177,8 +177,8 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
     used, said = lengths[alike], []
     if np.abs(used - used.mean()).max() > _UNSTEADY * used.mean():
         said.append(
-            f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each was cut at the "
-            "end of diastole."
+            f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each "
+            "was cut at the end of diastole."
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
     for which, why in (

@@ -66,7 +66,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
     for _ in range(2):
         near = np.rint(at).astype(int)
         mean = x[near[:, None] + np.arange(-before, after)].mean(axis=0)
-        r = _alike(x, mean)[near[:, None] + np.arange(-most, most + 1) - before]
+        r = np.stack([_alike_near(x[p - before - most : p + after + most], mean) for p in near])
         best = r.argmax(axis=1)
         likeness = r[np.arange(len(r)), best]
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
@@ -112,13 +112,19 @@ def _alike(x: Array, beat: Array) -> Array:
     """The correlation of a beat with each stretch of x that is as long."""
     from scipy.signal import fftconvolve
 
-    w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
+    w, beat = len(beat), beat - beat.mean()
     total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
     power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
-    size = np.sqrt(
-        np.maximum(power, 1e-9 * w * max(x.var(), np.finfo(float).tiny)) * max(float(beat @ beat), np.finfo(float).tiny)
-    )
+    size = np.sqrt(np.maximum(power, 1e-9 * w) * max(float(beat @ beat), np.finfo(float).tiny))
     return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
+
+
+def _alike_near(x: Array, beat: Array) -> Array:
+    """The same of a short x, to rounding also where x is flat."""
+    windows, beat = np.lib.stride_tricks.sliding_window_view(x, len(beat)), beat - beat.mean()
+    windows = windows - windows.mean(axis=1, keepdims=True)
+    size = np.linalg.norm(windows, axis=1) * np.linalg.norm(beat)
+    return np.asarray(windows @ beat / np.maximum(size, np.finfo(float).tiny))
 
 
 def vertex(r: Array, at: Array) -> Array:
