@@ -178,7 +178,7 @@ def test_a_rate_that_drifts_is_not_taken_for_a_steady_one(change: float, longest
     beats = align(slowing(change))
     assert beats.whole is not None
     assert pytest.approx(T, abs=DT) == beats.T
-    first = beats.whole.cut.starts[0] * DT
+    first = beats.whole.edges[0] * DT
     assert longest == pytest.approx(0.5 / (1.0 + change * (first + 0.25) / 10.0), abs=DT)
     assert f"to {longest:.3g} s; each was cut" in beats.warnings[0]
 

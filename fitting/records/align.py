@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from solver.errors import InputError
 from ..threads import single_threaded
 from .beats import Beats, require_phases
 from .harmonic_model import Normal, evaluate, highest
-from .period import FEWEST, Found, refined, usual_period
+from .period import FEWEST, strict_period, usual_period
 from .record import Array, Record
 from .rounding import converter_step
 from .spikes import without_spikes
@@ -37,31 +38,25 @@ def align(record: Record, period: float | None = None) -> Beats:
     Raises ValueError if there is no period, or another one than the given, fewer than two whole beats, or a phase that
     a channel never measured.
     """
-    dt, n = record.dt, len(record.time)
-    T, whole, said = _found(record) if period is None else _given(period, record)
-    if whole is not None:
-        return _cut(record, whole, said)
-    f = dt / T
-    N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
-    if N < FEWEST:
-        raise InputError(
-            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times a beat or "
-            f"more often, or check the unit of its time column."
-        )
-    if n_beats < 2:
-        raise InputError(
-            f"{record.path}: {n_beats} whole beat in {n * dt:.4g} s of record with a period of {T:.4g} s; "
-            "record at least two whole beats."
-        )
-    record, spikes, steps = _cleaned(record, np.minimum(_nearest(f, N, n_beats), n - 1))
-    if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
-        cut = {name: each[: n_beats * N].reshape(n_beats, N) for name, each in record.channels.items()}
-        for name, each in cut.items():
-            require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
+    if period is not None:
+        _check(period, record)
+    T, whole, said = _rhythm(record, period)
+    samples = _grid(record, T) if whole is None else whole.edges[whole.serving][:, None] + np.arange(whole.N)
+    samples = np.minimum(samples, len(record.time) - 1)
+    steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
+    slip = 0.0 if whole is None else _SLIP_OF_CUTS
+    cleaned = {name: without_spikes(x, samples, steps.get(name, 0.0), slip) for name, x in record.channels.items()}
+    spikes = {name: count for name, (_, count) in cleaned.items() if count}
+    channels = {name: each for name, (each, _) in cleaned.items()}
+    for name, each in channels.items():
+        require_phases((~np.isnan(each[samples])).sum(axis=0), name, record.path)
+    if whole is None:
+        equal = {name: without_slope(each) for name, each in _equal(channels, record.dt / T, samples).items()}
+        values, shifts = without_jitter(equal, T)
     else:
-        cut = _resample(record, f, N, n_beats)
-    values, shifts = without_jitter({name: without_slope(each) for name, each in cut.items()}, T)
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, None, record.told, said)
+        T, values, shifts = whole.T, {name: whole.of(each) for name, each in channels.items()}, np.zeros(len(samples))
+        whole = replace(whole, channels={name: without_gaps(each) for name, each in channels.items()})
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, whole, record.told, said)
     if beats.unsteadiness > _UNSTEADY:
         raise InputError(
             f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "
@@ -71,79 +66,63 @@ def align(record: Record, period: float | None = None) -> Beats:
     return beats
 
 
-def _nearest(f: float, N: int, n_beats: int) -> Array:
-    """(n_beats, N) the sample that is nearest to each phase."""
+def _grid(record: Record, T: float) -> Array:
+    """(n_beats, N) the sample that is nearest to each phase of equal beats. Raises ValueError if there are too few."""
+    f, n = record.dt / T, len(record.time)
+    N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
+    if N < FEWEST:
+        raise InputError(
+            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times a beat or "
+            f"more often, or check the unit of its time column."
+        )
+    if n_beats < 2:
+        raise InputError(
+            f"{record.path}: {n_beats} whole beat in {n * record.dt:.4g} s of record with a period of {T:.4g} s; "
+            "record at least two whole beats."
+        )
     return np.rint(np.arange(n_beats * N) / (N * f)).astype(np.intp).reshape(n_beats, N)
 
 
-def _cleaned(record: Record, samples: Array, slip: float = 0.0) -> tuple[Record, dict[str, int], dict[str, float]]:
-    """The record with gaps for spikes, their numbers, and the steps of the channels' converters."""
-    steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
-    cleaned = {
-        name: without_spikes(each, samples, steps.get(name, 0.0), slip) for name, each in record.channels.items()
-    }
-    spikes = {name: count for name, (_, count) in cleaned.items() if count}
-    return replace(record, channels={name: each for name, (each, _) in cleaned.items()}), spikes, steps
-
-
-def _cut(record: Record, whole: Whole, said: tuple[str, ...]) -> Beats:
-    """Beats of unequal length. Raises ValueError if fewer than two are left, or a phase was never measured."""
-    cut = whole.cut
-    samples = np.minimum(cut.starts[cut.serving][:, None] + np.arange(cut.N), len(record.time) - 1)
-    record, spikes, steps = _cleaned(record, samples, _SLIP_OF_CUTS)
-    values = {name: cut.of(each) for name, each in record.channels.items()}
-    for name, each in values.items():
-        require_phases((~np.isnan(each)).sum(axis=0), name, record.path)
-    whole = replace(whole, channels={name: without_gaps(each) for name, each in record.channels.items()})
-    shifts = np.zeros(len(cut.serving))
-    return Beats(record.path, record.sha256, cut.N * record.dt, values, shifts, spikes, steps, whole, record.told, said)
-
-
-def _found(record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:
-    """The period that is found [s], the beats if they vary, and its doubts. Raises ValueError if it cannot be told."""
-    usual = usual_period(record.channels, record.dt, record.path)
-    T, whole = _near(record, usual)
-    return T, whole, usual.said
-
-
-def _near(record: Record, usual: Found) -> tuple[float, Whole | None]:
-    """The strict period near the usual one, or the beats if they vary. Raises ValueError if they cannot be told."""
-    whole = unequal(record.channels, record.dt, usual.T)
-    if whole is not None:
-        return whole.cut.interval * record.dt, whole
-    found = refined(usual, record.channels, record.dt)
-    if not found.steady:
-        raise InputError(
-            f"{record.path}: the heart rate is not steady: beats come every {found.T:.3g} s or so, but no period fits "
-            "the whole record, and their upstrokes are too unlike or too irregular to cut each by itself; "
-            "use a stretch of the record with a steady rate."
-        )
-    return found.T, None
-
-
-def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[str, ...]]:
-    """The period that was given, or a whole number of beats, unless the record says otherwise; and beats that vary."""
-    source, span = record.path, len(record.time) * record.dt
+def _check(period: float, record: Record) -> None:
+    """Raise ValueError for a period [s] of which the record cannot hold two."""
+    span = len(record.time) * record.dt
     if not (np.isfinite(period) and period > 0.0):
-        raise InputError(f"{source}: period = {period!r} s: must be a positive, finite number.")
+        raise InputError(f"{record.path}: period = {period!r} s: must be a positive, finite number.")
     if 2.0 * period > span * (1.0 + 1e-9):
         raise InputError(
-            f"{source}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
+            f"{record.path}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
         )
     if period < FEWEST * record.dt:
-        return float(period), None, ()  # refused for that
+        _grid(record, period)
+
+
+def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, tuple[str, ...]]:
+    """The strict period [s], the beats if they vary, and what is doubtful. Raises ValueError if it cannot be told, or
+    is not the given one or a whole part of it."""
+    channels, dt, source = record.channels, record.dt, record.path
     try:
-        usual = usual_period(record.channels, record.dt, source)
-        if abs(period / usual.other - 1.0) <= _VAGUE:  # which of the two it is, the record does not say
-            usual = replace(usual, T=float(period))
-        T, whole = _near(record, usual)
+        usual = usual_period(channels, dt, source)
+        if period is not None and abs(period / usual.other - 1.0) <= _VAGUE:  # of the two, the record does not say
+            usual = replace(usual, T=period)
+        whole = unequal(channels, dt, usual.T)
+        T = strict_period(usual.T, channels, dt) if whole is None else whole.T
+        if T is None:
+            raise InputError(
+                f"{source}: the heart rate is not steady: beats come every {usual.T:.3g} s or so, but no period fits "
+                "the whole record, and their upstrokes are too unlike or too irregular to cut each by itself; "
+                "use a stretch of the record with a steady rate."
+            )
     except InputError:  # too irregular or too short to tell: then the word of the user counts
-        whole = unequal(record.channels, record.dt, period)
-        T = float(period) if whole is None else whole.cut.interval * record.dt
+        if period is None:
+            raise
+        whole = unequal(channels, dt, period)
+        T = period if whole is None else whole.T
+    if period is None:
+        return T, whole, usual.said
     beats = period / T
     count = max(1, round(beats))
-    slip = abs(beats / count - 1.0) * span / period
+    slip = abs(beats / count - 1.0) * len(record.time) * dt / period
     if abs(beats - count) > _VAGUE if whole is not None else slip > _SLIP:
         raise InputError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
@@ -154,22 +133,24 @@ def _given(period: float, record: Record) -> tuple[float, Whole | None, tuple[st
     return float(period), whole, said
 
 
-def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array]:
-    """The harmonic model at the phases j/N plus the residual of the nearest sample.
+def _equal(channels: Mapping[str, Array], f: float, samples: Array) -> dict[str, Array]:
+    """Equal beats : (n_beats, N) each; samples : the nearest to each phase j/N; f : cycles a sample.
+
+    Samples as they are if the beats keep step with them, else the harmonic model plus the residual of the nearest one.
 
     The model carries the pulse exactly; the residual is moved by less than half a sample but not averaged, so that
     white noise keeps its variance. At high harmonics that little motion is a large part of a turn and would add noise
     to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low harmonics it
     is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
     """
-    n = len(record.time)
-    nearest = np.minimum(_nearest(f, N, n_beats), n - 1)
+    (n_beats, N), n = samples.shape, len(next(iter(channels.values())))
+    if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
+        return {name: each[samples] for name, each in channels.items()}
     shared: Normal | None = None
     cut = {}
-    for name, values in record.channels.items():
+    for name, values in channels.items():
         there = ~np.isnan(values)
         whole = bool(there.all())
-        require_phases(there[nearest].sum(axis=0), name, record.path)
         middle = values[there].mean()
         x = np.where(there, values - middle, 0.0)
         if whole and shared is None:
@@ -178,7 +159,7 @@ def _resample(record: Record, f: float, N: int, n_beats: int) -> dict[str, Array
         normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
         c = normal.solve(x)
         residual = values - middle - evaluate(c, f, n)
-        moved = residual[nearest]
+        moved = residual[samples]
         spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
         spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
         cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)

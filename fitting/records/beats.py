@@ -14,7 +14,7 @@ from solver.errors import InputError
 from .record import Array, require
 from .rounding import rounded_harmonics
 from .spikes import FAR
-from .unequal import Whole
+from .unequal import Whole, unlikeness
 
 _MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
 _WINDOW = 3  # harmonics on either side that share one estimate of the covariance
@@ -101,9 +101,7 @@ class Beats:
         found: dict[int, str] = {}
         for name, beats in self.values.items():
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
-            deviations = beats[measured] - np.nanmedian(beats, axis=0)
-            deviations -= np.nanmean(deviations, axis=1, keepdims=True)
-            size = np.sqrt(np.nanmean(deviations**2, axis=1))
+            size = unlikeness(beats[measured])
             usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
             for i in np.flatnonzero(size > max(_ODD * usual, _VISIBLE * pulse)):
                 b = int(measured[i])
@@ -119,7 +117,7 @@ class Beats:
         """When a beat begins [s] after the record's start."""
         if self.whole is None:
             return float(b * self.T + self.shifts[b])
-        return float(self.whole.cut.starts[self.whole.cut.serving[b]] * self.whole.dt)
+        return float(self.whole.edges[self.whole.serving[b]] * self.whole.dt)
 
     def require(self, names: Iterable[str]) -> None:
         """Raises ValueError that lists the channels unless all of ``names`` are there."""

@@ -44,7 +44,7 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
     if beats.whole is None:
         return None
     whole, N, mean = beats.whole, beats.N, beats.mean(drive)
-    first, last = whole.cut.span
+    first, last = whole.edges[[0, -1]]
     before, q = np.tile(mean, _BEFORE), whole.channels[drive][first:last]
     length = len(before) + len(q)
     H = transfer(length * whole.dt, int(harmonics * length / N))
@@ -54,7 +54,7 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
 
     def cut(x: Array) -> Array:
         """(m, n_beats, N) of (m, length)."""
-        return np.stack([whole.cut.of(np.concatenate([np.zeros(first), each[len(before) :]])) for each in x])
+        return np.stack([whole.of(np.concatenate([np.zeros(first), each[len(before) :]])) for each in x])
 
     followed = cut(_filtered(H, np.concatenate([before, q])))
     mean_followed = followed.mean(axis=1)

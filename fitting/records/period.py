@@ -9,14 +9,14 @@ period, too; a strict one is refined in :mod:`fitting.records.harmonic_model`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver.errors import InputError
 
 from .harmonic_model import refine
-from .upstrokes import without_extremes, without_gaps
+from .upstrokes import vertex, without_extremes, without_gaps
 
 Array = np.ndarray
 
@@ -47,12 +47,10 @@ _OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which eve
 class Found:
     """A period [s], and what makes it doubtful, in sentences.
 
-    steady : refined to a strict period of the whole record; else no such period is near, and T is a usual distance of
-    beats. other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
+    other : the period [s] if several beats are one or a beat is several, as they differ in turn; else NaN.
     """
 
     T: float
-    steady: bool
     other: float = np.nan
     said: tuple[str, ...] = ()
 
@@ -84,14 +82,13 @@ def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
     Raises ValueError if nothing repeats, or not twice.
     """
     usual = usual_period(channels, dt, source)
-    return refined(usual, channels, dt)
+    return replace(usual, T=strict_period(usual.T, channels, dt) or usual.T)
 
 
-def refined(usual: Found, channels: Mapping[str, Array], dt: float) -> Found:
-    """With a strict period of the whole record, if one is near."""
-    T = dt / refine(list(channels.values()), dt / usual.T)
-    steady = abs(T / usual.T - 1.0) <= _STRAYED
-    return Found(T if steady else usual.T, steady, usual.other, usual.said)
+def strict_period(T: float, channels: Mapping[str, Array], dt: float) -> float | None:
+    """The strict period [s] of the whole record near T, a usual distance of beats; None if none is near."""
+    strict = dt / refine(list(channels.values()), dt / T)
+    return strict if abs(strict / T - 1.0) <= _STRAYED else None
 
 
 def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
@@ -154,7 +151,8 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
     most = round(_STRETCHES * 0.45 * lag)
     start = max(0, (x.shape[1] - most) // 2)
     stretches = _Stretches(x[:, start : start + most], lag)
-    later = [each for each in candidates if 1.5 < each / lag < 4.5 and stretches.hold(each / lag + 2.0)]
+    longest = stretches.y.shape[1] / stretches.w - 2.0
+    later = [each for each in candidates if 1.5 < each / lag < 4.5 and each / lag <= longest]
     return [stretches.later(each) for each in (lag, *later)]
 
 
@@ -168,7 +166,7 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     differ = [(*_differ(one, each), each) for each in more]
     differ = [each for each in differ if each[0] > (_UNLIKE if each[-1].lag < (_UPSTROKES + 0.5) * lag else _MUCH)]
     if not differ:
-        return Found(T, False)
+        return Found(T)
     most = max(times for times, *_ in differ)
     times, which, sure, other = next(each for each in differ if each[0] >= most / _NEARLY)
     together, count = other.lag * step, round(other.lag / lag)
@@ -177,21 +175,18 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
         nearly = timely and one.alike[which] >= _NEARLY_SAME * other.alike[which]
         why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
-        return Found(together, False, T, _said_of_parts(T, together, count, why) if why else ())
+        said = (
+            f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has "
+            f"{count} upstrokes, or beats alternate. If these are beats, give their period."
+        )
+        return Found(together, T, (said,) if why else ())
     far = {2: "second", 3: "third", 4: "fourth"}[count]
     said = (
         f"the period may be {together:.3g} s: beats of {T:.3g} s differ {times:.2g} times as much from the next one as "
         f"from the {far} next in {names[which]}; either they alternate, or {count} upstrokes are one beat. If so, give "
         "its period."
     )
-    return Found(T, False, together, (said,))
-
-
-def _said_of_parts(T: float, together: float, count: int, why: str) -> tuple[str, ...]:
-    return (
-        f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has {count} "
-        "upstrokes, or beats alternate. If these are beats, give their period.",
-    )
+    return Found(T, together, (said,))
 
 
 def _passed_over(
@@ -213,13 +208,13 @@ def _passed_over(
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
-            return Found(found.T, found.steady, lag * step, (said,))
+            return Found(found.T, lag * step, (said,))
     if found.T < _FASTEST:
         said = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
             "rodents reach; if it is a part of a beat, give the period."
         )
-        return Found(found.T, found.steady, found.other, (said,))
+        return replace(found, said=(said,))
     return found
 
 
@@ -285,7 +280,8 @@ def _candidates(x: Array, step: float) -> Array:
     lags = np.arange(first + 1, len(r) - 1)
     lags = lags[(r[lags] > 0.0) & (r[lags] >= np.maximum(r[lags - 1], r[lags + 1]))]
     highest = [r[int(lag * (1.0 - _ELASTIC)) : int(lag * (1.0 + _ELASTIC)) + 1].max() for lag in lags]
-    return _vertex(r, lags[r[lags] == highest])
+    lags = lags[r[lags] == highest]
+    return vertex(np.broadcast_to(r, (len(lags), len(r))), lags)
 
 
 def _correlation(x: Array, lags: int) -> Array:
@@ -303,13 +299,6 @@ def _correlation(x: Array, lags: int) -> Array:
     return np.where(spread > floor, (products - head * tail / count) / np.sqrt(np.maximum(spread, floor)), 0.0)
 
 
-def _vertex(r: Array, peaks: Array) -> Array:
-    """Place of the parabola through each peak and its neighbours."""
-    left, middle, right = r[peaks - 1], r[peaks], r[peaks + 1]
-    bend = left - 2.0 * middle + right
-    return np.asarray(peaks + np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0))
-
-
 class _Stretches:
     """Stretches of one length [samples] of x : (m, n), half of it apart, to be compared with what follows them."""
 
@@ -317,7 +306,7 @@ class _Stretches:
         self.h = max(1.0, length / _SAMPLES)
         self.y, self.w = _resampled(x, self.h), round(length / self.h)
         self.windows = np.lib.stride_tricks.sliding_window_view(self.y, self.w, axis=1)
-        total, squares = (_added(each, self.w) for each in (self.y, self.y**2))
+        total, squares = ((t := _total(each))[:, self.w :] - t[:, : -self.w] for each in (self.y, self.y**2))
         self.means = total / self.w
         self.powers = np.maximum(squares - self.w * self.means**2, _EXACT)
 
@@ -336,23 +325,20 @@ class _Stretches:
         products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, self.w, axis=2), first[..., None])
         r = products[..., 0] / np.sqrt(own[..., None] * other)
         joint = np.einsum("cts,ct->ts", r, np.sqrt(own / own.mean(axis=1, keepdims=True)))
-        best = joint.argmax(axis=1)
-        other = other[:, np.arange(len(t)), best]
-        offset, r = _peak(joint, r, best)
+        row, best = np.arange(len(t)), joint.argmax(axis=1)
+        offset = vertex(joint, best) - best
+        left, r, right = (r[:, row, np.clip(best + i, 0, len(shifts) - 1)] for i in (-1, 0, 1))
+        r = r + 0.5 * offset * (right - left) + 0.5 * offset**2 * (left - 2.0 * r + right)  # on the parabola, too
+        other = other[:, row, best]
         size = np.sqrt(own * other)
         unlike = (own + other - 2.0 * r * size) / (2.0 * own.mean(axis=1, keepdims=True))
         shift = (shifts[best] + offset) * self.h
         return _Later(_weighted_median(r, size), unlike, shift, (own / own.mean(axis=1, keepdims=True)).sum(axis=0))
 
-    def hold(self, lengths: float) -> bool:
-        """Whether the record is so many of their lengths long."""
-        return self.y.shape[1] >= lengths * self.w
 
-
-def _added(y: Array, w: int) -> Array:
-    """The sums of w successive numbers of y : (m, n)."""
-    total = np.concatenate([np.zeros((len(y), 1)), np.cumsum(y, axis=1)], axis=1)
-    return np.asarray(total[:, w:] - total[:, :-w])
+def _total(x: Array) -> Array:
+    """The sums of the first 0 … n of x : (m, n)."""
+    return np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
 
 
 def _weighted_median(r: Array, weights: Array) -> Array:
@@ -363,24 +349,10 @@ def _weighted_median(r: Array, weights: Array) -> Array:
     return np.take_along_axis(r, np.take_along_axis(order, middle[:, None], axis=1), axis=1)[:, 0]
 
 
-def _peak(joint: Array, r: Array, best: Array) -> tuple[Array, Array]:
-    """Where between the shifts the parabola through the joint correlation, (t, s), is highest, and r there : (c, t)."""
-    row, last = np.arange(len(best)), joint.shape[1] - 1
-    if last < 2:
-        return np.zeros(len(best)), r[:, row, best]
-    k = np.clip(best, 1, last - 1)
-    left, middle, right = joint[row, k - 1], joint[row, k], joint[row, k + 1]
-    bend = left - 2.0 * middle + right
-    offset = np.where((bend < 0.0) & (k == best), 0.5 * (left - right) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    left, middle, right = r[:, row, k - 1], r[:, row, k], r[:, row, k + 1]
-    there = middle + 0.5 * offset * (right - left) + 0.5 * offset**2 * (left - 2.0 * middle + right)
-    return offset, np.where(k == best, there, r[:, row, best])
-
-
 def _resampled(x: Array, h: float) -> Array:
     """Means of x : (m, n) over intervals of h samples, h >= 1."""
     n = x.shape[1]
-    total = np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
+    total = _total(x)
     edges = np.arange(int(n / h) + 1) * h
     whole = np.minimum(edges.astype(int), n - 1)
     return np.asarray(np.diff(total[:, whole] + (edges - whole) * x[:, whole], axis=1) / h)

@@ -20,7 +20,7 @@ _FLAT = 0.1  # of the steepest slope: where the foot is
 _FEWEST = 3  # upstrokes
 _ORDINARY = (0.02, 0.98)  # quantiles: the usual range
 _PASSES = 6  # at most, that find the length of a beat
-_SURE = 0.7  # of the usual likeness: what is less alike is an artefact
+_SURE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor that is dead for some beats
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,18 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
     inside = marks[(marks >= before) & (marks < len(x) - end)]
     if len(inside) < _FEWEST:
         return None
-    mean = np.mean([x[p - before : p + end] for p in inside], axis=0)
-    at = (marks + int(_rise(mean, length).argmax()) - before).astype(float)
-    at = at[(at >= before + most) & (at < len(x) - after - most)]
+    mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
+    at = marks + int(_rise(mean, length).argmax()) - before
+    at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
     if len(at) < _FEWEST:
         return None
     for _ in range(2):
-        windows = np.stack([x[round(p) - before : round(p) + after] for p in at])
-        moved = [_best(x, round(p), windows.mean(axis=0), before, after, most) for p in at]
-        at = np.clip([p for p, _ in moved], before + most, len(x) - after - most - 1)
-    likeness = np.array([each for _, each in moved])
+        near = np.rint(at).astype(int)
+        mean = x[near[:, None] + np.arange(-before, after)].mean(axis=0)
+        r = np.stack([_alike_near(x[p - before - most : p + after + most], mean) for p in near])
+        best = r.argmax(axis=1)
+        likeness = r[np.arange(len(r)), best]
+        at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
     sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
@@ -117,19 +119,23 @@ def _alike(x: Array, beat: Array) -> Array:
     return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
 
 
-def _best(x: Array, p: int, template: Array, before: int, after: int, most: int) -> tuple[float, float]:
-    """Where within ``most`` samples of p the template fits best, and the correlation there."""
-    windows = np.lib.stride_tricks.sliding_window_view(x[p - before - most : p + after + most], before + after)
+def _alike_near(x: Array, beat: Array) -> Array:
+    """The same of a short x, to rounding also where x is flat."""
+    windows, beat = np.lib.stride_tricks.sliding_window_view(x, len(beat)), beat - beat.mean()
     windows = windows - windows.mean(axis=1, keepdims=True)
-    template = template - template.mean()
-    size = np.linalg.norm(windows, axis=1) * np.linalg.norm(template)
-    r = windows @ template / np.maximum(size, np.finfo(float).tiny)
-    best = int(r.argmax())
-    offset = 0.0
-    if 0 < best < len(r) - 1:
-        bend = r[best - 1] - 2.0 * r[best] + r[best + 1]
-        offset = 0.5 * (r[best - 1] - r[best + 1]) / bend if bend < 0.0 else 0.0
-    return p - most + best + offset, float(r[best])
+    size = np.linalg.norm(windows, axis=1) * np.linalg.norm(beat)
+    return np.asarray(windows @ beat / np.maximum(size, np.finfo(float).tiny))
+
+
+def vertex(r: Array, at: Array) -> Array:
+    """Place of the parabola through r : (m, n) at the samples (m,) and their neighbours; at the ends, the sample."""
+    if r.shape[1] < 3:
+        return at.astype(float)
+    row, inner = np.arange(len(r)), np.clip(at, 1, r.shape[1] - 2)
+    left, middle, right = (r[row, inner + i] for i in (-1, 0, 1))
+    bend = left - 2.0 * middle + right
+    bent = (bend < 0.0) & (inner == at)
+    return np.asarray(at + np.where(bent, 0.5 * (left - right) / np.where(bent, bend, 1.0), 0.0))
 
 
 def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
@@ -138,8 +144,7 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
     inside = np.rint(at[(at > reach + 1) & (at + reach < len(next(iter(channels.values()))) - 1)]).astype(int)
     leads = []
     for x in channels.values():
-        filled = without_gaps(x)
-        mean = np.mean([filled[p - reach : p + reach] for p in inside], axis=0)
+        mean = without_gaps(x)[inside[:, None] + np.arange(-reach, reach)].mean(axis=0)
         width = max(1, round(0.5 * _SMOOTH * length))
         slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
         middle = slice(reach - reach // 2, reach + reach // 2)
