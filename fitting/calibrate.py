@@ -16,7 +16,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from .inference.asked import parse_unknowns
-from .inference.calibration import Problem, problem_of
+from .inference.calibration import DERIVATIVE_ERROR, Problem, problem_of
 from .inference.fit import Member
 from .inference.gauss_newton import Rules, Search, search
 from .inference.identify import sentences
@@ -51,7 +51,7 @@ Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
-# Gains, a standard deviation squared: from a tenth one step with the second weights leads home; a hundredth shows nowhere
+# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none
 _NEAR, _SETTLED = 1e-2, 1e-4
 _FEWEST_STEPS = 20  # of the solver in a beat
 
@@ -175,14 +175,15 @@ def calibrate(
     told.begin(0.0, 0.6, "first search")
     with _refusal(f"{beats.source}: with its inflow, network {network.name} {given} cannot be simulated"):
         batch = first.batch(x)
-    near = _minimum(first, x, batch, Rules(_NEAR, math.inf, max_iterations))
+    rules = Rules(_NEAR, math.inf, max_iterations, error=DERIVATIVE_ERROR)
+    near = _minimum(first, x, batch, rules)
 
     told.begin(0.6, 1.0, "second search")
     assert near.here is not None
     x, batch = near.x, near.here.memory
     with _refusal(f"{beats.source}: network {network.name} as found cannot be simulated with shorter elements"):
         last = problem.with_target(x, solver_error(batch[0], problem.finer().simulate(x[None])[0], pulse))
-    best = _minimum(last, x, batch, Rules(_SETTLED, math.inf, max_iterations))
+    best = _minimum(last, x, batch, replace(rules, gain=_SETTLED))
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, time.perf_counter() - started)

@@ -26,11 +26,11 @@ from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
+from .gauss_newton import bounded_step
 from .jackknife import Rest, without_groups
 from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
 from .observation import chain, mean_wander, of_fewer
-from .search import bounded_step
 from .seen import Seen
 from .simulator import Runs
 from .terms import Term, nuisances

@@ -19,7 +19,7 @@ from solver.simulate import BROKEN
 from ..records.beats import Beats
 from ..records.inflow import inflow
 from ..records.noise import NEIGHBOURS, Target, response, target
-from .gauss_newton import DERIVATIVE_ERROR, Point, Trial
+from .gauss_newton import Point, Trial
 from .identify import Determined, determined
 from .simulator import HARMONICS_BEYOND, Meter, Runs, Simulator, varying
 from .unknown import Unknown, bounds, finite_steps, parameter_values
@@ -29,6 +29,7 @@ Array = np.ndarray
 # Of x in prior units: truncation and the jumps where a stage takes one iteration more are then both some 1e-4 of the
 # derivative (measured, sheep network)
 STEP = 3e-4
+DERIVATIVE_ERROR = 5e-4
 TOLERANCE = 1e-7  # of periodic beats, whose small differences are the derivatives
 
 

@@ -6,27 +6,25 @@ A search minimises, over unknowns x within their bounds,
 
 by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the precision of the priors at x. An unknown that
 would leave its range stops at its end, and no step is longer than the reach. λ grows where the cost rises
-(D. W. Marquardt, J. SIAM 11 (1963) 431); the reach halves where z does not exist. A search ends where the linear problem
-promises less than ``gain``: for C quadratic, a gain of g² means that no unknown is farther from the minimum than g of
-its standard deviation, as |s_i|² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. The derivatives J are found anew at every point, or
-kept up to date by the residuals themselves (C. G. Broyden, Math. Comput. 19 (1965) 577) and found anew now and then.
+(D. W. Marquardt, J. SIAM 11 (1963) 431), and the reach halves where z does not exist. The search ends where the linear
+problem promises less than a gain of g². If C is quadratic, each unknown is then within g of its standard deviation from
+the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. The derivatives J are found anew at every point, or kept up to
+date from the residuals (C. G. Broyden, Math. Comput. 19 (1965) 577) and found anew now and then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from .fit import Member
+from .fit import Fit, Member
 from .unknown import TAILS, bounds, penalty, precision, precisions
 
 Array = np.ndarray
 
-DERIVATIVE_ERROR = 5e-4  # of a column of J, relative: finite differences of the solver (measured, sheep network)
-_LEAST_DAMPING = DERIVATIVE_ERROR**2  # a step along what the columns' error alone makes up would be a leap in the dark
 _LARGEST = 2.0  # of a step, in typical sizes
 _DAMPED, _MOST_DAMPING = 0.05, 1e6  # λ where the cost rises first, and λ that leaves no step
 _ALL_FRESH = (
@@ -74,13 +72,15 @@ class Rules:
 
     gain : of the cost, for each unit of cost per datum, that is worth no further step. tails : of the priors, as in
     :func:`fitting.inference.unknown.penalty`. rounds : evaluations of a search at most. fresh : of them after which
-    derivatives are found anew, kept up to date between; 0 where every evaluation brings its own.
+    derivatives are found anew, kept up to date between; 0 where every evaluation brings its own. error : of a column
+    of J, relative, which λ is at least the square of: a step along what errors make up would be a leap in the dark.
     """
 
     gain: float
     tails: float = TAILS
     rounds: int = 40
     fresh: int = 0
+    error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,11 +113,14 @@ Evaluate = Callable[[Sequence[Trial]], list[Point | None]]  # None where a trial
 class Search:
     """One search: where it is, the linear problem there, and the step that it takes next.
 
+    known : whitened derivatives (n,) by name of the unknown, which need not be found where it begins.
     history : the cost at every point that it kept. failed : no residual where it began. converged : ended at a minimum.
     """
 
-    def __init__(self, member: Member, rules: Rules, here: Point | None = None) -> None:
-        self.member, self.rules, self.here = member, rules, here
+    def __init__(
+        self, member: Member, rules: Rules, here: Point | None = None, known: Mapping[str, Array] | None = None
+    ) -> None:
+        self.member, self.rules, self.here, self.known = member, rules, here, known or {}
         self.low, self.high = bounds(member.unknowns)
         self.size = np.array([u.typical_sd for u in member.unknowns])
         self.prior = precisions(member.unknowns)
@@ -138,6 +141,17 @@ class Search:
         self.member, self.here, self.cost = replace(self.member, x=x), here, self._cost(here, x)
         self.history.append(self.cost)
 
+    def fit(self, order: Array, signal: Array) -> Fit:
+        """Where it is, as a fit. order, signal : (n,) harmonic and channel of every entry of z."""
+        assert self.here is not None
+        m, here = self.member, self.here
+        return Fit(m.terms, m.unknowns, m.x, here.z, here.J, order, signal, self.converged, here.log_volume)
+
+    def asked(self, everything: bool) -> Array:
+        """(q,) the unknowns whose derivatives are to be found where it is."""
+        new = [everything or not u.group if self.here else u.name not in self.known for u in self.member.unknowns]
+        return np.flatnonzero(new)
+
     def proposes(self) -> bool:
         """Whether another step is worth an evaluation; the step."""
         if self.failed or self.ended or self.here is None:
@@ -153,7 +167,7 @@ class Search:
         """The step (p,), and what the linear problem gains by it."""
         assert self.here is not None
         z, J, s, x = self.here.z, self.here.J, self.size, self.x
-        damping = max(damping, _LEAST_DAMPING)
+        damping = max(damping, self.rules.error**2)
         scaled = self.prior * s**2, x / s, self.low / s, self.high / s
         step = bounded_step(J * s, z, *scaled, damping, self.rules.tails)
         step *= s * min(1.0, self.reach / max(float(np.abs(step).max(initial=0.0)), 1e-300))
@@ -214,21 +228,17 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
 
 
 def derive(evaluate: Evaluate, searches: Sequence[Search], everything: bool = True) -> None:
-    """Residuals and derivatives of searches where they are.
+    """Residuals and derivatives of searches where they are; where a search begins, those that it does not know.
 
     everything : else columns of what every artery has of its own, once found, are kept up to date.
     """
-    by = [
-        np.array([i for i, u in enumerate(s.member.unknowns) if everything or s.here is None or not u.group], int)
-        for s in searches
-    ]
+    by = [s.asked(everything) for s in searches]
     trials = [Trial(s.member, i, s.here, np.zeros(len(s.x))) for s, i in zip(searches, by, strict=True)]
     for s, i, found in zip(searches, by, evaluate(trials), strict=True):
-        if found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST:
-            s.failed = True
-            continue
-        if s.here is not None:
-            J = s.here.J.copy()
+        s.failed = found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST
+        if found is not None and not s.failed:
+            J = np.empty((len(found.z), len(s.x)))
+            for j, u in enumerate(s.member.unknowns):
+                J[:, j] = s.known.get(u.name, 0.0) if s.here is None else s.here.J[:, j]
             J[:, i] = found.J
-            found = replace(found, J=J)
-        s.settle(s.x, found)
+            s.settle(s.x, replace(found, J=J))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from .fit import Fit
-from .search import bounded_step
+from .gauss_newton import bounded_step
 from .unknown import bounds
 
 Array = np.ndarray

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .fit import Fit
-from .search import bounded_step
+from .gauss_newton import bounded_step
 from .unknown import bounds, precision
 
 Array = np.ndarray

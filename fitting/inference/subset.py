@@ -6,8 +6,8 @@ import numpy as np
 
 from ..records.noise import Target
 from .fit import Fit
+from .gauss_newton import bounded_step
 from .jackknife import Rest
-from .search import bounded_step
 from .unknown import bounds, precision
 
 Array = np.ndarray

@@ -9,43 +9,34 @@ import numpy as np
 import pytest
 
 from fitting.inference.fit import Member
-from fitting.inference.search import Search, search
-from fitting.inference.simulator import Runs
+from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.unknown import Unknown, penalty
 from solver.coordinate import SHIFT
 
 Array = np.ndarray
 
 UNKNOWNS = tuple(Unknown(f"x{i}", SHIFT, ((f"v{i}", 1.0),), -50.0, 50.0, prior_sd=1e3) for i in range(2))
+RULES = Rules(gain=0.02, fresh=4)
 
 
 @dataclass
 class Problem:
-    """A residual z(x); counts the simulations."""
+    """A residual z(x); counts the simulations without derivatives."""
 
     z: Callable[[Array], Array]
     simulated: int = 0
 
-    def observe(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-        self.simulated += len(members)
-        return [self.z(m.x) for m in members]
+    def points(self, trials: Sequence[Trial]) -> list[Point | None]:
+        self.simulated += sum(not len(t.by) for t in trials)
+        return [Point(self.z(t.member.x), self.derivatives(t.member.x)[:, t.by]) for t in trials]
 
-    def residual(self, X: Array) -> Array:
-        return X
-
-    def derivatives(
-        self, members: Sequence[Member], runs: Runs, by: Sequence[Array] | None = None
-    ) -> list[tuple[Array, Array] | None]:
-        indices = [np.arange(len(m.x)) for m in members] if by is None else by
-        return [
-            (self.z(m.x), np.stack([(self.z(m.x + 1e-6 * np.eye(2)[i]) - self.z(m.x)) / 1e-6 for i in own], axis=1))
-            for m, own in zip(members, indices, strict=True)
-        ]
+    def derivatives(self, x: Array) -> Array:
+        return np.stack([(self.z(x + 1e-6 * e) - self.z(x)) / 1e-6 for e in np.eye(2)], axis=1)
 
 
-def found(problem: Problem, start: Array) -> Search:
-    one = Search(Member((), UNKNOWNS, start))
-    search(problem, [one], Runs())
+def found(problem: Problem, start: Array, rules: Rules = RULES) -> Search:
+    one = Search(Member((), UNKNOWNS, start), rules)
+    search(problem.points, [one])
     return one
 
 
