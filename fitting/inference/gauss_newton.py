@@ -74,6 +74,8 @@ class Rules:
     :func:`fitting.inference.unknown.penalty`. rounds : evaluations of a search at most. fresh : of them after which
     derivatives are found anew, kept up to date between; 0 where every evaluation brings its own. error : of a column
     of J, relative, which λ is at least the square of: a step along what errors make up would be a leap in the dark.
+    latent : a point has hidden unknowns, which move beside x with every step; the search ends where a step gained too
+    little, not where one promises it, and lets them settle once where a step was in vain.
     """
 
     gain: float
@@ -81,6 +83,7 @@ class Rules:
     rounds: int = 40
     fresh: int = 0
     error: float = 0.0
+    latent: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,7 @@ class Search:
         self.size = np.array([u.typical_sd for u in member.unknowns])
         self.prior = precisions(member.unknowns)
         self.damping, self.reach, self.step = 0.0, _LARGEST, np.zeros(len(member.x))
+        self.settling = self.settled = False
         self.failed = self.ended = self.converged = False
         self.history: list[float] = []
         self.cost = self.promise = np.inf
@@ -157,11 +161,15 @@ class Search:
         if self.failed or self.ended or self.here is None:
             return False
         step, gain = self._promised(self.damping)
-        enough = self._enough
-        self.step, self.promise, self.ended = step, self.cost - 3.0 * gain, not gain >= enough
+        self.step, self.promise, enough = 0.0 * step if self.settling else step, self.cost - 3.0 * gain, self._enough
+        self.ended = not (gain >= enough or self.rules.latent)
         if self.ended:
             self.converged = not self._promised(0.0)[1] >= enough
         return not self.ended
+
+    def promised(self) -> float:
+        """The cost that the linear problem promises after one step."""
+        return self.cost - self._promised(0.0)[1]
 
     def _promised(self, damping: float) -> tuple[Array, float]:
         """The step (p,), and what the linear problem gains by it."""
@@ -184,6 +192,11 @@ class Search:
     def answer(self, found: Point | None) -> None:
         """Take what the trial found: the step, or a shorter one next."""
         assert self.here is not None
+        if self.settling:
+            self.settling, self.settled = False, True
+            if found is not None:
+                self.settle(self.x, found)
+            return
         if found is None or not np.abs(found.z).max() < _ABSURD * max(float(self.here.z @ self.here.z), 1.0) ** 0.5:
             self.reach = 0.5 * float(np.abs(self.step / self.size).max())
             return
@@ -196,12 +209,14 @@ class Search:
         else:  # neither up nor down
             self.ended = self.converged = abs(gained) < enough
         if gained > 0.0:
+            self.settled = False
             self.damping = self.damping / 5.0 if self.damping > 1e-3 else 0.0
             self.reach = min(2.0 * self.reach, _LARGEST)
             self.settle(x, found)
         else:
             self.damping = max(5.0 * self.damping, _DAMPED)
             self.ended |= self.damping > _MOST_DAMPING
+            self.settling = self.rules.latent and not self.settled
 
 
 def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf) -> None:
