@@ -28,7 +28,7 @@ from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
 from .gauss_newton import Point, Rules, Search, Trial, search
 from .jackknife import Rest, without_groups
-from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
+from .loop import Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Block, sizes
 from .observation import chain, mean_wander, of_fewer
 from .seen import Seen
@@ -194,7 +194,7 @@ class Bench(Forward):
         if state is None:
             return self.loop.P
         seen = self.seen(fit.member, fit.x[None])
-        return seen.true(_radius(state))[1][0]
+        return seen.true(state.memory.radius(state.memory.z))[1][0]
 
     def driven(self, wave: Array) -> Drive:
         """The pressure at the artery's end, which is the site's."""
@@ -292,14 +292,8 @@ def _promise(problem: Bench, member: Member) -> float:
 
 def _evaluated(problem: Bench, trials: Sequence[Trial]) -> list[Point | None]:
     """The linear problem of trials, at the radius that was most probable where they step from."""
-    radius = [problem.start if t.before is None else _radius(t.before, t.step) for t in trials]
+    radius = [problem.start if t.before is None else t.before.memory.after(t.step) for t in trials]
     return [_linearised(problem, t.member, r) for t, r in zip(trials, radius, strict=True)]
-
-
-def _radius(point: Point, step: Array | None = None) -> Array:
-    """(N,) the most probable measured radius at a point, after a step of x."""
-    linear: Linear = point.memory
-    return linear.radius(linear.z if step is None else linear.z - linear.columns @ step)
 
 
 def _settled(problem: Bench, member: Member) -> Point | None:
@@ -309,7 +303,7 @@ def _settled(problem: Bench, member: Member) -> Point | None:
         point = _linearised(problem, member, r, np.arange(0))
         if point is None:
             return None
-        r = _radius(point)
+        r = point.memory.radius(point.memory.z)
     return _linearised(problem, member, r)
 
 
