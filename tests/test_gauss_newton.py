@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -60,3 +60,21 @@ def test_what_is_as_good_as_broken_down_says_nothing() -> None:
     assert not one.failed and 0.0 < one.x[0] <= 1.0
     assert one.cost == pytest.approx(float(z(one.x) @ z(one.x)) + penalty(one.prior, one.x))
     assert one.cost < float(z(np.zeros(2)) @ z(np.zeros(2)))
+
+
+def test_gaussian_priors_and_bounds() -> None:
+    """|A x - b|² + |x|²/s² with x1 at most 0.1: the ridge regression of x0 alone where x1 is held at its end, to 1e-9."""
+    A, b, sd = np.array([[2.0, 1.0], [0.0, 1.0], [1.0, -1.0]]), np.array([1.0, 0.5, 0.2]), 0.5
+    unknowns = [replace(u, prior_sd=sd, high=high) for u, high in zip(UNKNOWNS, (50.0, 0.1), strict=True)]
+    one = Search(Member((), tuple(unknowns), np.zeros(2)), Rules(gain=1e-12, tails=np.inf))
+    search(Problem(lambda x: A @ x - b).points, [one])
+    assert one.converged and one.x[1] == 0.1
+    assert one.x[0] == pytest.approx(A[:, 0] @ (b - 0.1 * A[:, 1]) / (A[:, 0] @ A[:, 0] + sd**-2), abs=1e-9)
+
+
+def test_a_curved_valley() -> None:
+    """H. H. Rosenbrock's function (Comput. J. 3 (1960) 175) from (-1.2, 1), derivatives at every point: (1, 1) to 1e-5."""
+    problem = Problem(lambda x: np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
+    one = found(problem, np.array([-1.2, 1.0]), Rules(gain=1e-12))
+    assert one.converged and all(np.diff(one.history) < 0.0)
+    np.testing.assert_allclose(one.x, 1.0, atol=1e-5)

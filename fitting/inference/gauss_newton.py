@@ -8,7 +8,7 @@ by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the p
 would leave its range stops at its end, and no step is longer than the reach, which shrinks where the cost rises, and
 where there is no z. Where the cost rises again, λ grows, too (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends
 where the linear problem promises less than a gain of g². If C is quadratic, each unknown is then within g of its
-standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. The derivatives J are found anew at every
+standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is found anew at every
 point, or kept up to date from the residuals (C. G. Broyden, Math. Comput. 19 (1965) 577) and found anew now and then.
 """
 
@@ -26,7 +26,7 @@ from .unknown import TAILS, bounds, penalty, precision, precisions
 Array = np.ndarray
 
 _LARGEST = 2.0  # of a step, in typical sizes
-# Parts of a step to which the reach falls where there is no residual, and where the cost rises. With 0.5 there, one of
+# Parts of a step to which the reach falls: where there is no residual, and where the cost rises. With 0.5 there, one of
 # four benches with a flat valley of R0 and an external pressure ended 4 above the lowest cost known, with 0.3 none
 _BROKEN, _VAIN = 0.5, 0.3
 _DAMPED, _MOST_DAMPING = 0.05, 1e6  # λ where the cost rises again, and λ that leaves no step
