@@ -73,7 +73,7 @@ def test_gaussian_priors_and_bounds() -> None:
 
 
 def test_a_curved_valley() -> None:
-    """H. H. Rosenbrock's function (Comput. J. 3 (1960) 175) from (-1.2, 1), derivatives at every point: (1, 1) to 1e-5."""
+    """H. H. Rosenbrock's function (Comput. J. 3 (1960) 175) from (-1.2, 1), J at every point: (1, 1) to 1e-5."""
     problem = Problem(lambda x: np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]))
     one = found(problem, np.array([-1.2, 1.0]), Rules(gain=1e-12))
     assert one.converged and all(np.diff(one.history) < 0.0)
