@@ -63,7 +63,7 @@ def test_what_is_as_good_as_broken_down_says_nothing() -> None:
 
 
 def test_gaussian_priors_and_bounds() -> None:
-    """|A x - b|² + |x|²/s² with x1 at most 0.1: the ridge regression of x0 alone where x1 is held at its end, to 1e-9."""
+    """|A x - b|² + |x|²/s² with x1 at most 0.1: ridge regression of x0 with x1 held at its end, to 1e-9."""
     A, b, sd = np.array([[2.0, 1.0], [0.0, 1.0], [1.0, -1.0]]), np.array([1.0, 0.5, 0.2]), 0.5
     unknowns = [replace(u, prior_sd=sd, high=high) for u, high in zip(UNKNOWNS, (50.0, 0.1), strict=True)]
     one = Search(Member((), tuple(unknowns), np.zeros(2)), Rules(gain=1e-12, tails=np.inf))
