@@ -54,6 +54,7 @@ class Name(StrEnum):
     varying = "varying"
     offcentre = "offcentre"
     outside_walls = "outside_walls"
+    own = "own"
 
 
 GroupOption = Annotated[Name, typer.Option(help="Which group of records; see tests/truth/plan.py.")]

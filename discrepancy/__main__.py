@@ -150,7 +150,7 @@ def isolability_command(
 
 
 def _show(outcome: Outcome) -> None:
-    from .command_tables import class_text, effects_table, gap_text, remains_text, sure_text, walls_text
+    from .command_tables import effects_table, statements
     from .wording import more_time
 
     say(outcome.sentence)
@@ -158,21 +158,16 @@ def _show(outcome: Outcome) -> None:
         say(more_time(outcome))
     if outcome.effects:
         show(effects_table(outcome))
-    texts = (sure_text, gap_text, remains_text, class_text, walls_text)
-    for text in (*(each(outcome) for each in texts), outcome.separating_measurement):
-        if text:
-            say(text)
-    if outcome.verdict == "unusable":
-        say(outcome.reason or "")
+    for text in filter(None, statements(outcome)):
+        say(text)
 
 
 def _show_plan(plan: SensorPlan) -> None:
-    from .command_tables import confused_text, gain_text, invisible_text, plan_table
+    from .command_tables import plan_statements, plan_table
 
     show(plan_table(plan))
-    say(confused_text(plan))
-    say(invisible_text(plan))
-    say(gain_text(plan))
+    for text in plan_statements(plan):
+        say(text)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from fitting.inference.fit import Fit
@@ -33,19 +31,13 @@ def walls_of(network: Network, fit: Fit, quantile: float) -> Walls:
     whole = rewired(network, fit.terms)
     file, nominal, known = network.parameters(), whole.parameters(), whole.parameter_quantities()
     arteries, told = {}, calibrated(fit.unknowns)
-    for name in _deviating(fit, nominal, known):
+    deviate = {variable for u, mine in zip(fit.unknowns, own, strict=True) if mine for variable in u.variables}
+    for name in (name for name in nominal if name in deviate and known[name].individual > 0.0):
         now = interval(fit.unknowns, name, nominal[name], known[name], fit.x, fit.covariance, quantile)
         moved = np.array([dict(u.moves).get(name, 0.0) for u in fit.unknowns])[own] @ fit.x[own]
         source = "calibration" if name in told else "file"
         arteries[name] = OwnNumber(file[name], now, float(moved / known[name].individual), source)
     return Walls("individual", _spread(fit, known), arteries)
-
-
-def _deviating(fit: Fit, there: dict[str, float], known: dict[str, Quantity]) -> Iterator[str]:
-    """The numbers that may deviate by themselves, in the network's order."""
-    named = {u for term in fit.terms for u in term.unknowns}
-    moved = {variable for u in fit.unknowns if u.group and u not in named for variable in u.variables}
-    return (name for name in there if name in moved and known[name].individual > 0.0)
 
 
 def _spread(fit: Fit, known: dict[str, Quantity]) -> dict[str, tuple[float, float]]:

@@ -68,7 +68,10 @@ class Asked:
 
     @property
     def plain(self) -> dict[str, Any]:
-        """What was asked, for the provenance of a result; a calibration by its file and that file's hash."""
+        """What was asked, as a result says it and as its answer depends on it; a calibration by file and hash.
+
+        Not how many processes simulate: to what the solver resolves, their answer is the same.
+        """
         found = {
             "walls": self.walls or "by evidence",
             "period": "found" if self.period is None else {"value": self.period, "unit": "s"},
@@ -79,12 +82,3 @@ class Asked:
         file = Path(self.prior)
         prior = {"file": os.fspath(file), "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
         return {**found, "walls": INDIVIDUAL, "prior": prior}
-
-    @property
-    def key(self) -> list[Any]:
-        """What of it a study's answer depends on, plain; the calibration by its content.
-
-        Not on how many processes simulate: to what the solver resolves, their answer is the same.
-        """
-        told = None if self.prior is None else Path(self.prior).read_text(encoding="utf-8")
-        return [self.period, self.walls, told, self.time_limit]

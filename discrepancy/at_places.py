@@ -12,6 +12,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from fitting.inference.beside import found_beside
 from fitting.inference.fit import Fit, Member, sizes_of
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.network import NetworkProblem
@@ -43,15 +44,6 @@ class Begun:
     left: float
 
 
-def begun_at(problem: NetworkProblem, found: SourceMap, terms: Sequence[Term], runs: Runs) -> list[list[Begun]]:
-    """For every place of the map, or others that are as good, the laws of the catalogue there, nearest first."""
-    begun = []
-    for i in range(len(found.signals)):
-        beside, walls = _beside(problem, found, i)
-        begun.append(_nearest(beside, walls, _laws(problem, found, i, terms), runs))
-    return begun
-
-
 def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkProblem, SourceMap]:
     """The problem with the free sources, and the map with the numbers that stand out, of all places but one."""
     others = [j for j in range(len(found.signals)) if j != i]
@@ -79,7 +71,7 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
 
 def in_segment(term: Term, place: Place) -> bool:
     """Whether a law acts in the segment of a place, or at its end."""
-    return place.kind != CHANNEL and not term.is_sensor and term.place == place.name.partition(".")[0]
+    return place.kind != CHANNEL and not term.is_sensor and term.place == place.segment
 
 
 def acts_at(term: Term, place: Place) -> bool:
@@ -177,27 +169,27 @@ def _member(problem: NetworkProblem, found: SourceMap, laws: Sequence[tuple[Term
     return Member(terms, unknowns, np.clip([x.get(u.name, 0.0) for u in unknowns], *bounds(unknowns)))
 
 
-def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[list[Fit]]:
+def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[Fit]:
+    """Laws of any place of the map, refitted without what the map has at the others: one may be all that acts."""
+    every = {(t.label, len(t.unknowns)): t for some in laws for t in some}
+    plain, walls = found.forced(problem, []), found.standing_out(())
+    chosen = _few(_nearest(plain, walls, list(every.values()), runs))
+    return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
+
+
+def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
     """For every place the laws there, refitted beside the free sources of the other places; nearest first."""
     fits = []
     for i, some in enumerate(laws):
         beside, walls = _beside(problem, found, i)
-        own = refitted(beside, walls, [[(b.term, b.x)] for b in _few(some)], runs)
+        own = refitted(beside, walls, [[(b.term, b.x)] for b in _few(_nearest(beside, walls, some, runs))], runs)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
 
 
 def _few(begun: Sequence[Begun]) -> list[Begun]:
     """The laws that are refitted: the nearest, and every outlet of another kind, which begins far off."""
-    return [b for k, b in enumerate(begun) if k < at.EACH or b.term.rewires]
-
-
-def one_for_all(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Begun]], runs: Runs) -> list[Fit]:
-    """Single laws of any of several places, without what the map has at the others: one may be what acts at all."""
-    every = {(b.term.label, len(b.term.unknowns)): b.term for some in laws for b in some}
-    plain, walls = found.forced(problem, []), found.standing_out(())
-    chosen = _few(_nearest(plain, walls, list(every.values()), runs))
-    return refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
+    return [b for k, b in enumerate(begun) if k < at.FEW or b.term.rewires]
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -230,7 +222,7 @@ def refitted(
     granted to the model as in the map, and then to the noise."""
     if not hypotheses:
         return []
-    wide = problem.widened(np.full(len(problem.parts), at.AFAR))
+    wide = problem.granted(at.AFAR)
     white = wide.target.whiten(found.J)
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
@@ -245,12 +237,10 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         raise InputError("the model as given cannot be simulated with this record")
     result = Compared.of(problem, none, {}, terms)
     yield result
-    begun = begun_at(problem, found, terms, runs)
-    laws = alone(problem, found, begun, runs)
-    if len(laws) < 2:
-        fits = [f for some in laws for f in some]
-    else:
-        fits = [*together(problem, found, laws, runs), *one_for_all(problem, found, begun, runs)]
+    laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
+    fits = single(problem, found, laws, runs)
+    if len(laws) > 1 and not any(is_noise(f.chi2, len(f.z)) for f in fits):
+        fits += together(problem, found, alone(problem, found, laws, runs), runs)
     yield (result := exact(problem, [*none, *fits], {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
@@ -258,9 +248,10 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
     if not result.best.explains:
         yield (result := _elsewhere(result, found, runs))
-    if not result.best.explains and result.best.fit.terms:
+    if result.best.fit.terms and (left := _left(result, runs)):
         result = result.at_minimum(runs)
-        yield (result := result.joined_by([*_refined(result, runs), *_with_one_more(result, runs)]).polished(runs))
+        more = [*_refined(result, runs), *_with_one_more(result, left, runs)]
+        yield (result := result.joined_by(more).polished(runs))
     yield result.at_minimum(runs)
 
 
@@ -269,7 +260,7 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     no single place, and few sensors show none."""
     base, tried = result.none.fit, {n.label for n in result.ranked}
     best, gained = promised(base, result.sought, columns)
-    chosen = [t for score, t in gained[: at.EACH] if score < best - at.WORTH and t.label not in tried]
+    chosen = [t for score, t in gained[: at.FEW] if score < best - at.FIRST and t.label not in tried]
     fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
     return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
 
@@ -291,21 +282,29 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
         for each in _along(problem, t)
         if each.moves_along or (t.label not in tried and t in result.sought)
     ]
-    chosen = _nearest(plain, walls, laws, runs)[: at.EACH]
+    chosen = _nearest(plain, walls, laws, runs)[: at.FEW]
     fits = refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)
 
 
-def _with_one_more(result: Compared, runs: Runs) -> list[Fit]:
-    """The best law with another that adds evidence beside it by its columns."""
+def _left(result: Compared, runs: Runs) -> tuple[Place, ...]:
+    """Where something acts beside the best hypothesis."""
+    assert isinstance(result.problem, NetworkProblem)
+    found = found_beside(result.problem, result.best.fit, runs)
+    return () if found is None else found.places
+
+
+def _with_one_more(result: Compared, left: Sequence[Place], runs: Runs) -> list[Fit]:
+    """The best law with another, where something acts beside it, that adds evidence beside it by its columns."""
     first, problem = result.best.fit, result.problem
     if len(first.terms) >= at.MOST_EFFECTS:
         return []
     there = {t.label for t in first.terms}
-    others = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    able = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    others = [t for t in able if any(acts_at(t, place) or in_segment(t, place) for place in left)]
     columns = problem.columns(first, others, runs)
     best, gained = promised(first, others, columns)
-    both = [(*first.terms, t) for score, t in gained[: at.EACH] if score < best - at.WORTH]
+    both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
     return [f for f in problem.refit(both, first, runs, columns) if f is not None] if both else []
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,35 +14,34 @@ from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, of_animal
 
 from . import thresholds as at
-from .weigh import Named, key_of, ranked, weighed
+from .weigh import Named, names_of, ranked, weighed
 
 Array = np.ndarray
-Columns = Mapping[bool, Mapping[str, Array]]
 
 
 @dataclass(frozen=True)
 class Compared:
     """What was compared so far.
 
-    problem : as it was weighted at last. nones : without effect, with walls that have all in common or differ.
-    ranked : best first. columns : of every candidate at each of ``nones``, whitened, by whether its walls differ.
+    problem : as it was weighted at last. none : without effect. ranked : those with effects, best first. columns : of
+    every candidate at ``none``, whitened; empty where the time was over before they were simulated.
     """
 
     problem: Forward
-    nones: tuple[Named, ...]
+    none: Named
     ranked: tuple[Named, ...]
-    columns: Columns
+    columns: Mapping[str, Array]
     terms: tuple[Term, ...]
 
     @property
-    def none(self) -> Named:
-        """The better one without effect."""
-        return min(self.nones, key=lambda n: n.score)
+    def every(self) -> tuple[Named, ...]:
+        """All hypotheses, that without effect first."""
+        return (self.none, *self.ranked)
 
     @property
     def best(self) -> Named:
-        """The best hypothesis, that without effect included."""
-        return min((*self.ranked, *self.nones), key=lambda n: n.score)
+        """The best hypothesis."""
+        return min(self.every, key=lambda n: n.score)
 
     @property
     def sought(self) -> tuple[Term, ...]:
@@ -51,25 +50,22 @@ class Compared:
             return self.terms
         return tuple(t for t in self.terms if not of_animal(self.problem.network, t))
 
-    def columns_of(self, none: Named) -> Mapping[str, Array]:
-        """The columns at one of ``nones``; empty where the time was over before they were simulated."""
-        return self.columns.get(none.individual, {})
-
     @classmethod
-    def of(cls, problem: Forward, fits: Sequence[Fit], columns: Columns, terms: tuple[Term, ...]) -> Compared:
-        """Of fits, weighed; of one hypothesis the more probable fit."""
-        known: dict[tuple[str, bool], Named] = {}
+    def of(
+        cls, problem: Forward, fits: Sequence[Fit], columns: Mapping[str, Array], terms: tuple[Term, ...]
+    ) -> Compared:
+        """Of fits, one without effect among them, weighed; of one hypothesis the more probable fit."""
+        known: dict[str, Named] = {}
         for n in (weighed(problem, f, terms) for f in fits):
             if n.key not in known or n.score < known[n.key].score:
                 known[n.key] = n
-        named = list(known.values())
-        nones, rest = tuple(n for n in named if not n.fit.terms), [n for n in named if n.fit.terms]
-        return cls(problem, nones, ranked(rest), columns, terms)
+        none = known.pop(names_of(()))
+        return cls(problem, none, ranked(list(known.values())), columns, terms)
 
     @property
     def fits(self) -> list[Fit]:
         """Of all hypotheses."""
-        return [n.fit for n in (*self.nones, *self.ranked)]
+        return [n.fit for n in self.every]
 
     def joined_by(self, fits: Sequence[Fit]) -> Compared:
         """With further hypotheses."""
@@ -82,18 +78,17 @@ class Compared:
         fits = problem.restated(self.fits, self.problem)
         if problem.site is None:  # where other weights have it
             fits = [settled(f) for f in fits]
-        columns = {kind: problem.rewhitened(each, self.problem) for kind, each in self.columns.items()}
-        return Compared.of(problem, fits, columns, self.terms)
+        return Compared.of(problem, fits, problem.rewhitened(self.columns, self.problem), self.terms)
 
     def polished(self, runs: Runs) -> Compared:
         """As the best hypothesis needs it weighted, and those near the best refitted with fresh derivatives."""
         sharp = self.problem.sharpened(self.best.fit, runs)
         if sharp is self.problem:
             return self
-        near = [n.fit for n in (*self.nones, *self.ranked) if n.score < self.best.score + at.NEAR]
-        again = {key_of(f): f for f in sharp.refine(near[: at.POLISHED], runs) if f is not None}
+        near = [n.fit for n in self.every if n.score < self.best.score + at.NEAR]
+        again = {names_of(f.terms): f for f in sharp.refine(near[: at.FEW], runs) if f is not None}
         old = self.restated(sharp)
-        return Compared.of(sharp, [again.get(key_of(f), f) for f in old.fits], old.columns, self.terms)
+        return Compared.of(sharp, [again.get(names_of(f.terms), f) for f in old.fits], old.columns, self.terms)
 
     def at_minimum(self, runs: Runs) -> Compared:
         """With the best hypothesis searched on, where it leaves something: its search may have begun far off."""
@@ -104,7 +99,7 @@ class Compared:
 
     def with_columns(self, columns: Mapping[str, Array]) -> Compared:
         """With the columns of candidates at the hypothesis without effect."""
-        return Compared(self.problem, self.nones, self.ranked, {self.none.individual: columns}, self.terms)
+        return replace(self, columns=columns)
 
 
 def exact(
@@ -117,7 +112,7 @@ def exact(
     found = {i: settled(f) for i, f in enumerate(fits)}
     left = set(found)
     again = [i for score, i in order if score < order[0][0] + at.NEAR]
-    while again := again[: at.REFINED]:  # until none that was not searched on looks better than those that were
+    while again := again[: at.FEW]:  # until none that was not searched on looks better than those that were
         left -= set(again)
         for i, fit in zip(again, sharp.refine([fits[i] for i in again], runs), strict=True):
             if fit is not None:
@@ -127,4 +122,4 @@ def exact(
         score = {i: weighed(sharp, f, terms).score for i, f in found.items()}
         lowest = min((score[i] for i in found if i not in left), default=np.inf)
         again = sorted((i for i in left if score[i] < lowest), key=score.__getitem__)
-    return Compared.of(sharp, list(found.values()), {True: sharp.rewhitened(columns, problem)}, terms)
+    return Compared.of(sharp, list(found.values()), sharp.rewhitened(columns, problem), terms)

@@ -32,7 +32,7 @@ def coupled(found: Compared, runs: Runs) -> Iterator[Compared]:
     near = {n.key for n in found.ranked if n.score < best.score + at.NEAR}
     for term, fit in alone.items():
         shared = term in best.fit.terms
-        mine = [c for c in couples if term in c and (shared or (names_of(c), best.individual) in near)]
+        mine = [c for c in couples if term in c and (shared or names_of(c) in near)]
         found = _joined(found, found.problem.refit(mine, fit, runs))
     yield found
 

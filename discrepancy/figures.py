@@ -17,17 +17,15 @@ from matplotlib.patches import Rectangle
 
 from fitting.pages.panels import DASHED, Curve, Drawing, drawing, loops, waveforms
 from solver.errors import InputError
-from solver.layout import Lane
 from solver.network import Network
-from solver.notebook.network import below, draw
+from solver.notebook.network import draw
 from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
 from . import thresholds
-from .map_figure import map_figure
+from .map_figure import map_figure, sites
 from .outcome import Isolability, Outcome
 from .places import Mark, label_text, marks
-from .scales import APART, Scale, Z
-from .tables import channel_z, harmonics_shown, loop_sites, period
+from .tables import APART, Scale, Z, channel_z, harmonics_shown, loop_sites, period
 
 Array = np.ndarray
 
@@ -81,32 +79,16 @@ def _there(outcome: Outcome) -> dict[str, Callable[[], tuple[Picture, str]]]:
 
 def _network(outcome: Outcome, network: Network) -> tuple[Picture, str]:
     """Vessels from left to right, the places of the effects marked, every measured site in the colour of its z."""
-    marked = marks(outcome)
-    figure, axes, drawn = draw(network, lambda kind, place: _colour([m for m in marked if m.is_at(kind, place)]))
-    _sites(axes, outcome, network, drawn, marked)
+    marked, worst = marks(outcome), channel_z(outcome)
+
+    def colour_at(kind: str, place: str) -> str | None:
+        """Of the first mark there, and those of what was named come first: others cannot be told from it."""
+        return next((VERMILION if mark.named else ORANGE for mark in marked if mark.is_at(kind, place)), None)
+
+    figure, axes, drawn = draw(network, colour_at)
+    sites(axes, network, drawn, worst, colour_at, lambda names: Z.colour(max(worst[name] for name in names)), 11.0)
     _network_legend(figure, marked)
     return figure, _network_caption(marked)
-
-
-def _sites(axes: Axes, outcome: Outcome, network: Network, drawn: dict[str, Lane], marked: Sequence[Mark]) -> None:
-    worst = channel_z(outcome)
-    for site in network.sites:
-        channels = [name for name in worst if name.rpartition(".")[0] == site.name]
-        if not channels:
-            continue
-        x, y = drawn[site.segment].at(site.position)
-        color = _colour([m for m in marked if m.is_at("channel", site.name)])
-        z = max(worst[name] for name in channels)
-        edge, wide = (color, 3.0) if color else (TEXT, 1.0)
-        axes.plot([x], [y], "o", ms=11, mfc=Z.colour(z), mec=edge, mew=wide, zorder=5)
-        below(axes, " ".join(name[-1] for name in channels), x, y)
-
-
-def _colour(here: Sequence[Mark]) -> str | None:
-    """Of the strongest mark at one place: what was named, or what cannot be told from it."""
-    if not here:
-        return None
-    return VERMILION if any(mark.named for mark in here) else ORANGE
 
 
 def _network_legend(figure: Picture, marked: Sequence[Mark]) -> None:

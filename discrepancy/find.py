@@ -28,11 +28,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Found:
-    """z : (K+1, m) of the channels ``names``. significant : (K+1, m). p_value : of the global χ²."""
+    """z : (K+1, m) of the channels. p_value : of the global χ². located : the loudest that are significant."""
 
-    names: tuple[str, ...]
     z: Array
-    significant: Array
     p_value: float
     located: tuple[Located, ...]
 
@@ -48,13 +46,13 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     significant = benjamini_yekutieli(p, thresholds.FALSE_DISCOVERIES)
     order = np.argsort(-np.where(significant, z, -1.0), axis=None)
     located = []
-    for flat in order[: thresholds.LOUDEST]:
+    for flat in order[: thresholds.FEW]:
         k, i = (int(n) for n in np.unravel_index(int(flat), z.shape))
         if significant[k, i]:
             site, _, signal = names[i].rpartition(".")
             phase = float(np.degrees(np.angle(residual[k, i])))
             located.append(Located(site, signal, int(k), float(z[k, i]), phase))
-    return Found(tuple(names), z, significant, _global(residual, covariance), tuple(located))
+    return Found(z, _global(residual, covariance), tuple(located))
 
 
 def benjamini_yekutieli(p: Array, rate: float) -> Array:

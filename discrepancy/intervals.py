@@ -32,7 +32,6 @@ _MOST = 4  # numbers of an effect whose intervals are profiled
 _STRAIGHT = 0.05  # half an interval relative to its number, under which a valley is as straight as its covariance
 _SEARCHES = 4  # for the minimum, at most
 _GAIN = 0.05  # of the cost: less is none
-_SMALL = 1e-3  # a weight below which a hypothesis does not count
 
 
 def profiled(naming: Naming, runs: Runs) -> Naming:
@@ -88,8 +87,7 @@ def stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[s
     """Values and 95 % intervals, in their ranges, of a term of a hypothesis, with the spread of walls that the record
     tells.
 
-    Averaged over walls that have all in common and walls that differ, where the record does not tell; and given that
-    the effect was found, which near the limit of detection says that it is smaller than it looks.
+    Given that the effect was found, which near the limit of detection says that it is smaller than it looks.
     """
     whole = rewired(network, named.fit.terms)
     known = whole.parameter_quantities() | {f"{term.place}.{k}": q for k, q in effect_of(term).terms.items()}
@@ -103,13 +101,6 @@ def _stated(network: Network, naming: Naming, named: Named, term: Term) -> dict[
     if naming.verdict == "partial":
         wider = _wider(naming, fit, term)
         return {key: _scaled(e, wider) for key, e in found.items()}
-    same = [n for n in naming.ranked if n.key[0] == named.key[0] and n.key != named.key]
-    for other in same[:1]:
-        weight = 1.0 / (1.0 + math.exp(min(0.5 * (other.score - named.score), 700.0)))
-        if weight > _SMALL:
-            (twin,) = (t for t in other.fit.terms if t.label == term.label)
-            told = estimates(network, with_widths(other.fit), twin, half)
-            found = {key: _averaged(e, told[key], weight, half) if key in told else e for key, e in found.items()}
     sizes = [i for i, u in enumerate(fit.unknowns) if u in term.unknowns and u.of_size]
     if len(sizes) != 1 or len(term.unknowns) != 1:
         return found
@@ -136,13 +127,3 @@ def _scaled(told: Estimate, factor: float) -> Estimate:
     return Estimate(
         told.value, told.unit, (told.value - factor * (told.value - low), told.value + factor * (high - told.value))
     )
-
-
-def _averaged(first: Estimate, second: Estimate, weight: float, quantile: float) -> Estimate:
-    """The first one's value, with the spread about it of the mixture of both; weight : of the second."""
-    apart = quantile * (second.value - first.value)
-    own, other = ([end - e.value for end in e.ci95] for e in (first, second))
-    below, above = (
-        math.sqrt((1.0 - weight) * a**2 + weight * (b**2 + apart**2)) for a, b in zip(own, other, strict=True)
-    )
-    return Estimate(first.value, first.unit, (first.value - below, first.value + above))

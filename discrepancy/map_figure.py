@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from fitting.inference.places import NUMBER, Place
 from solver.effect import CHANNEL, JUNCTION, OUTLET
 from solver.layout import Lane, lanes
 from solver.network import Network
@@ -13,10 +16,10 @@ from solver.notebook.network import below, draw
 from solver.notebook.style import BLUE, FAINT, ORANGE, PURPLE, TEXT, VERMILION, Picture
 from solver.units import readable
 
-from .acting import Acting, SourceMapShown, Spot
 from .map_text import axis_label, phrase
 from .outcome import Outcome
 from .places import Mark, site_of
+from .shown_map import Acting, SourceMapShown
 
 Array = np.ndarray
 
@@ -29,57 +32,55 @@ _COLUMNS, _NARROW = 6.0, 7.6  # of a network that has beats beside it, not above
 
 def map_figure(outcome: Outcome, shown: SourceMapShown, network: Network) -> tuple[Picture, str]:
     """Left the network, right a panel for each place with its g(t)."""
-    spots = [(a.spot, _colour(i)) for i, a in enumerate(shown.acting)]
-    rivals = [(spot, ORANGE) for a in shown.acting for rival in a.rivals for spot in rival.spots]
-    found = [(mark(spot, colour is not ORANGE), colour) for spot, colour in (*spots, *rivals)]
+    found = [(a.place, _colour(i)) for i, a in enumerate(shown.acting)]
+    found += [(place, ORANGE) for a in shown.acting for rival in a.rivals for place in rival.places]
+    marked = [(mark(place, colour is not ORANGE), colour) for place, colour in found]
+
+    def colour_at(kind: str, place: str) -> str | None:
+        """Of the first mark at a place."""
+        return next((colour for mark, colour in marked if mark.is_at(kind, place)), None)
+
     beside = max(max(lane.x0, lane.x1) for lane in lanes(network)) <= _COLUMNS
     most = {"widest": _NARROW} if beside and shown.signals else {}
-    figure, axes, drawn = draw(network, lambda kind, place: _at(found, kind, place), **most)
-    _sites(axes, outcome, network, drawn, found)
-    for (spot, colour), (there, _) in zip((*spots, *rivals), found, strict=True):
-        hidden = _at(found, there.kind, there.place) != colour
-        _stretch(axes, spot.at if spot.at is not None else _BESIDE * hidden, drawn.get(there.place), colour)
+    figure, axes, drawn = draw(network, colour_at, **most)
+    sites(axes, network, drawn, [c.name for c in outcome.channels], colour_at)
+    for (place, colour), (there, _) in zip(found, marked, strict=True):
+        at = place.at if place.at is not None else _BESIDE * (colour_at(there.kind, there.place) != colour)
+        if at and there.place in drawn:  # 0 : all along it
+            x, y = drawn[there.place].at(at)
+            axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
     _beats(figure, axes, shown, beside)
-    _legend(figure, shown, bool(rivals))
+    _legend(figure, shown, len(found) > len(shown.acting))
     return figure, _caption(shown)
 
 
-def mark(spot: Spot, named: bool) -> Mark:
+def sites(
+    axes: Axes, network: Network, drawn: Mapping[str, Lane], channels: Iterable[str],
+    edge: Callable[[str, str], str | None], face: Callable[[list[str]], str] = lambda names: "white", size: float = 7.0,
+) -> None:  # fmt: skip
+    """The measured sites, with the letters of what was measured there. face : by the channels of a site."""
+    measured = list(channels)
+    for site in network.sites:
+        names = [name for name in measured if name.rpartition(".")[0] == site.name]
+        if names:
+            x, y = drawn[site.segment].at(site.position)
+            colour = edge("channel", site.name)
+            width = 3.0 if colour else 1.0
+            axes.plot([x], [y], "o", ms=size, mfc=face(names), mec=colour or TEXT, mew=width, zorder=5)
+            below(axes, " ".join(name[-1] for name in names), x, y)
+
+
+def mark(place: Place, named: bool) -> Mark:
     """Where to mark a place: a number's at its artery or outlet."""
-    if spot.kind == "number":
-        owner, *rest = spot.place.split(".")
-        return Mark("outlet" if "outlet" in rest[:-1] else "segment", owner, named, spot.label)
-    kind = _KINDS.get(spot.kind, "segment")
-    return Mark(kind, site_of(spot.place) if kind == "channel" else spot.place, named, spot.label)
+    if place.kind == NUMBER:
+        owner, *rest = place.name.split(".")
+        return Mark("outlet" if "outlet" in rest[:-1] else "segment", owner, named, place.label)
+    kind = _KINDS.get(place.kind, "segment")
+    return Mark(kind, site_of(place.name) if kind == "channel" else place.name, named, place.label)
 
 
 def _colour(i: int) -> str:
     return _COLOURS[i % len(_COLOURS)]
-
-
-def _at(found: list[tuple[Mark, str]], kind: str, place: str) -> str | None:
-    """The colour of the first mark at a place."""
-    return next((colour for mark, colour in found if mark.is_at(kind, place)), None)
-
-
-def _sites(
-    axes: Axes, outcome: Outcome, network: Network, drawn: dict[str, Lane], found: list[tuple[Mark, str]]
-) -> None:
-    """The measured sites, with what was measured there."""
-    for site in network.sites:
-        letters = " ".join(c.name[-1] for c in outcome.channels if c.name.rpartition(".")[0] == site.name)
-        if letters:
-            x, y = drawn[site.segment].at(site.position)
-            colour = _at(found, "channel", site.name)
-            axes.plot([x], [y], "o", ms=7, mfc="white", mec=colour or TEXT, mew=3.0 if colour else 1.0, zorder=5)
-            below(axes, letters, x, y)
-
-
-def _stretch(axes: Axes, at: float, lane: Lane | None, colour: str) -> None:
-    """Where along a segment something acts; 0 : all along it."""
-    if at and lane is not None:
-        x, y = lane.at(at)
-        axes.plot([x], [y], "D", ms=9, mfc=colour, mec="white", mew=1.2, zorder=6)
 
 
 def _beats(figure: Picture, axes: Axes, shown: SourceMapShown, beside: bool) -> None:
@@ -112,14 +113,14 @@ def _beat(panel: Axes, a: Acting, shown: SourceMapShown, colour: str) -> None:
     panel.fill_between(time, mean - band, mean + band, color=colour, alpha=0.25, linewidth=0)
     panel.plot(time, mean, color=colour)
     panel.margins(x=0)
-    title = phrase(a.spot) + (f"\n{a.part}" if a.part else "")
+    title = phrase(a.place) + (f"\n{a.part}" if a.part else "")
     panel.set_title(title[0].upper() + title[1:], loc="left")
     panel.set_xlabel("time [s]")
     panel.set_ylabel(axis_label(a))
 
 
 def _legend(figure: Picture, shown: SourceMapShown, rivals: bool) -> None:
-    handles = [Line2D([], [], color=_colour(i), lw=6, label=a.spot.label) for i, a in enumerate(shown.acting)]
+    handles = [Line2D([], [], color=_colour(i), lw=6, label=a.place.label) for i, a in enumerate(shown.acting)]
     if rivals:
         handles.append(Line2D([], [], color=ORANGE, lw=6, label="cannot be told from it"))
     if handles:
@@ -127,7 +128,7 @@ def _legend(figure: Picture, shown: SourceMapShown, rivals: bool) -> None:
 
 
 def _caption(shown: SourceMapShown) -> str:
-    places = ", ".join(a.spot.label for a in shown.acting)
+    places = ", ".join(a.place.label for a in shown.acting)
     beats = " and what acts there over one beat, with a band of ± 1 standard deviation" if shown.signals else ""
     return (
         "The network of the model, flow from left to right, with the places where something acts that it "

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fitting.inference.places import Place
 from solver.effect import CHANNEL, JUNCTION, OUTLET, WALL
 from solver.legible import number
 from solver.units import printed, readable
 
-from .acting import Acting, SourceMapShown, Spot
+from .shown_map import Acting, SourceMapShown
 
 Array = np.ndarray
 
@@ -49,14 +50,14 @@ def map_sentences(shown: SourceMapShown) -> list[str]:
     ]
 
 
-def phrase(spot: Spot) -> str:
+def phrase(place: Place) -> str:
     """What acts, and where."""
-    return f"{_AS[spot.kind]} {spot.label}" if spot.kind in _AS else spot.label
+    return f"{_AS[place.kind]} {place.label}" if place.kind in _AS else place.label
 
 
 def _signal(a: Acting, time: Array) -> str:
     unit, factor = readable(a.unit)
-    size = f"{phrase(a.spot)} of {number(factor * a.rms, 2)} {unit} (rms{_of_pulse(a)})"
+    size = f"{phrase(a.place)} of {number(factor * a.rms, 2)} {unit} (rms{_of_pulse(a)})"
     size += f", {a.part} (the strongest of {a.sources} such terms)" if a.part else ""
     if a.steady:
         return f"{size}, nearly the same throughout the beat"
@@ -74,17 +75,17 @@ def _odd(a: Acting) -> str:
     unit, factor = readable(a.unit, odd.display)
     value, file, shift = (f"{number(factor * x)} {unit}".rstrip() for x in (odd.value, odd.file, abs(odd.beyond)))
     off = f"{number(odd.beyond, 2)} times" if odd.factor else f"{shift} {'above' if odd.beyond > 0.0 else 'below'}"
-    return f"{a.spot.place} stands out from its kind: {value}, {off} what goes with the others (the file: {file})"
+    return f"{a.place.name} stands out from its kind: {value}, {off} what goes with the others (the file: {file})"
 
 
 def _alike(a: Acting, several: bool) -> str:
     """What a record cannot tell from what acts at a place."""
-    it = phrase(a.spot) if several else "it"
-    others = [" with ".join(map(phrase, rival.spots)) for rival in a.rivals if rival.spots]
+    it = phrase(a.place) if several else "it"
+    others = [" with ".join(map(phrase, rival.places)) for rival in a.rivals if rival.places]
     if len(others) > _MOST:
         others = [*others[:_MOST], f"{len(others) - _MOST} other places"]
     said = [f"This record cannot tell {it} from {_or(others)}."] if others else []
-    if any(not rival.spots for rival in a.rivals):
+    if any(not rival.places for rival in a.rivals):
         said.append(f"It is nearly as probable without {it}.")
     return " ".join(said)
 

@@ -15,13 +15,14 @@ answer is partial, and unknown if nothing of the catalogue earns its place.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from fitting.inference.beside import found_beside, map_beside
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.misfit import Beside
 from fitting.inference.network import NetworkProblem
-from fitting.inference.places import NUMBER
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import SourceMap, source_map
 from fitting.inference.terms import Term
@@ -34,7 +35,7 @@ from .couples import coupled
 from .intervals import profiled
 from .outliers import set_apart
 from .verdict import Naming, decided
-from .weigh import scores
+from .weigh import Named, scores
 
 COMMON, INDIVIDUAL = "common", "individual"
 
@@ -63,21 +64,22 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
         if known is None:
             raise
     assert known is not None
-    naming = replace(profiled(decided(known, terms, complete), runs), map=found)
-    return naming if found is None else _of_no_law(naming, found)
+    naming = decided(known, terms, _freed(known, found, runs), complete)
+    return replace(profiled(naming, runs), map=found)
 
 
-def _of_no_law(naming: Naming, found: SourceMap) -> Naming:
-    """Unknown, where something acts for certain and no law is worth its price, and where what is free at a single place
-    explains the record, and no law does."""
-    acting = [place.label for place in found.places if place.kind != NUMBER]
-    certain = naming.verdict == "none" and bool(acting) and found.margin > at.FREE
-    partly = naming.verdict == "partial" and found.explains and len(found.places) == len(acting) == 1
-    if not (certain or partly):
-        return naming
-    nearest = f"; {naming.best.label} comes nearest, and leaves {naming.reason}" if partly else ""
-    reason = f"something acts as {' and as '.join(acting)}, which no law of the catalogue explains{nearest}"
-    return replace(naming, verdict="unknown", members=(), confidence=at.INCOMPLETE, reason=reason)
+def _freed(found: Compared, map: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
+    """What may act beside a hypothesis: in a network free sources, of the map where nothing else acts."""
+    problem, runs = found.problem, replace(runs, deadline=None)
+    if not isinstance(problem, NetworkProblem):
+        return lambda n: problem.beside(n.fit)
+
+    def beside(n: Named) -> Beside | None:
+        if n.fit.terms or map is None:
+            return found_beside(problem, n.fit, runs)
+        return map_beside(problem, n.fit, map, runs) if map.signals else None
+
+    return beside
 
 
 def _with_what_stands_out(search: Iterator[Compared], runs: Runs) -> Iterator[Compared]:
@@ -107,7 +109,7 @@ def _single(problem: Forward, terms: tuple[Term, ...], runs: Runs) -> Iterator[C
     columns = problem.columns(base, terms, runs)
     able = [(score.term,) for score in scores(base, columns, terms)]
     fits = [f for f in problem.refit(able, base, runs, columns) if f is not None]
-    yield Compared.of(problem, [_lower(problem, base, fits, runs), *fits], {False: columns}, terms)
+    yield Compared.of(problem, [_lower(problem, base, fits, runs), *fits], columns, terms)
 
 
 def _lower(problem: Forward, none: Fit, fits: Sequence[Fit], runs: Runs) -> Fit:

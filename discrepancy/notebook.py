@@ -10,15 +10,16 @@ from solver.notebook.tables import table
 
 from . import figures
 from .outcome import Outcome
-from .tables import class_texts, effect_row, gap_text, percent
+from .places import effect_text
+from .tables import class_texts, estimate_text, gap_text, percent
 
 
 def html(outcome: Outcome) -> str:
     """The verdict in its sentence, what was added with its parameters, and the gap before and after."""
     rows = [
-        (f"{row['name']} at {row['where']}", parameter["name"], parameter["value"], parameter["interval"])
-        for row in map(effect_row, outcome.effects)
-        for parameter in row["parameters"]
+        (effect_text(effect.name, effect.where), name, *estimate_text(name, each))
+        for effect in outcome.effects
+        for name, each in effect.parameters.items()
     ]
     title = f"{outcome.verdict}: {outcome.sentence}"
     return table(title, ("effect", "parameter", "value", "95 % interval"), rows, _said(outcome))

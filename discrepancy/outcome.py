@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fitting.estimate import Estimate
-from fitting.result_files import finite
+from fitting.result_files import plain
 from solver.network import Network
 from solver.notebook.shown import Shown
 
 from . import thresholds
-from .acting import SourceMapShown, map_json
+from .shown_map import SourceMapShown, map_json
 
 if TYPE_CHECKING:
     from solver.notebook.style import Picture
@@ -23,6 +23,7 @@ Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
 ADDED = ("effect", "ambiguous", "several", "partial")  # those that add to the model
+_OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
 
 Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
 
@@ -95,6 +96,11 @@ class Absorbed:
     prior_sd: float
     unit: str = "1"
 
+    @property
+    def far(self) -> bool:
+        """Whether it is so far from what it is beforehand that it is worth a second look."""
+        return bool(self.prior_sd) and abs(self.x) > _OUTSIDE_PRIOR * self.prior_sd
+
 
 @dataclass(frozen=True)
 class OwnNumber:
@@ -161,10 +167,19 @@ class Isolability:
     invisible: tuple[str, ...]
     not_judged: tuple[str, ...] = ()
 
+    @property
+    def visible(self) -> dict[str, float]:
+        """The effects that show, with their visibility."""
+        return {e: float(d) for e, d in zip(self.labels, self.visibility, strict=True) if e not in self.invisible}
+
     def rivals(self, label: str) -> dict[str, float]:
         """The separation d' of an effect from every other visible one."""
-        row, others = self.separation[self.labels.index(label)], (label, *self.invisible)
-        return {e: float(d) for e, d in zip(self.labels, row, strict=True) if e not in others}
+        row = dict(zip(self.labels, self.separation[self.labels.index(label)], strict=True))
+        return {e: float(row[e]) for e in self.visible if e != label}
+
+    def nearest(self, label: str) -> tuple[str, float] | None:
+        """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
+        return min(self.rivals(label).items(), key=lambda pair: pair[1], default=None)
 
     def confused(self, label: str) -> tuple[str, ...]:
         """The visible effects that one of typical size cannot be told from: in their best size, they look like it."""
@@ -311,65 +326,62 @@ class Outcome(Shown):
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
     """The plain content of verdict.json; null where a number could not be told."""
-
-    def effect(e: NamedEffect) -> dict[str, Any]:
-        parameters = {name: p.plain for name, p in e.parameters.items()}
-        return {"name": e.name, "where": list(e.where), "parameters": parameters, "confidence": e.confidence}
-
-    def gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
-        return None if pair is None else {"fit": pair[0], "held_out": pair[1]}
-
-    def walls(w: Walls) -> dict[str, Any]:
-        spread = {key: {"stated": stated, "found": found} for key, (stated, found) in w.spread.items()}
-        arteries = {
-            name: {"file": n.file, "source": n.source, **n.now.plain, "deviation": n.deviation, "beyond": n.beyond}
-            for name, n in w.arteries.items()
-        }
-        return {"kind": w.kind, "spread": spread, "arteries": arteries}
-
-    def against(a: Agreement) -> dict[str, Any]:
-        at = {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic}
-        return {**at, "gap": {"fmu": gap(a.fmu), "inferred": gap(a.inferred)}}
-
-    channels = {
-        c.name: {"before": c.gap_before[1], "after": None if c.gap_after is None else c.gap_after[1]}
-        for c in outcome.channels
-    }
+    acting, walls, agreement = outcome.map, outcome.walls, outcome.agreement
     content = {
         "verdict": outcome.verdict,
         "confidence": outcome.confidence,
         "complete": outcome.complete,
-        "effects": [effect(e) for e in outcome.effects],
-        "class": [[{"name": name, "where": list(where)} for name, where in member] for member in outcome.members],
-        "located": [
-            {"site": at.site, "signal": at.signal, "harmonic": at.harmonic, "z": at.z} for at in outcome.located
-        ],
+        "effects": outcome.effects,
+        "class": [[{"name": name, "where": where} for name, where in member] for member in outcome.members],
+        "located": outcome.located,
         "global_p_value": outcome.p_value,
-        "map": None if outcome.map is None else map_json(outcome.map),
-        "map_leaves": None if outcome.map is None else outcome.map.left,
+        "map": acting and map_json(acting),
+        "map_leaves": acting and acting.left,
         "gap": {
-            "before": gap(outcome.gap_before),
-            "after": gap(outcome.gap_after),
-            "closed": gap(outcome.closed),
-            "channels": channels,
+            "before": _gap(outcome.gap_before),
+            "after": _gap(outcome.gap_after),
+            "closed": _gap(outcome.closed),
+            "channels": {c.name: {"before": c.gap_before[1], "after": c.gap_after and c.gap_after[1]}
+                         for c in outcome.channels},
         },
         "remains": outcome.remains,
-        "walls": None if outcome.walls is None else walls(outcome.walls),
+        "walls": walls and _walls(walls),
         "separating_measurement": outcome.separating_measurement,
-        "invisible": list(outcome.invisible),
-        "not_judged": list(outcome.not_judged),
+        "invisible": outcome.invisible,
+        "not_judged": outcome.not_judged,
         "reason": outcome.reason,
         "seconds": round(outcome.seconds, 1),
         "sentence": outcome.sentence,
-        "held_out_sites": dict(outcome.sites),
-        "smallest_detectable": {name: asdict(least) for name, least in outcome.smallest.items()},
+        "held_out_sites": outcome.sites,
+        "smallest_detectable": outcome.smallest,
         "fmu_against_solver": outcome.parity,
-        "fmu_against_inference": None if outcome.agreement is None else against(outcome.agreement),
+        "fmu_against_inference": agreement and _agreement(agreement),
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
-        "warnings": list(outcome.warnings),
-        "notes": list(outcome.notes),
+        "warnings": outcome.warnings,
+        "notes": outcome.notes,
         "record": outcome.record,
         "model": outcome.model,
-        "provenance": dict(outcome.provenance),
-    }
-    return dict(finite(content))
+        "provenance": outcome.provenance,
+    }  # fmt: skip
+    return dict(plain(content))
+
+
+def _gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
+    return None if pair is None else {"fit": pair[0], "held_out": pair[1]}
+
+
+def _walls(walls: Walls) -> dict[str, Any]:
+    return {
+        "kind": walls.kind,
+        "spread": {key: {"stated": stated, "found": found} for key, (stated, found) in walls.spread.items()},
+        "arteries": {
+            name: {"file": own.file, "source": own.source, **own.now.plain, "deviation": own.deviation,
+                   "beyond": own.beyond}
+            for name, own in walls.arteries.items()
+        },
+    }  # fmt: skip
+
+
+def _agreement(a: Agreement) -> dict[str, Any]:
+    gap = {"fmu": _gap(a.fmu), "inferred": _gap(a.inferred)}
+    return {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic, "gap": gap}

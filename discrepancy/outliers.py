@@ -69,7 +69,7 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
         return
     kinds = {u.group: limits[u.name] for u in none.unknowns if u.name in limits}
     held = _held(none, kinds)
-    kept = [n.fit for n in (*found.nones, *found.ranked) if not (n.individual and _beyond(n.fit, kinds))]
+    kept = [n.fit for n in found.every if not (n.individual and _beyond(n.fit, kinds))]
     yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
     odd = _odd(none, limits)
     asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
 
 from solver import effects
 from solver.effect import Effect
+from solver.legible import DASH
 
 from .outcome import Outcome
 
@@ -34,7 +36,7 @@ def marks(outcome: Outcome) -> list[Mark]:
     found = [(effect.name, effect.where) for effect in outcome.effects]
     named = found if outcome.verdict in ("effect", "several", "partial") else []
     return [
-        Mark(_kind(name), site_of(place), (name, where) in named, f"{plain(name)} at {place_text(place)}")
+        Mark(_kind(name), site_of(place), (name, where) in named, effect_text(name, (place,)))
         for name, where in dict.fromkeys((*named, *chain.from_iterable(outcome.members), *found))
         for place in where
     ]
@@ -64,6 +66,16 @@ def plain(name: str) -> str:
 def place_text(place: str) -> str:
     """A place in words."""
     return "all places" if place == "all" else place
+
+
+def places_text(where: Iterable[str]) -> str:
+    """Places in words."""
+    return ", ".join(map(place_text, where)) or DASH
+
+
+def effect_text(name: str, where: Iterable[str]) -> str:
+    """An effect at its places in words."""
+    return f"{plain(name)} at {places_text(where)}"
 
 
 def label_text(label: str) -> str:

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.fit import Fit, Member
+from fitting.inference.jackknife import Subset
 from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
-from fitting.inference.subset import Subset
 from fitting.inference.terms import Term, candidates
 from fitting.records.beats import Beats
 from fitting.records.virtual import measured
@@ -155,30 +155,23 @@ def _table(
 
 
 def _gain(own: Isolability, channel: str, table: Isolability) -> Gain:
-    visible = tuple(e for e in own.invisible if e in table.labels and e not in table.invisible)
+    visible = tuple(e for e in own.invisible if e in table.visible)
     return Gain(channel, visible, _separable(table, own.labels) - _separable(own, own.labels))
 
 
 def _separable(table: Isolability, effects: Sequence[str]) -> int:
     """Pairs of visible effects, the hidden one first, that can be told apart, over two."""
-    at = [table.labels.index(e) for e in effects if e in table.labels and e not in table.invisible]
+    at = [table.labels.index(e) for e in effects if e in table.visible]
     block = table.separation[np.ix_(at, at)]
     return int((block >= thresholds.INSEPARABLE).sum() // 2)
-
-
-def nearest(plan: SensorPlan, effect: str) -> tuple[str, float] | None:
-    """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
-    return min(plan.table.rivals(effect).items(), key=lambda pair: pair[1], default=None)
 
 
 def plan_json(plan: SensorPlan) -> dict[str, Any]:
     """The plan as plain data: visible effects with their rivals, the invisible ones, and what more sensors bring."""
     effects = []
-    for effect, visibility in zip(plan.table.labels, plan.table.visibility, strict=True):
-        if effect in plan.table.invisible:
-            continue
-        rival, separation = nearest(plan, effect) or (None, None)
-        effects.append({"name": effect, "visibility": float(visibility), "nearest": rival, "separation": separation,
+    for effect, visibility in plan.table.visible.items():
+        rival, separation = plan.table.nearest(effect) or (None, None)
+        effects.append({"name": effect, "visibility": visibility, "nearest": rival, "separation": separation,
                         "cannot_be_told_from": list(plan.table.confused(effect))})  # fmt: skip
     gains = [{"channel": g.channel, "shows": list(g.visible), "separates": g.separable} for g in plan.gains]
     return {"channels": list(plan.channels), "effects": effects, "invisible": list(plan.table.invisible),

@@ -1,9 +1,13 @@
-"""The source map as it is shown: harmonics become beats with a band, places become words, numbers get their values."""
+"""The source map as it is shown: harmonics become beats with a band, numbers get their values; plain frozen data.
+
+Found before any effect of the catalogue is asked for (:mod:`fitting.inference.source_map`): at some places an unknown
+periodic term g(t) is added to the equations, or one of the subject's own numbers stands out from its kind.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,29 +23,105 @@ from solver.sources import Drop, Source, Step, WallPressure
 from solver.units import INFLOW, SIGNAL_UNITS
 
 from . import thresholds
-from .acting import Acting, MapRival, OddNumber, SourceMapShown, Spot
 
 Array = np.ndarray
 
 _SHAPES = ("even", "linear", "parabolic")  # by the degree of a wall's pressure
 _SAMPLES = 400  # of a beat: all harmonics of a record are smooth on them
-_SPREADS = 3.0  # standard deviations of χ² that noise stays within
+
+
+@dataclass(frozen=True)
+class OddNumber:
+    """A number that stands out: the file's and this subject's [unit].
+
+    beyond : what it differs by from what all of its kind have in common, a factor, or a shift [unit] if not ``factor``.
+    display : the unit that people read it in, or None for the usual one.
+    """
+
+    file: float
+    value: float
+    beyond: float
+    factor: bool
+    display: str | None = None
+
+
+@dataclass(frozen=True)
+class Acting:
+    """What acts at one place.
+
+    unit : SI. mean, band : (N,) g at the times of the map and its standard deviation, of the source with the largest
+    RMS where the place has several; ``sources`` says how many, ``part`` which of them. Of a number that stands out
+    both are empty, and ``number`` is given. pulse : peak to peak of what was measured there, of ``channel``; or None.
+    rivals : what this record cannot tell it from: the places that do nearly the same in its place, none where the
+    record is nearly as probable without it.
+    """
+
+    place: Place
+    unit: str
+    mean: Array
+    band: Array
+    sources: int = 1
+    part: str = ""
+    channel: str = ""
+    pulse: float | None = None
+    number: OddNumber | None = None
+    rivals: tuple[Rival, ...] = ()
+
+    @property
+    def rms(self) -> float:
+        """Of g over a beat [unit], its mean included."""
+        return float(np.sqrt(np.mean(self.mean**2)))
+
+    @property
+    def steady(self) -> bool:
+        """Whether it hardly changes within a beat."""
+        return float(np.ptp(self.mean)) < 0.2 * self.rms
+
+
+@dataclass(frozen=True)
+class SourceMapShown:
+    """Everything that acts.
+
+    time : (N,) [s] of one beat of the period T [s]. explains : whether no more than noise is left with it.
+    chi2_per_datum : what is left; 1 is noise.
+    """
+
+    acting: tuple[Acting, ...]
+    time: Array
+    T: float
+    explains: bool
+    chi2_per_datum: float
+
+    @property
+    def left(self) -> dict[str, Any]:
+        """What is left, as verdict.json has it."""
+        return {"chi2_per_datum": self.chi2_per_datum, "explains": self.explains}
+
+    @property
+    def signals(self) -> tuple[Acting, ...]:
+        """Those that act in time: not numbers that stand out."""
+        return tuple(a for a in self.acting if a.number is None)
+
+
+def map_json(shown: SourceMapShown) -> list[dict[str, Any]]:
+    """The plain content of verdict.json for each place."""
+    return [_place(a) for a in shown.acting]
+
+
+def _place(a: Acting) -> dict[str, Any]:
+    where = {"kind": a.place.kind, "where": a.place.name, "x": a.place.at, "label": a.place.label, "unit": a.unit}
+    size = {"rms": a.rms} if a.number is None else {"rms": None, "value": a.number.value, "file": a.number.file}
+    rivals = [{"labels": [place.label for place in rival.places], "above": rival.above} for rival in a.rivals]
+    return {**where, **size, "rivals": rivals}
 
 
 def shown_map(found: SourceMap, network: Network, beats: Beats) -> SourceMapShown:
     """What a map says of a record. beats : those that were fitted, whose channels tell the pulse at a place."""
     time = np.arange(_SAMPLES) * (beats.T / _SAMPLES)
     acting = tuple(
-        Acting(spot(s.place), rivals=_rivals(s.place, found), **_told(s, found, time, network, beats))
-        for s in found.signals
+        Acting(s.place, rivals=_rivals(s.place, found), **_told(s, found, time, network, beats)) for s in found.signals
     )
-    explains = found.chi2 < found.n + _SPREADS * math.sqrt(2.0 * found.n)
-    return SourceMapShown(acting, time, beats.T, explains, found.chi2 / found.n)
-
-
-def spot(place: Place) -> Spot:
-    """A place in words."""
-    return Spot(place.kind, place.name, place.label, place.at)
+    return SourceMapShown(acting, time, beats.T, found.explains, found.chi2 / found.n)
 
 
 def beat_of(g: Array, time: Array, T: float) -> Array:
@@ -116,16 +196,11 @@ def _channel(place: Place, i: int, unit: str, network: Network, beats: Beats) ->
     return next((name for name in names if name in beats.values), "")
 
 
-def _rivals(place: Place, found: SourceMap) -> tuple[MapRival, ...]:
+def _rivals(place: Place, found: SourceMap) -> tuple[Rival, ...]:
     """What this record cannot tell from a place: what stands in its stead in sets that are nearly as probable."""
+    known = {p.key for p in found.places}
     return tuple(
-        MapRival(tuple(spot(p) for p in _new(rival, found.places)), rival.above)
+        Rival(tuple(p for p in rival.places if p.key not in known), rival.above)
         for rival in found.rivals
-        if rival.above < thresholds.ALIKE and place.key not in {p.key for p in rival.places}
+        if rival.above < thresholds.RULED_OUT and place.key not in {p.key for p in rival.places}
     )
-
-
-def _new(rival: Rival, places: Sequence[Place]) -> list[Place]:
-    """The places of a rival that are not those of the map."""
-    known = {p.key for p in places}
-    return [p for p in rival.places if p.key not in known]

@@ -18,6 +18,7 @@ from fitting.records.align import align
 from fitting.records.beats import Beats
 from fitting.records.noise import seam_said
 from fitting.records.record import Record
+from fitting.records.sensors import UnusableRecord
 from solver import NonPhysicalState, NotPeriodic
 from solver.errors import InputError
 from solver.network import Network
@@ -32,7 +33,7 @@ _SERVES = 0.5  # of the samples that a channel has of its best beat: with fewer,
 _SCATTER = 1e-7  # of the pulse, a standard deviation: the rounding of a converter of 24 bits, below any sensor's noise
 
 
-class Unusable(InputError):
+class Unusable(UnusableRecord):
     """The record cannot be compared with this model; the message says why and what to do."""
 
 
@@ -144,12 +145,10 @@ def check_scatter(beats: Beats) -> None:
             )
 
 
-def judge(
-    record: Record, network: Network, period: float | None = None, runs: Runs | None = None
-) -> tuple[Study, Naming]:
+def judge(record: Record, network: Network, runs: Runs | None = None) -> tuple[Study, Naming]:
     """Find and name, without FMU or files: what the bank of hidden effects calls. Raises Unusable."""
     runs = runs or Runs()
-    study = prepare(record, network, period, runs)
+    study = prepare(record, network, runs=runs)
     return study, name(study.problem, study.terms, runs)
 
 

@@ -14,25 +14,25 @@ from fitting.inference.hierarchy import with_widths
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
 from fitting.records.record import Record
+from fitting.records.sensors import UnusableRecord
 from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .acting import SourceMapShown
 from .animal import odd_ones, walls_of
 from .confirm import change, met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
 from .map_text import acts_as
-from .outcome import Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
+from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .outliers import implausible
 from .places import of_sensor, plain
-from .separating import separating_measurement
 from .show import Gap, Run
-from .shown_map import shown_map
-from .study import Study, Unusable
+from .shown_map import SourceMapShown, shown_map
+from .study import Study
 from .verdict import Naming
+from .wording import separating_measurement
 
 _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"
@@ -62,7 +62,7 @@ class Shown:
 
 
 def unusable(
-    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | Unusable
+    reason: str, record: str | os.PathLike[str], model: str | os.PathLike[str], measured: Record | UnusableRecord
 ) -> Outcome:
     """The outcome for a record that cannot be used."""
     channels = measured.channels if isinstance(measured, Record) else ()
@@ -242,41 +242,37 @@ def sentence(
 
 
 def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
-    gap = f"the gap to held-out beats {change(before, after)} times the noise" if after else ""
-    others = len(naming.members) - 1
-    more = f"; {others} other candidate{'s' if others > 1 else ''} cannot be ruled out" if others > 0 else ""
-    labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
-    match naming.verdict:
-        case "none":
-            return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
-        case "effect":
-            if of_sensor(effects[0].name):
-                return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
-            return f"The model lacks {labels}: with it {gap}."
-        case "several" if not others:
-            return f"The model lacks {labels}: with both {gap}."
-        case "several":
-            return (
-                f"The model lacks two effects, most likely {labels}: with both {gap}, but {others} other "
-                f"pair{'s' if others > 1 else ''} cannot be ruled out."
-            )
-        case "ambiguous" if naming.of_one_site:
-            return f"{_ONE_SITE} {labels}: with both {gap}{more}."
-        case "ambiguous":
-            return (
-                f"The model lacks something like {labels}: with it {gap}, but {others} other "
-                f"candidate{'s' if others > 1 else ''} cannot be ruled out."
-            )
-        case "partial":
-            lacks = "The measurement is at fault," if all(of_sensor(e.name) for e in effects) else "The model lacks"
-            lacks = _ONE_SITE if naming.of_one_site else lacks
-            them = "both" if len(effects) > 1 else "it"
-            return f"{lacks} {labels}: with {them} {gap}, but more than noise remains{more}."
+    if naming.verdict == "none":
+        return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
+    if naming.verdict in ADDED and after:
+        return _added(naming, effects, f"the gap to held-out beats {change(before, after)} times the noise")
     if _met(naming):
         met = met_only_with(implausible(naming.base.fit))
         return f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
     missing = " that the catalogue does not explain" if naming.complete else ", and nothing that was tried explains it"
     return f"Something is missing{missing}: {_left(before)}."
+
+
+def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
+    """What is missing, what adding it does to the gap, and what else it may be."""
+    labels = " and ".join(f"{plain(e.name)} at {', '.join(e.where)}" for e in effects)
+    sensors, others = all(of_sensor(e.name) for e in effects), max(len(naming.members) - 1, 0)
+    kind = "pair" if naming.verdict == "several" else "candidate"
+    rest = f"{others} other {kind}{'s' if others > 1 else ''} cannot be ruled out"
+    lacks, tail = "The model lacks", ""
+    match naming.verdict:
+        case "effect" if sensors:
+            return f"The sensor is at fault, not the arteries: {labels}; with it {gap}."
+        case "several" if others:
+            lacks, tail = "The model lacks two effects, most likely", f", but {rest}"
+        case "ambiguous" if naming.of_one_site:
+            lacks, tail = _ONE_SITE, f"; {rest}" if others else ""
+        case "ambiguous":
+            lacks, tail = "The model lacks something like", f", but {rest}"
+        case "partial":
+            lacks = _ONE_SITE if naming.of_one_site else "The measurement is at fault," if sensors else lacks
+            tail = ", but more than noise remains" + (f"; {rest}" if others else "")
+    return f"{lacks} {labels}: with {'both' if len(effects) > 1 else 'it'} {gap}{tail}."
 
 
 def _left(before: Gap) -> str:
@@ -291,15 +287,9 @@ def _met(naming: Naming) -> bool:
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
     band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    return ChannelBeats(
-        channel,
-        study.fitted.mean(channel),
-        band,
-        before.beats[channel],
-        after.beats[channel] if after else None,
-        before.gap.channels[channel],
-        after.gap.channels[channel] if after else None,
-    )
+    beat, left = (after.beats[channel], after.gap.channels[channel]) if after else (None, None)
+    measured, gap = study.fitted.mean(channel), before.gap.channels[channel]
+    return ChannelBeats(channel, measured, band, before.beats[channel], beat, gap, left)
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:
@@ -322,19 +312,8 @@ def _candidates(study: Study, naming: Naming) -> tuple[Candidate, ...]:
         parameters = {name: e for t in n.fit.terms for name, e in stated(study.network, naming, n, t).items()}
         names = " + ".join(t.effect for t in n.fit.terms)
         where = tuple(dict.fromkeys(place for t in n.fit.terms for place in t.where))
-        dof = max(1, len(n.fit.z) - len(n.fit.x))
-        left = float(np.sqrt(chi2 / size))
-        found.append(
-            Candidate(
-                names,
-                where,
-                parameters,
-                n.above_best,
-                n.fit.chi2 / dof,
-                left,
-                n.separation,
-                any(n is member for member in naming.members),
-                "individual" if n.individual else "common",
-            )  # fmt: skip
-        )
+        per_dof, left = n.fit.chi2 / max(1, len(n.fit.z) - len(n.fit.x)), float(np.sqrt(chi2 / size))
+        in_class = any(n is member for member in naming.members)
+        walls = "individual" if n.individual else "common"
+        found.append(Candidate(names, where, parameters, n.above_best, per_dof, left, n.separation, in_class, walls))
     return tuple(found)

@@ -1,22 +1,23 @@
-"""The rows of the page: numbers of a study as text, in the units that people read."""
+"""Numbers of a study as text, in the units that people read, and the tables of the page that take more than that."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fitting.estimate import Estimate
 from solver import effects
-from solver.legible import DASH, number, plus_minus, rounded
+from solver.legible import DASH, number, rounded
 from solver.quantity import Quantity
-from solver.units import of_signal, printed, readable
+from solver.units import of_signal, readable
 
-from .outcome import Candidate, ChannelBeats, NamedEffect, Outcome, OwnNumber
-from .places import entry, place_text, plain
-from .scales import Z
+from .outcome import ChannelBeats, Outcome, OwnNumber
+from .places import effect_text
 
 Array = np.ndarray
 
@@ -25,7 +26,37 @@ _FEWEST_HARMONICS = 12
 _MOST_POINTS = 400  # of a curve on the page
 _LONG_ODDS = 1000.0  # -2 ln: what is beyond is as good as ruled out
 _OF_A_SPREAD = 0.1  # the finest that a deviation is told to
-_OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
+
+
+# --- classes of |z| and of separations: the same in figures and on the page --------------------------------------
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Classes of a number that is not negative: class i holds bounds[i] … bounds[i+1], the last all that is above."""
+
+    name: str
+    bounds: tuple[float, ...]
+    # Brewer's Blues, white first: light to dark also in grey and to colour-blind readers
+    colours: ClassVar = ("#ffffff", "#deebf7", "#c6dbef", "#9ecae1", "#6baed6", "#3182bd", "#08519c")
+
+    def index(self, value: float) -> int:
+        """The class of a value."""
+        return max(bisect_right(self.bounds, value) - 1, 0)
+
+    def colour(self, value: float) -> str:
+        """The colour of a value."""
+        return str(self.colours[self.index(value)])
+
+    @property
+    def texts(self) -> list[str]:
+        """The classes in words."""
+        between = [f"{low:g} – {high:g}" for low, high in zip(self.bounds[1:], self.bounds[2:], strict=False)]
+        return [f"< {self.bounds[1]:g}", *between, f"> {self.bounds[-1]:g}"]
+
+
+Z = Scale("|z|", (0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0))
+APART = Scale("separation d′", (0.0, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0))
 
 
 # --- what there is ------------------------------------------------------------------------------------------------
@@ -73,6 +104,12 @@ def _quantity(name: str) -> Quantity | None:
     return next((e.terms[key] for e in effects.ALL if key in e.terms), None)
 
 
+def description(name: str) -> str:
+    """What the catalogue calls a parameter of an effect."""
+    quantity = _quantity(name)
+    return quantity.description if quantity else ""
+
+
 def _estimate_text(estimate: Estimate, quantity: Quantity | None, least: float = 0.0) -> tuple[str, str]:
     """The same of a quantity; a ratio to another, with a unit of its own, is none. least : width [SI] that it has."""
     display = quantity.display if quantity and quantity.unit == estimate.unit else None
@@ -112,100 +149,41 @@ def gap_unit(outcome: Outcome) -> str:
 
 def gap_text(pair: tuple[float, float] | None) -> tuple[str, str]:
     """Gap on (fitted, held-out) beats."""
-    return (DASH, DASH) if pair is None else (_gap(pair[0]), _gap(pair[1]))
+    return (DASH, DASH) if pair is None else (times_noise(pair[0]), times_noise(pair[1]))
 
 
-def _gap(value: float) -> str:
+def times_noise(value: float) -> str:
+    """A whitened RMS, or χ² per degree of freedom."""
     return f"{value:.2f}" if 0.0 <= value < 100.0 else number(value)
-
-
-def places_text(where: Iterable[str]) -> str:
-    """Places in words."""
-    return ", ".join(map(place_text, where)) or DASH
 
 
 def class_texts(outcome: Outcome) -> list[str]:
     """Every hypothesis of the class in words, its effects together; none where nothing else cannot be ruled out."""
     if len(outcome.members) < 2:
         return []
-    return [
-        " with ".join(f"{plain(name)} at {places_text(where)}" for name, where in member) for member in outcome.members
-    ]
+    return [" with ".join(effect_text(name, where) for name, where in member) for member in outcome.members]
+
+
+def pulse_text(channel: ChannelBeats) -> str:
+    """The measured pulse of a channel."""
+    unit, factor = of_signal(channel.name)
+    return f"{number(factor * float(np.ptp(channel.measured)))} {unit}"
+
+
+def odds_text(behind: float) -> str:
+    """-2 ln of odds, as far as they are worth telling apart."""
+    return f"> {_LONG_ODDS:g}" if behind > _LONG_ODDS else number(behind)
 
 
 # --- rows ---------------------------------------------------------------------------------------------------------
 
 
-def effect_row(effect: NamedEffect) -> dict[str, Any]:
-    """An effect of the verdict: name, place, equation, confidence, parameters, and what the catalogue says of it."""
-    row = entry(effect.name)
-    return {
-        "signature": row.signature,
-        "confusable": ", ".join(map(plain, row.confusable)),
-        "separator": row.separator,
-        "name": plain(effect.name),
-        "where": places_text(effect.where),
-        "equation": effect.equation,
-        "confidence": percent(effect.confidence),
-        "parameters": [
-            {
-                "name": name,
-                "what": quantity.description if quantity else "",
-                "value": value,
-                "interval": interval,
-                "si": f"{number(p.value, 5)} {printed(p.unit)}".strip(),
-            }
-            for name, p in effect.parameters.items()
-            for quantity, (value, interval) in [(_quantity(name), estimate_text(name, p))]
-        ],
-    }
-
-
-def candidate_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Every hypothesis that was refitted, best first, which is nothing apart from itself."""
-    rows = [candidate_row(candidate) for candidate in outcome.candidates]
-    return [{**row, "separation": DASH} if i == 0 else row for i, row in enumerate(rows)]
-
-
-def candidate_row(candidate: Candidate) -> dict[str, Any]:
-    """A hypothesis that was refitted."""
-    texts = [(name, *estimate_text(name, p)) for name, p in candidate.parameters.items()]
-    return {
-        "name": plain(candidate.name),
-        "where": places_text(candidate.where),
-        "parameters": [f"{name} = {value} ({interval})" for name, value, interval in texts],
-        "behind": f"> {_LONG_ODDS:g}" if candidate.behind > _LONG_ODDS else number(candidate.behind),
-        "walls": candidate.walls,
-        "chi2": _gap(candidate.chi2_per_dof),
-        "held_out": _gap(candidate.held_out),
-        "separation": number(candidate.separation),
-        "in_class": candidate.in_class,
-    }
-
-
-def channel_row(channel: ChannelBeats) -> dict[str, str]:
-    """The gap of a channel before and after."""
-    unit, factor = of_signal(channel.name)
-    pulse = factor * float(np.ptp(channel.measured))
-    gaps = _gaps(channel.gap_before, channel.gap_after)
-    return {"name": channel.name, "pulse": f"{number(pulse)} {unit}", **gaps}
-
-
-def _gaps(before: tuple[float, float] | None, after: tuple[float, float] | None) -> dict[str, str]:
-    """The cells of a row for the gap before and after."""
-    keys = ("before_fit", "before_held", "after_fit", "after_held")
-    return dict(zip(keys, (*gap_text(before), *gap_text(after)), strict=True))
-
-
 def z_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """The z map by channel: the text and colour of every cell."""
+    """The z map by channel: the text and colour of every cell; none without a map."""
     located = {(f"{at.site}.{at.signal}", at.harmonic): at.phase for at in outcome.located}
     size = np.abs(outcome.z_map[: harmonics_shown(outcome)])
     return [
-        {
-            "name": channel.name,
-            "cells": [_z_cell(channel.name, k, float(z), located) for k, z in enumerate(column)],
-        }
+        {"name": channel.name, "cells": [_z_cell(channel.name, k, float(z), located) for k, z in enumerate(column)]}
         for channel, column in zip(outcome.channels, size.T, strict=False)
     ]
 
@@ -218,22 +196,6 @@ def _z_cell(name: str, harmonic: int, z: float, located: Mapping[tuple[str, int]
     angle = f", phase {number(phase)}°" if phase is not None and harmonic else ""
     title = f"{name}, {what}: |z| = {number(z)}{angle}"
     return {"text": f"{z:.0f}", "kind": f"z{Z.index(z)}", "found": phase is not None, "title": title}
-
-
-def absorbed_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """What the refit of the nuisances took up."""
-    return [
-        {
-            "name": a.name,
-            "shift": plus_minus(a.x, a.sd),
-            "prior": f"0 ± {number(a.prior_sd)}",
-            "unit": "" if a.unit == "1" else a.unit,
-            "relative": number(a.x / a.prior_sd, 2) if a.prior_sd else DASH,
-            "factor": f"× {number(math.exp(a.x))}" if a.name.startswith("ln ") else DASH,
-            "far": bool(a.prior_sd) and abs(a.x) > _OUTSIDE_PRIOR * a.prior_sd,
-        }
-        for a in outcome.absorbed
-    ]
 
 
 def wall_rows(outcome: Outcome) -> list[dict[str, Any]]:
@@ -280,15 +242,6 @@ def spread_text(outcome: Outcome) -> str:
     return f"Standard deviations between arteries, {parts}: {each}."
 
 
-def round_rows(outcome: Outcome) -> list[dict[str, str]]:
-    """Every turn: what was added and what it did to the gap."""
-    rows = []
-    for i, turn in enumerate(outcome.rounds, 1):
-        added = f"{plain(turn.added.name)} at {places_text(turn.added.where)}" if turn.added else "nothing"
-        rows.append({"turn": str(i), "added": added, **_gaps(turn.before, turn.after)})
-    return rows
-
-
 def beats(outcome: Outcome) -> dict[str, Any]:
     """The mean beats for the interactive plot, in the units people read, closed and thinned out; ``first``: loudest."""
     time = outcome.time
@@ -303,16 +256,9 @@ def beats(outcome: Outcome) -> dict[str, Any]:
     channels = []
     for channel in outcome.channels:
         unit, factor = of_signal(channel.name)
-        channels.append(
-            {
-                "name": channel.name,
-                "unit": unit,
-                "measured": short(channel.measured, factor),
-                "band": short(channel.band, factor),
-                "before": short(channel.before, factor),
-                "after": None if channel.after is None else short(channel.after, factor),
-            }
-        )
+        curves = {key: getattr(channel, key) for key in ("measured", "band", "before", "after")}
+        shown = {key: None if curve is None else short(curve, factor) for key, curve in curves.items()}
+        channels.append({"name": channel.name, "unit": unit, **shown})
     times = np.append(time[::step] - time[0], period(outcome))
     worst = channel_z(outcome)
     first = max(worst, key=worst.__getitem__) if worst else channels[0]["name"]

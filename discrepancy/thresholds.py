@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+from fitting.inference.misfit import PART as PART
 from fitting.inference.network_record import STEP_DT as STEP_DT
 
 # of the forward models: harmonics and steps of the simulations, and the width of the prior of an effect's size
@@ -12,10 +15,10 @@ from fitting.inference.terms import PRIOR_WIDTH as PRIOR_WIDTH
 HELD_OUT = 0.25  # of the beats, the last ones, are kept from every fit
 FEWEST_BEATS = 8  # fewer leave no scatter to judge by once some are held out
 
+FEW = 6  # that are worth a closer look: hypotheses that are refitted at a time, entries of the z map that are listed
+
 # --- find ---
 FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
-LOUDEST = 8  # entries of the z map that the verdict lists
-ALIKE = 10.0  # of -2 ln evidence above the source map's: places that are no farther off cannot be told from its own
 
 # --- name ---
 # largest log-odds that count, and shift and slope of those that are stated: of the bench by logistic regression on 588
@@ -28,11 +31,10 @@ RELIABILITY = {"bench": (2.5, 0.23, 0.96), "network": (4.5, 0.0, 1.0), "partial"
 FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
 ELSE = 8.0  # price of an error of the model: something that is not in the catalogue
-PART = 2.0  # price of each part of such an error that is not zero
 PART_CLOSED = 0.5  # of the gap to the fitted beats that an effect must close to be named where more than noise remains
-LOOSE = 4  # hypotheses that are tried with an error of the model
 INCOMPLETE = 0.5  # confidence where not all could be compared, at most
-CLASS_ODDS = 100.0  # candidates whose odds against the best are worse than this are ruled out
+CLASS_ODDS = 100.0  # candidates, and places of the map, whose odds against the best are worse than this are ruled out
+RULED_OUT = 2.0 * math.log(CLASS_ODDS)  # of -2 ln evidence
 # standard normal deviations from which a hypothesis does not explain the record: of true ones 0.13 % reach that by
 # chance where the noise is known, 0.25 % with that of 12 beats of a bench, and 0.4 to 0.8 % of a network (simulated)
 MISFIT = 3.0
@@ -43,12 +45,7 @@ MOST_EFFECTS = 2  # at once
 MAPPED = 0.6  # of the time limit, at most, which the source map may take
 BRANCHES = 3  # laws of each of two places that are tried together
 NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
-POLISHED = 7  # hypotheses near the best that are searched on under sharper weights
-EACH = 6  # laws of a place that are refitted, and of those that promise evidence by their columns
-FREE = 30.0  # of -2 ln evidence that the map loses without a place, from which something acts there whatever it is
 AFAR = 0.03  # error of the model, in pulses, under which laws that act everywhere are begun at the walls of the file
-WORTH = 4.0  # of evidence that a law must promise to be refitted
-REFINED = 5  # hypotheses at a time that are searched on with fresh derivatives
 VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named, linear
 BESIDE = 20.0  # or by what the other alone leaves where it is refitted
 INVISIBLE = 3.0  # d' of a typical effect below which sensors cannot see it

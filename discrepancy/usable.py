@@ -7,11 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from fitting.records.period import find_period
-from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record
-from fitting.records.sensors import UnusableRecord
 from solver.errors import InputError
-from solver.network import Network
 
 from .study import Study, Unusable
 
@@ -25,14 +22,6 @@ _SIZE = {"P": 6.0, "Q": 25.0, "R": 6.0}  # ratio of a channel's pulse to the mod
 _STRANGE = 0.5  # correlation of the middle channel below which the waves are not of this network
 _DEAD = 0.05  # of the usual pulse of a beat
 _DEAD_FOR = 0.125  # of the beats
-
-
-def check_sizes(record: Record, network: Network) -> None:
-    """Raise Unusable for a channel whose numbers no artery has."""
-    try:
-        check_plausible(record, arteries(network))
-    except UnusableRecord as error:
-        raise Unusable(str(error)) from None
 
 
 def check_record(record: Record) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
-from fitting.inference.misfit import settled
+from fitting.inference.misfit import Beside, settled
+from fitting.inference.places import NUMBER, Place
 from fitting.inference.source_map import SourceMap
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Reach
@@ -22,6 +23,7 @@ from .couples import both_show
 from .weigh import Named, apart, ranked, shares, stated, with_errors
 
 Array = np.ndarray
+Freed = Callable[[Named], Beside | None]
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,12 @@ class Naming:
         return "individual" if self.base.individual else "common"
 
 
-def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Naming:
-    """The verdict on what was compared."""
+def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
+    """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
     problem = found.problem
-    every = (*found.nones, *found.ranked)
-    exact = [n for n in every if n.explains and both_show(found, n)]
-    wider = {n.key: with_errors(problem, n) for n in _held_loosely(found, exact)}
-    loose = {key: n for key, n in wider.items() if n is not None}
-    ways = ranked([*exact, *loose.values()])
+    exact = [n for n in found.every if n.explains and both_show(found, n)]
+    loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
+    ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
     ways = tuple(replace(n, probability=chance[id(n)]) for n in ways)
     make = _Maker(found, tuple(terms), complete)
@@ -81,14 +81,15 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
         return make("unknown", problem, found.none, found.ranked, (), at.INCOMPLETE, left)
     # several that look alike share what they have between them: together they may be likelier than none
     best = next((n for n in ways if n.fit.terms), ways[0]) if _named(ways) > 0.5 else ways[0]
-    none = _without(found, best)
+    none = found.none
     if not best.fit.terms:
-        if best.parts is None or none.explains:
+        if best.errors is None or (none.explains and not best.places):
             return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))
-        return make("unknown", problem, none, found.ranked, (), 1.0 - _named(ways), _left(none.fit, problem))
-    confidence = sum(n.probability for n in ways if n.key[0] == best.key[0])
-    if best.parts is None:
-        same = tuple(n for n in ways if n.parts is None and n.fit.terms)
+        left = _acting(best.places) if best.places else _left(none.fit, problem)
+        return make("unknown", problem, none, found.ranked, (), 1.0 - _named(ways), left)
+    confidence = sum(n.probability for n in ways if n.key == best.key)
+    if best.errors is None:
+        same = tuple(n for n in ways if n.errors is None and n.fit.terms)
         rest = tuple(n for n in found.ranked if n.key not in {m.key for m in same})
         order = apart([*same, *rest])
         members = _class(order[: len(same)])
@@ -96,31 +97,29 @@ def decided(found: Compared, terms: Sequence[Term], complete: bool = True) -> Na
     return _partial(make, found, none, ways, confidence)
 
 
-def _without(found: Compared, best: Named) -> Named:
-    """The animal without effect: with walls as the best hypothesis has them, or nearer to the record where the search
-    for walls that differ ended farther from it than what all arteries have in common."""
-    own = next((n for n in found.nones if n.individual == best.individual), found.none)
-    if own.explains or not (best.fit.terms and best.individual):
-        return own
-    return min(found.nones, key=lambda n: n.fit.chi2)
+def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
+    """Whether what acts beside nothing is numbers of arteries or outlets that stand out, and a law of the catalogue
+    there, which is the same, does as well."""
+    if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
+        return False
+    there, most = {p.segment for p in loose.places}, loose.score + at.RULED_OUT
+    return any(n.fit.terms and n.score < most and {t.place for t in n.fit.terms} <= there for n in exact)
 
 
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
     """What is held with an error of the model, too: the animal without effect and the likeliest single effects, those
     of every two that explain the record among them, so that a second one must do better than the same misfit spread
     over all channels. Where two leave more than noise, the second may be anything that takes up a part of it."""
+    if found.problem.site is None and found.best.explains:  # nothing is left that could act beside it
+        return [found.none, *([found.best] if found.best.fit.terms else [])]
     single = [n for n in found.ranked if len(n.fit.terms) == 1]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
-    return [*found.nones, *single[: at.LOOSE], *(n for n in single[at.LOOSE :] if n.label in alone)]
+    return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
 
 
 def _class(order: Sequence[Named]) -> tuple[Named, ...]:
-    """What cannot be ruled out, each by its best: walls that differ or not are one name."""
-    found: dict[str, Named] = {}
-    for n in order:
-        if n.score - order[0].score < 2.0 * math.log(at.CLASS_ODDS):
-            found.setdefault(n.key[0], n)
-    return tuple(found.values())
+    """What cannot be ruled out."""
+    return tuple(n for n in order if n.score - order[0].score < at.RULED_OUT)
 
 
 def _said(best: Named, members: Sequence[Named]) -> str:
@@ -140,22 +139,24 @@ def _partial(make: _Maker, found: Compared, none: Named, ways: Sequence[Named], 
     problem, best = found.problem, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
     closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
-    left = _left(exact.fit, problem)
+    left = _left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else "")
     if closed < at.PART_CLOSED:
         reason = f"{exact.label} comes nearest, but more remains: {left}"
         return make("unknown", problem, none, found.ranked, (), 1.0 - confidence, reason)
-    assert best.parts is not None
-    wide = problem.widened(best.parts)
+    assert best.errors is not None
+    wide = problem.widened(best.errors)
     none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
     order = apart([first, *ranked(rest)])
-    chance = {n.key: n.probability for n in ways if n.parts is not None}
+    chance = {n.key: n.probability for n in ways if n.errors is not None}
     order = tuple(replace(n, probability=chance.get(n.key, 0.0)) for n in order)
-    same = sorted((n for n in ways if n.parts is not None and n.fit.terms), key=lambda n: n.score)
-    labels = {n.key[0] for n in _class(same)}
-    members = tuple({n.key[0]: n for n in reversed(order) if n.key[0] in labels}.values())[::-1]
-    columns = found.columns_of(none)
-    columns = wide.rewhitened(columns, problem) if wide.site is None else wide.columns(none.fit, found.terms)
-    make = replace(make, found=replace(found, columns={none.individual: columns}))
+    same = sorted((n for n in ways if n.errors is not None and n.fit.terms), key=lambda n: n.score)
+    labels = {n.key for n in _class(same)}
+    members = tuple(n for n in order if n.key in labels)
+    if wide.site is None:
+        columns = wide.rewhitened(found.columns, problem)
+    else:
+        columns = wide.columns(none.fit, found.terms)
+    make = replace(make, found=found.with_columns(columns))
     return make("partial", wide, none, order, members, stated(confidence, "partial"), left)
 
 
@@ -189,9 +190,14 @@ class _Maker:
     ) -> Naming:  # fmt: skip
         confidence = confidence if self.complete else min(confidence, at.INCOMPLETE)
         return Naming(
-            verdict, problem, base, tuple(order), tuple(members), self.found.columns_of(base), self.terms, confidence,
+            verdict, problem, base, tuple(order), tuple(members), self.found.columns, self.terms, confidence,
             reason, self.complete,
         )  # fmt: skip
+
+
+def _acting(places: Sequence[Place]) -> str:
+    """What acts that is no law, in words."""
+    return f"something acts as {' and as '.join(p.label for p in places)}, which no law of the catalogue explains"
 
 
 def _left(fit: Fit, problem: Forward) -> str:

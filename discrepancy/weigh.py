@@ -18,7 +18,8 @@ from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.forward import Forward
 from fitting.inference.gauss_newton import bounded_step
-from fitting.inference.misfit import estimated, widened
+from fitting.inference.misfit import Beside
+from fitting.inference.places import Place
 from fitting.inference.terms import Term
 from fitting.inference.unknown import bounds, free, penalty, precision, precisions
 
@@ -30,8 +31,8 @@ Array = np.ndarray
 @dataclass(frozen=True)
 class Named:
     """A hypothesis with its score, -2 ln of evidence and prior. probability : among all. separation : d' to the best.
-    above_best : by how much its score is worse than the best one's. parts : (n_parts,) of the errors of the model that
-    it is held with, None for an exact one; ``fit`` is then whitened with them."""
+    above_best : by how much its score is worse than the best one's. errors : of the model that it is held with, None
+    for an exact one; ``fit`` is then whitened with them. places : of a network where they act."""
 
     fit: Fit
     score: float
@@ -39,21 +40,22 @@ class Named:
     probability: float = 0.0
     separation: float = 0.0
     above_best: float = 0.0
-    parts: Array | None = None
+    errors: Array | None = None
+    places: tuple[Place, ...] = ()
 
     @property
     def label(self) -> str:
         return " + ".join(term.label for term in self.fit.terms)
 
     @property
-    def key(self) -> tuple[str, bool]:
+    def key(self) -> str:
         """What tells it from other hypotheses."""
-        return key_of(self.fit)
+        return names_of(self.fit.terms)
 
     @property
     def individual(self) -> bool:
         """Whether every artery has deviations of its own."""
-        return self.key[1]
+        return any(u.group for u in self.fit.unknowns)
 
     @property
     def explains(self) -> bool:
@@ -76,11 +78,6 @@ class Named:
             change = self.fit.J[:, size] @ self.fit.x[size]
             found.append(float(np.linalg.norm(projected(self.fit.J[:, ~mine], prior, change[:, None]))))
         return min(found, default=math.inf)
-
-
-def key_of(fit: Fit) -> tuple[str, bool]:
-    """What tells hypotheses apart: their effects, and whether walls differ."""
-    return names_of(fit.terms), any(u.group for u in fit.unknowns)
 
 
 def names_of(terms: Sequence[Term]) -> str:
@@ -162,19 +159,13 @@ def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     return Named(fit, hierarchy.score(fit) + price(fit, terms), misfit(fit, problem.dof_of_noise))
 
 
-def with_errors(problem: Forward, exact: Named) -> Named | None:
-    """The same hypothesis with the errors of the model that make the record most probable; None where there are none.
-
-    exact : whitened as ``problem`` is.
-    """
-    blocks = problem.blocks(exact.fit)
-    if not blocks:
+def with_errors(exact: Named, beside: Beside | None) -> Named | None:
+    """The same hypothesis with the errors of the model beside it; None where there are none."""
+    if beside is None:
         return None
-    parts = estimated(exact.fit, blocks, len(problem.parts))
-    fit = widened(exact.fit, blocks, parts)
-    cost = at.ELSE + at.PART * float(np.count_nonzero(parts))
-    gained = hierarchy.score(fit) - hierarchy.score(exact.fit)
-    return replace(exact, fit=fit, score=exact.score + gained + cost, parts=parts)
+    gained = hierarchy.score(beside.fit) - hierarchy.score(exact.fit)
+    score = exact.score + gained + at.ELSE + beside.cost
+    return replace(exact, fit=beside.fit, score=score, errors=beside.errors, places=beside.places)
 
 
 def ranked(found: Sequence[Named]) -> tuple[Named, ...]:

@@ -17,7 +17,6 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.records.columns import Reading
+from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record, read_record
 from fitting.records.sensors import UnusableRecord
 from fitting.result_files import check_unmixed, json_text
@@ -53,7 +53,7 @@ from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
 from .summary import Shown, decided, summary, unusable, weighted
-from .usable import check_beats, check_record, check_sizes, check_waves
+from .usable import check_beats, check_record, check_waves
 from .verdict import Naming
 
 Array = np.ndarray
@@ -105,14 +105,15 @@ def discover(
     _check_folder(folder, [record, model, prior])
     journal = None
     try:
-        if isinstance(measured, Unusable):
+        if isinstance(measured, UnusableRecord):
             raise measured
         if not as_measured:
-            check_sizes(measured, network)
+            check_plausible(measured, arteries(network))
         check_record(measured)
-        journal = Journal(folder, [*_key(measured, network, model, asked), (reading or Reading()).key])
+        given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model)]
+        journal = Journal(folder, [*given, told, decided(), software()])
         outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
-    except Unusable as error:
+    except UnusableRecord as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
     outcome = replace(
         outcome,
@@ -146,16 +147,12 @@ def _check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) 
     make_folder(folder)
 
 
-def _key(record: Record, network: Network, model: str | os.PathLike[str], asked: Asked) -> list[Any]:
-    return [record.sha256, to_dict(network), os.fspath(model), *asked.key, decided(), software()]
-
-
-def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | Unusable:
+def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | UnusableRecord:
     """The record, or why its content cannot be used. Raises ValueError for a file that cannot be read."""
     try:
         return read_record(record, reading)
     except UnusableRecord as error:
-        return Unusable(str(error))
+        return error
 
 
 def _rising(progress: Progress) -> Progress:
@@ -303,18 +300,12 @@ class _Work:
         alone, it is not told.
         """
         best = naming.best
-        first, *second = (
-            NamedEffect(
-                t.effect,
-                t.where,
-                stated(self.network, naming, best, t),
-                naming.confidence,
-                entry(t.effect).equation,
-            )
-            for t in best.fit.terms
-        )
-        if not second:
-            return (Round(first, before.gap.total, after.gap.total),)
+        named = []
+        for t in best.fit.terms:
+            parameters = stated(self.network, naming, best, t)
+            named.append(NamedEffect(t.effect, t.where, parameters, naming.confidence, entry(t.effect).equation))
+        if len(named) < 2:
+            return (Round(named[0], before.gap.total, after.gap.total),)
         alone = middle = None
         with suppress(OutOfTime):
             runs = Runs(deadline=self.deadline, clock=monotonic)
@@ -323,10 +314,9 @@ class _Work:
             fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
             with suppress(RunFailed):
                 middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
-        return (
-            Round(first, before.gap.total, middle),
-            Round(second[0], middle or before.gap.total, after.gap.total),
-        )
+        first, second = named
+        last = Round(second, middle or before.gap.total, after.gap.total)
+        return Round(first, before.gap.total, middle), last
 
 
 def _nothing() -> Fit:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,17 @@ def check_unmixed(folder: Path, command: str) -> None:
             raise InputError(f"{folder}: it holds the results of {other}; give {command} another folder (--out).")
 
 
-def json_text(content: Mapping[str, Any], indent: int = 2) -> str:
-    """JSON text of plain data, null for numbers that are not finite: JSON has neither NaN nor infinity."""
-    return json.dumps(finite(content), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+def json_text(content: Any, indent: int = 2) -> str:
+    """JSON text of what :func:`plain` takes."""
+    return json.dumps(plain(content), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def finite(value: Any) -> Any:
-    """The same plain data, None for what is not a finite number."""
+def plain(value: Any) -> Any:
+    """Plain data: dataclasses by field, None for what is not a finite number, which JSON has not."""
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {key: finite(each) for key, each in value.items()}
+        return {key: plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
+        return [plain(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

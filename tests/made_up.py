@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from discrepancy.acting import Acting, MapRival, SourceMapShown, Spot
 from discrepancy.outcome import (
     ADDED,
     Absorbed,
@@ -22,8 +22,13 @@ from discrepancy.outcome import (
     Round,
     Walls,
 )
+from discrepancy.report import figure_files, report_files
+from discrepancy.shown_map import Acting, SourceMapShown
 from fitting.estimate import Estimate
+from fitting.inference.places import Place
+from fitting.inference.source_map import Rival
 from solver import Network
+from solver.writing import write_folder
 
 Array = np.ndarray
 
@@ -74,10 +79,16 @@ def acting() -> SourceMapShown:
     """A made-up pressure in the wall of CA, which a drop there does nearly as well."""
     time = np.arange(N) * T / N
     pressure = 900.0 * np.exp(-(((time - 0.12) / 0.05) ** 2)) - 150.0
-    drop = Spot("drop", "CA", "a drop of pressure in CA at x/L = 0.3", 0.3)
-    wall = Acting(Spot("wall", "CA", "the wall of CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
-                  6000.0, rivals=(MapRival((drop,), 4.2),))  # fmt: skip
+    drop = Place("drop", "CA", at=0.3)
+    wall = Acting(Place("wall", "CA"), "Pa", pressure, np.full(N, 60.0), 3, "even along CA", "CA.P",
+                  6000.0, rivals=(Rival((drop,), 4.2),))  # fmt: skip
     return SourceMapShown((wall,), time, T, True, 1.02)
+
+
+def write_report(outcome: Outcome, folder: Path) -> None:
+    """The page and its figures in a folder, without those of an earlier one: as a study writes them."""
+    files = report_files(outcome)
+    write_folder(folder, files, gone=set(figure_files()) - set(files))
 
 
 def synthetic(verdict: str, network: Network) -> Outcome:

@@ -41,7 +41,7 @@ def test_what_is_looked_for_beside_walls_that_differ() -> None:
     price of a name, the same however the walls are asked for."""
     problem: Any = SimpleNamespace(network=NETWORK)
     common, own = (
-        Compared(problem, (Named(fit_of(np.ones(40), more=more), 1e6, 100.0),), (), {}, ASKED) for more in ((), (OWN,))
+        Compared(problem, Named(fit_of(np.ones(40), more=more), 1e6, 100.0), (), {}, ASKED) for more in ((), (OWN,))
     )
     assert common.sought == ASKED
     assert {t.effect for t in own.sought} == {"side_branch", "stenosis"} and own.terms == ASKED

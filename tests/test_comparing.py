@@ -13,14 +13,11 @@ from discrepancy.compare import Compared
 from discrepancy.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.show import Gap
 from discrepancy.summary import _bent, sentence
-from discrepancy.verdict import Naming, _said, _without, decided
+from discrepancy.verdict import Naming, _said, decided
 from discrepancy.weigh import Named, shares
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
-from fitting.inference.misfit import Block
 from fitting.inference.terms import Term
-from fitting.inference.unknown import Unknown
-from solver.coordinate import SHIFT
 
 
 def named(effect: str, cost: float, log_volume: float) -> Named:
@@ -83,26 +80,6 @@ def test_two_faults_at_one_site_are_said(verdict: str, others: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("own_chi2", "individual", "expected"),
-    [(100.0, True, False), (30.0, True, True), (100.0, False, False)],
-    ids=["walls that differ were not found", "walls that differ", "walls with all in common"],
-)
-def test_without_effect_is_no_farther_off_than_need_be(own_chi2: float, individual: bool, expected: bool) -> None:
-    """χ² of 40 with walls in common: what a name gains is counted from there where the search for walls that differ
-    ended at 100, and from these at 30."""
-    own = Unknown("A.E of its own", SHIFT, (("A.E", 1.0),), -1.0, 1.0, group="E")
-
-    def walls(hypothesis: Named, differ: bool) -> Named:
-        return replace(hypothesis, fit=replace(hypothesis.fit, unknowns=(own,) if differ else ()))
-
-    nones = [walls(replace(pair(), fit=replace(named("", chi2, 0.0).fit, terms=())), differ)
-             for chi2, differ in ((40.0, False), (own_chi2, True))]  # fmt: skip
-    best = walls(named("stenosis", 1.0, 0.0), individual)
-    problem: Any = None
-    assert _without(Compared(problem, tuple(nones), (best,), {}, ()), best).individual is expected
-
-
-@pytest.mark.parametrize(
     ("verdict", "complete", "deviation", "expected"),
     [
         ("unknown", True, 9.0, True),
@@ -125,15 +102,12 @@ class Lawless:
 
     kind, site, signals = "bench", "A", ("A.P", "A.R")
 
-    def blocks(self, fit: Fit) -> list[Block]:
-        return []
-
 
 def test_nothing_explains_the_record_and_no_error_can_be_estimated() -> None:
     """Nothing is weighed: unknown, at even odds; among no hypotheses nothing has a share."""
     assert shares(()) == []
     problem: Any = Lawless()
     none, best = (replace(pair(*e), misfit=99.0) for e in ((), (WALL,)))
-    naming = decided(Compared(problem, (none,), (best,), {}, ()), ())
+    naming = decided(Compared(problem, none, (best,), {}, ()), (), lambda n: None)
     assert (naming.verdict, naming.confidence, naming.best) == ("unknown", 0.5, best)
     assert naming.reason is not None and "whitened RMS" in naming.reason

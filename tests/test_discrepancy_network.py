@@ -310,7 +310,7 @@ def test_sharpened_shortens_elements_where_they_matter(noise: float, halvings: i
 def test_fits_are_restated_under_other_weights(stiff: Naming, healthy: NetworkProblem) -> None:
     """Whitened anew, z and J are those of the same simulation under the new covariance: to 1e-9."""
     before = network_problem(beats(1.25), NETWORK)
-    after = before.restored((0.05, before.error, 1.7 * healthy.target.covariance, before.response))
+    after = before.restored((0.05, before.error, None, 1.7 * healthy.target.covariance, before.response))
     (old,) = before.refit([()])
     assert old is not None
     (new,) = after.restated([old], before)
@@ -340,7 +340,7 @@ def test_errors_of_the_model_stay_with_fewer_beats(healthy: NetworkProblem) -> N
     """Five beats of fifteen have 3 times the variance of noise; errors of the model add what they add to fifteen, and
     are remembered with the weights. Where they were scaled with the noise, it was 3 times that."""
     kept = beats(noise=0.02).select(range(5))
-    wide = healthy.widened(np.linspace(0.01, 0.05, len(healthy.parts)))
+    wide = healthy.granted(0.03)
     wide = healthy.restored(wide.weights)
     added = (wide.target.covariance - healthy.target.covariance)[1:]
     plain, other = (p.held_out(kept, healthy.beats).target.covariance[1:] for p in (healthy, wide))

@@ -14,12 +14,13 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up import LAG, N, T, isolability, synthetic
+from made_up import LAG, N, T, isolability, synthetic, write_report
 
 from discrepancy.figures import NAMES, figure
 from discrepancy.outcome import (
@@ -34,21 +35,9 @@ from discrepancy.outcome import (
     verdict_json,
 )
 from discrepancy.places import entry, marks
-from discrepancy.report import page, write_report
-from discrepancy.scales import Z
-from discrepancy.tables import (
-    absorbed_rows,
-    beats,
-    candidate_row,
-    candidate_rows,
-    channel_row,
-    estimate_text,
-    number,
-    spread_text,
-    wall_rows,
-)
-from discrepancy.visible import not_judged, rival_rows, smallest_rows
-from discrepancy.wording import heading, meaning, next_steps
+from discrepancy.report import page
+from discrepancy.tables import Z, beats, estimate_text, number, spread_text, wall_rows
+from discrepancy.wording import not_judged
 from fitting.estimate import Estimate
 from fitting.pages import page as shared
 from solver import Network
@@ -236,6 +225,24 @@ def test_a_sensor_is_said_to_be_one(tmp_path: Path, sheep: Network) -> None:
         assert words in text, words
 
 
+def part(outcome: Outcome, pattern: str) -> list[str]:
+    """Parts of a page as text."""
+    return [unescape(found).strip() for found in re.findall(pattern, page(outcome, {}), re.DOTALL)]
+
+
+def heading(outcome: Outcome) -> str:
+    return part(outcome, "<h1>(.*?)</h1>")[0]
+
+
+def meaning(outcome: Outcome) -> str:
+    return part(outcome, "What this means</h2>\n<p>(.*?)</p>")[0]
+
+
+def next_steps(outcome: Outcome) -> list[str]:
+    (steps,) = part(outcome, "<h3>What to [^<]* next</h3>\n<ul>(.*?)</ul>")
+    return re.findall("<li>(.*?)</li>", steps)
+
+
 CLASS = "The class: this record does not tell these apart"
 
 
@@ -380,13 +387,20 @@ def test_nothing_is_cut_at_1100_pixels(sheep: Network, tmp_path: Path) -> None:
     assert re.findall('data-cut="(.*?)"', dom, re.DOTALL) == ["nothing"]
 
 
+def rows(outcome: Outcome, below: str) -> list[list[str]]:
+    """The cells of the table of a page below a heading, row by row."""
+    html = page(outcome, {})
+    body = re.search(r"<tbody>(.*?)</tbody>", html[html.index(f">{below}</h2>") :], re.DOTALL)
+    assert body is not None
+    return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr.*?</tr>", body[1])]
+
+
 def test_the_best_is_nothing_apart_from_itself(sheep: Network) -> None:
     """Separation: a dash for the best, d' for the others. Where none of them is the verdict, the page says so."""
     outcome = synthetic("none", sheep)
-    first, *others = candidate_rows(
-        replace(outcome, candidates=[replace(c, separation=1.14) for c in outcome.candidates])
-    )
-    assert (first["separation"], [row["separation"] for row in others]) == ("–", ["1.14", "1.14"])
+    outcome = replace(outcome, candidates=tuple(replace(c, separation=1.14) for c in outcome.candidates))
+    shown = rows(outcome, "Effects that were tried and are not needed")
+    assert [row[7] for row in shown] == ["–", "1.14", "1.14"]
 
 
 def test_candidates_are_named_for_what_they_are(sheep: Network) -> None:
@@ -505,16 +519,18 @@ def test_why_walls_are_as_they_are(sheep: Network) -> None:
 
 def test_long_odds_are_not_counted(sheep: Network) -> None:
     """-2 ln odds of 7e7 are as good as 1001."""
-    first = synthetic("effect", sheep).candidates[0]
-    told = [candidate_row(replace(first, behind=behind))["behind"] for behind in (210.0, 1000.0, 7.11e7)]
-    assert told == ["210", "1000", "> 1000"]
+    outcome = synthetic("effect", sheep)
+    outcome = replace(
+        outcome, candidates=tuple(replace(outcome.candidates[0], behind=each) for each in (210.0, 1000.0, 7.11e7))
+    )
+    assert [row[4] for row in rows(outcome, "Candidates")] == ["210", "1000", "&gt; 1000"]
 
 
 def test_what_all_have_in_common_is_a_factor(sheep: Network) -> None:
     """ln 1.2 = 0.182 of a scale is a factor of 1.2; a shift is none."""
     absorbed = (Absorbed("ln all.E", 0.18232, 0.01, 0.2), Absorbed("all.outlet.R_t", 0.1, 0.01, 0.2))
-    rows = absorbed_rows(replace(synthetic("none", sheep), absorbed=absorbed))
-    assert [row["factor"] for row in rows] == ["× 1.2", "–"]
+    shown = rows(replace(synthetic("none", sheep), absorbed=absorbed), "What all have in common")
+    assert [row[-1] for row in shown] == ["× 1.2", "–"]
 
 
 def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
@@ -527,7 +543,7 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     content = json.loads(json.dumps(verdict_json(outcome), allow_nan=False))
     assert content["gap"]["after"] == {"fit": 1.0, "held_out": None}
     assert content["gap"]["channels"]["AA.P"] == {"before": None, "after": 1.04}
-    assert candidate_row(lost)["held_out"] == "–" and channel_row(channel)["before_held"] == "–"
+    assert rows(outcome, "Candidates")[0][6] == rows(outcome, "Gap of every channel")[0][3] == "–"
 
 
 def test_where_it_comes_from_is_read_with_units() -> None:
@@ -548,7 +564,7 @@ def test_smallest_changes_are_read_in_display_units(sheep: Network) -> None:
         "junction_loss at all": Detectable("all.k", np.nan, "1"),
     }
     outcome = replace(synthetic("none", sheep), smallest=found)
-    assert [tuple(row.values()) for row in smallest_rows(outcome)] == [
+    assert [tuple(row) for row in rows(outcome, "Smallest detectable sizes")] == [
         ("wall stiffness at AA", "AA.E_scale", "±0.13 %"),
         ("nonlinear wall viscosity at all places", "all.phiNL / phi0", "±1 ms"),
         ("external pressure at PD", "PD.P_ext", "−2 mmHg"),
@@ -561,17 +577,19 @@ def test_smallest_changes_are_read_in_display_units(sheep: Network) -> None:
     assert (told["wall_stiffness at AA"]["change"], told["wall_stiffness at AA"]["relative"]) == (0.0013, True)
 
 
-def test_rivals_are_marked_as_they_are_told() -> None:
+def test_rivals_are_marked_as_they_are_told(sheep: Network) -> None:
     """a cannot be told from b, b from a can: the row of a alone is marked. d is invisible: no rival, and nobody's."""
     separation = np.array([[0, 2, 50, 1], [20, 0, 40, 1], [50, 40, 0, 1], [1, 1, 1, 0]], float)
     table = Isolability(("a", "b", "c", "d"), separation, np.array([20.0, 30.0, 60.0, 1.0]), ("d",))
-    told = [(row["rival"], row["separation"], row["confused"], row["marked"]) for row in rival_rows(table)]
-    assert told == [
-        ("b", "2", "b", True),
-        ("a", "20", "–", False),
-        ("b", "40", "–", False),
-        ("–", "–", "invisible", True),
+    outcome = replace(synthetic("none", sheep), isolability=table)
+    assert [row[2:] for row in rows(outcome, "What these sensors can tell apart")] == [
+        ["b", "2", "b"],
+        ["a", "20", "–"],
+        ["b", "40", "–"],
+        ["–", "–", "invisible"],
     ]
+    marked = re.findall(r'<tr class="chosen"><td>([abcd])</td>', page(outcome, {}))
+    assert marked == ["a", "d"]
 
 
 def test_why_effects_were_not_judged(sheep: Network) -> None:

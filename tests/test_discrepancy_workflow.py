@@ -322,7 +322,7 @@ def healthy() -> tuple[Record, Prepared, Naming]:
     return record, *judge(record, made.base)
 
 
-def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming], tmp_path: Path) -> None:
+def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming]) -> None:
     """A healthy bench whose search was cut short: summary, page and verdict.json say so; of a whole one none does."""
     record, study, naming = healthy
     assert (naming.verdict, naming.complete) == ("none", True)
@@ -330,10 +330,9 @@ def test_an_incomplete_search_is_said(healthy: tuple[Record, Prepared, Naming], 
     run = compared(study, naming.base.fit, X)
     for complete in (True, False):
         outcome = summary(record, "base.toml", study, replace(naming, complete=complete), Shown(run, run))
-        report.write_report(outcome, tmp_path)
         said = verdict_json(outcome)
         incomplete = "Search incomplete: the time limit was over before all was compared."
-        for text in (outcome.sentence, said["sentence"], (tmp_path / "report.html").read_text(encoding="utf-8")):
+        for text in (outcome.sentence, said["sentence"], report.page(outcome, {})):
             assert (incomplete in text) != complete
         assert outcome.complete == said["complete"] == complete
 

@@ -66,6 +66,19 @@ def test_size_of_an_effect_is_integrated_over_its_logarithm() -> None:
     assert found == pytest.approx(exact, abs=0.05)
 
 
+@pytest.mark.parametrize("d", [4.0, 1.0, 0.1, -0.1, -1.0, -4.0])
+def test_a_size_of_one_sign_is_integrated_over_its_range(d: float) -> None:
+    """x >= 0 where the data ask for d standard deviations: ∫ N(z) dx/(max(x, sd) ln 1000) over the range, to 0.3 in ln
+    (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, and 2.4 at -4."""
+    size = replace(unknown("size", of_size=True), low=0.0)
+    J, y = np.array([[50.0]]), np.array([-d])
+    x = max(d, 0.0) / 50.0
+    found = Linear.of_columns(y + J[0] * x, J, np.array([x]), [size]).at()
+    t = np.linspace(0.0, 1.0, 200001)
+    density = np.exp(-0.5 * (y[0] + J[0, 0] * t) ** 2) / (np.maximum(t, 0.02) * DECADES * math.log(10.0))
+    assert -0.5 * found == pytest.approx(math.log(float(np.trapezoid(density, t))), abs=0.3)
+
+
 @pytest.mark.parametrize("width", [0.0, 0.25, 1.0, 2.0])
 def test_widths_are_those_that_walls_were_drawn_with(width: float) -> None:
     """Forty deviations of one width, each known to 0.05: the width is found, to the neighbour in the list."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discrepancy.outcome import ChannelBeats
-from discrepancy.tables import channel_row, estimate_text
+from discrepancy.tables import estimate_text, pulse_text
 from fitting.agreement import Agreement, LoopArea
 from fitting.estimate import Estimate
 from fitting.indices import OF_LAW, read_in
@@ -28,7 +28,7 @@ def test_channels(channel: str, pulse: float, unit: str, shown: str) -> None:
     assert float(row["rmse"]) == float(row["mean_error"]) == pytest.approx(float(shown) / 4.0, rel=0.05)
     beat = np.array([0.0, pulse, 0.0])
     there = ChannelBeats(channel, beat, beat, beat, None, (1.0, 1.0), None)
-    assert channel_row(there)["pulse"] == f"{shown} {unit}"
+    assert pulse_text(there) == f"{shown} {unit}"
 
 
 def test_energy_lost() -> None:

@@ -1,4 +1,4 @@
-"""Intervals of effects that were searched for: given that they were found, and whatever the walls may be."""
+"""Intervals of effects that were searched for: given that they were found."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from fitting.inference.added import estimates
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import LOG_RANGE
 from fitting.inference.jackknife import without_groups
-from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
 from fitting.inference.selection import conditioned, reach
 from fitting.inference.unknown import quantile
@@ -70,59 +69,27 @@ def test_toward_where_the_effect_is_absent(toward_low: bool) -> None:
     assert found.value == value and found.ci95 == pytest.approx(expected)
 
 
-# --- whatever the walls may be ----------------------------------------------------------------------------------------
+# --- what a study states -------------------------------------------------------------------------------------------
 
 
-def naming(d: float, shift: float = 0.0, odds: float = math.inf) -> tuple[Naming, Named]:
-    """B stiffer by one typical size, known to 1/d of it; with walls that differ it is larger by ``shift`` spreads of
-    its, which are the same. odds : of common walls against walls that differ."""
+def naming(d: float) -> tuple[Naming, Named]:
+    """B stiffer by one typical size, known to 1/d of it."""
     problem, stiff = network_problem(record(clean()), NETWORK), term("wall_stiffness", "B")
-
-    def named(problem: NetworkProblem, x: float, score: float) -> Named:
-        unknowns = problem.hypothesis((stiff,))
-        J, at = d * np.eye(len(unknowns)), [u in stiff.unknowns for u in unknowns]
-        none = np.zeros(len(unknowns))
-        return Named(Fit((stiff,), unknowns, np.where(at, x, 0.0), none, J, none, none), score, 1.0)
-
-    common = named(problem, 1.0, 0.0)
-    own = named(problem.individual(), 1.0 + shift / d, 2.0 * math.log(odds) if odds < math.inf else 1e4)
-    found = Naming("effect", problem, common, (common, own), (common,), {}, (stiff,), 0.9)
-    return found, common
+    unknowns = problem.hypothesis((stiff,))
+    J, at = d * np.eye(len(unknowns)), [u in stiff.unknowns for u in unknowns]
+    none = np.zeros(len(unknowns))
+    stiffer = Named(Fit((stiff,), unknowns, np.where(at, 1.0, 0.0), none, J, none, none), 0.0, 1.0)
+    return Naming("effect", problem, stiffer, (stiffer,), (stiffer,), {}, (stiff,), 0.9), stiffer
 
 
 def test_an_interval_far_from_the_threshold_is_the_fit_s() -> None:
-    """Common walls that are certain, d' = 50: that of the fit, to round-off."""
+    """At d' = 50 it is that of the fit, to round-off."""
     found, common = naming(50.0)
     (stiff,) = found.terms
     assert found_from(found.terms, stiff, common) < 46.0
     plain = estimates(NETWORK, common.fit, stiff, quantile(found.problem.dof_of_noise))
     (told,) = stated(NETWORK, found, common, stiff).values()
     assert told.ci95 == pytest.approx(plain["B.E_scale"].ci95, rel=1e-12)
-
-
-def test_an_interval_holds_both_kinds_of_walls() -> None:
-    """Even odds, two spreads apart: squares of the ends are the mean of both and of how far they are apart."""
-    found, common = naming(50.0, 2.0, 1.0)
-    (stiff,), half = found.terms, quantile(found.problem.dof_of_noise)
-    own = found.ranked[1]
-    one, other = (estimates(NETWORK, n.fit, stiff, half)["B.E_scale"] for n in (common, own))
-    (told,) = stated(NETWORK, found, common, stiff).values()
-    apart = half * (other.value - one.value)
-    for end, a, b in zip(told.ci95, one.ci95, other.ci95, strict=True):
-        squares = 0.5 * (a - one.value) ** 2 + 0.5 * ((b - other.value) ** 2 + apart**2)
-        assert abs(end - one.value) == pytest.approx(math.sqrt(squares), rel=1e-9)
-    assert told.value == one.value and told.ci95[0] < one.ci95[0] and told.ci95[1] > other.value
-
-
-def test_an_interval_keeps_to_its_range() -> None:
-    """Even odds, and with walls that differ next to no stiffness: the mixture would reach below a modulus of zero."""
-    found, common = naming(50.0, -2000.0, 1.0)
-    (stiff,), half = found.terms, quantile(found.problem.dof_of_noise)
-    one, other = (estimates(NETWORK, n.fit, stiff, half)["B.E_scale"] for n in (common, found.ranked[1]))
-    assert one.value - half * math.sqrt(0.5) * (one.value - other.value) < 0.0
-    lowest = NETWORK.with_terms({"B.E_scale": 1.0}).parameter_quantities()["B.E_scale"].low
-    (told,) = stated(NETWORK, found, common, stiff).values()
-    assert told.ci95[0] == lowest > 0.0
 
 
 def test_an_interval_near_the_threshold_reaches_toward_none() -> None:

@@ -17,7 +17,6 @@ from forked import NETWORK, T, clean, record
 from made_up import synthetic
 from test_confirm import named, stiffer, study
 
-from discrepancy.acting import Acting, SourceMapShown, Spot
 from discrepancy.figures import figures
 from discrepancy.journal import Journal
 from discrepancy.map_figure import mark
@@ -25,7 +24,7 @@ from discrepancy.map_text import acts_as, map_sentences
 from discrepancy.outcome import Outcome, verdict_json
 from discrepancy.report import page
 from discrepancy.show import Gap
-from discrepancy.shown_map import band_of, beat_of, shown_map
+from discrepancy.shown_map import Acting, SourceMapShown, band_of, beat_of, shown_map
 from discrepancy.summary import Shown, sentence, summary
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
@@ -177,8 +176,8 @@ def test_rivals_are_what_stands_in_the_place_of_one() -> None:
         Rival((place("drop", "C", 0.5), leak), 11.0),
     ]
     squeezed, leaking = shown(SQUEEZED, LEAK, rivals=rivals).acting
-    assert [(r.labels, r.above) for r in leaking.rivals] == [(("the outlet of B",), 3.0)]
-    assert [(r.labels, r.above) for r in squeezed.rivals] == [((), 9.0)]
+    assert [(tuple(p.label for p in r.places), r.above) for r in leaking.rivals] == [(("the outlet of B",), 3.0)]
+    assert [(tuple(p.label for p in r.places), r.above) for r in squeezed.rivals] == [((), 9.0)]
     text = acts_as(shown(SQUEEZED, LEAK, rivals=rivals))
     assert "cannot tell a loss of flow along B from a further flow through the outlet of B." in text
     assert "It is nearly as probable without a pressure in the wall of C." in text
@@ -258,17 +257,17 @@ def test_verdict_json_has_the_places() -> None:
 @pytest.mark.parametrize(
     ("spot", "kind", "where"),
     [
-        (Spot("wall", "B", ""), "segment", "B"),
-        (Spot("drop", "B", "", 0.3), "segment", "B"),
-        (Spot("outlet", "B", ""), "outlet", "B"),
-        (Spot("junction", "A", ""), "junction", "A"),
-        (Spot("channel", "B.P", ""), "channel", "B"),
-        (Spot("channel", "inlet.Q", ""), "channel", "inlet"),
-        (Spot("number", "B.E", ""), "segment", "B"),
-        (Spot("number", "B.outlet.R_t", ""), "outlet", "B"),
+        (place("wall", "B"), "segment", "B"),
+        (place("drop", "B", 0.3), "segment", "B"),
+        (place("outlet", "B"), "outlet", "B"),
+        (place("junction", "A"), "junction", "A"),
+        (place("channel", "B.P"), "channel", "B"),
+        (place("channel", "inlet.Q"), "channel", "inlet"),
+        (place("number", "B.E"), "segment", "B"),
+        (place("number", "B.outlet.R_t"), "outlet", "B"),
     ],
 )
-def test_places_are_marked_where_they_are(spot: Spot, kind: str, where: str) -> None:
+def test_places_are_marked_where_they_are(spot: Place, kind: str, where: str) -> None:
     found = mark(spot, True)
     assert (found.kind, found.place) == (kind, where)
 

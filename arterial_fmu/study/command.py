@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from fitting.result_files import finite
+from fitting.result_files import plain
 from solver.console import put, right, say, say_notes, say_written, sentences, show
 from solver.errors import InputError
 from solver.legible import DASH, significant
@@ -78,7 +78,7 @@ def main(
             study = Study.of(store)
             paths = write(study, out)
     if as_json:
-        put(finite(summary(study)))
+        put(plain(summary(study)))
     elif not quiet:
         show(_table(study))
     if not quiet:

@@ -86,8 +86,24 @@ def outside_walls(lines: Sequence[Line]) -> str:
     for kind, own in _kinds(lines):
         t.outside(kind, own)
         seen = w.of(own, "outside", 30.0)
+        if kind == "network":
+            t.at_least("– the map has the place", 0.90, share(seen, w.acts_right))
         t.add("– named, and more remains", "–", share(seen, w.partial))
         t.add("– unknown", "–", share(seen, lambda x: x["verdict"] == "unknown"))
+    return str(t)
+
+
+def own(lines: Sequence[Line]) -> str:
+    """A number of one wall or end that is far off."""
+    t = Targets()
+    for least in (0.0, 30.0):
+        named, radius = (w.of(lines, what, least) for what in ("single", "outside"))
+        t.at_least(f"E or R_t of one, d′ ≥ {least:g}: named in its place", 0.95, share(named, w.right_place))
+        t.add("– on the map in its place", "–", share(named, w.acts_right))
+        t.at_most("– single name but wrong", 0.02, share(named, w.wrong))
+        t.at_least(f"R0 of one, d′ ≥ {least:g}: on the map in its place", 0.95, share(radius, w.acts_right))
+        t.add("– single name", "–", share(radius, w.single))
+    _rest(t, lines)
     return str(t)
 
 
@@ -97,6 +113,7 @@ GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
     "varying": varying,
     "offcentre": offcentre,
     "outside_walls": outside_walls,
+    "own": own,
 }
 
 

@@ -24,6 +24,7 @@ TITLES = {
     "varying": "Beats that vary",
     "offcentre": "Effects away from the middle",
     "outside_walls": "Outside the catalogue, every wall off by itself",
+    "own": "One number far off, every wall off by itself",
 }
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 

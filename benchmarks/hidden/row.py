@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy import thresholds
 from discrepancy.asked import TIME_LIMIT
 from discrepancy.intervals import stated
 from discrepancy.study import Study, Unusable, judge
 from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
+from fitting.inference.places import Place
 from fitting.inference.simulator import Runs
+from fitting.inference.source_map import SourceMap
 from fitting.records.record import Record
 from solver.simulate import BROKEN
 from tests.truth.anatomy import anatomy
@@ -80,7 +83,18 @@ def verdict_of(study: Study, naming: Naming) -> Line:
         "class": [_terms(n) for n in naming.members],
         "top": [_hypothesis(study, naming, n) for n in naming.ranked[:SHOWN]],
         "gap": gap(study, naming),
+        "map": None if naming.map is None else _map(naming.map),
     }
+
+
+def _map(found: SourceMap) -> Line:
+    """Where something acts, and what cannot be told from it."""
+    alike = [[_spot(p) for p in r.places] for r in found.rivals if r.above < thresholds.RULED_OUT]
+    return {"places": [_spot(p) for p in found.places], "explains": found.explains, "alike": alike}
+
+
+def _spot(place: Place) -> Line:
+    return {"kind": place.kind, "name": place.name, "at": place.at}
 
 
 def _terms(n: Named) -> list[Line]:

@@ -12,8 +12,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from solver import effects
 from solver.network import Network
-from tests.truth.hide import OUTSIDE
+from tests.truth.hide import OUTSIDE, OUTSIDE_SENSOR, OUTSIDE_WALL
 
 Line = dict[str, Any]
 Where = tuple[str, ...]
@@ -160,6 +161,27 @@ def place(line: Line) -> Where:
 def right_place(line: Line) -> bool:
     """Named right, where it is."""
     return named_right(line) and (line["kind"] == "bench" or place(line) == tuple(line["effects"][0]["where"]))
+
+
+def acts_right(line: Line) -> bool:
+    """The map has what is hidden, a single effect, where it is: a source of its kind there, or of all places of a kind
+    at several; or the number that is off. A name in the right place counts, too."""
+    (effect,) = line["effects"]
+    where, found = effect["where"][0], (line.get("map") or {"places": []})["places"]
+    if effect["name"] in _NUMBERS and any(p["name"] == f"{where}.{_NUMBERS[effect['name']]}" for p in found):
+        return True
+    kind = _KINDS[effect["name"]]
+    several = where == "all" and sum(p["kind"] == kind for p in found) > 1
+    return several or any(p["kind"] == kind and p["name"] == where for p in found) or right_place(line)
+
+
+_NUMBERS = {"wall_stiffness": "E", "terminal_reflection": "outlet.R_t", "wall_radius": "R0"}
+_KINDS = {effect.name: effect.source for effect in effects.ALL} | {
+    **dict.fromkeys(OUTSIDE_WALL, "wall"),
+    **dict.fromkeys(OUTSIDE_SENSOR, "channel"),
+    "swinging_outlet": "outlet",
+    "wall_radius": "number",
+}
 
 
 def adjacent_place(line: Line, network: Network) -> bool:

@@ -42,13 +42,8 @@ def allowed(network: Network, fit: Fit, highest: float) -> Fit | None:
         extended(network, fit)
     except InputError:
         return None
-    within = (_frequency(t, fit.x[_places(fit, t)]) <= highest for t in fit.terms if t.is_sensor)
-    return fit if all(within) else None
-
-
-def _frequency(term: Term, x: Array) -> float:
-    """The frequency [Hz] that a channel's effect is named by at x : (q,)."""
-    return _sensor(term).frequency(_searched(term, x))
+    chains = [(_sensor(t), _searched(t, fit.x[_places(fit, t)])) for t in fit.terms if t.is_sensor]
+    return fit if all(sensor.frequency(numbers) <= highest for sensor, numbers in chains) else None
 
 
 def sensor_parameters(fit: Fit, term: Term) -> dict[str, float]:

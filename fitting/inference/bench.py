@@ -29,7 +29,7 @@ from .forward import Drive, Forward
 from .gauss_newton import Point, Rules, Search, Trial, search
 from .jackknife import Rest, without_groups
 from .loop import Loop, NoFit, fourier, linearise, mean_loop
-from .misfit import Block, sizes
+from .misfit import Beside, Block, beside, sizes
 from .observation import chain, mean_wander, of_fewer
 from .seen import Seen
 from .simulator import Runs
@@ -129,20 +129,16 @@ class Bench(Forward):
         state = _settled(self, fit.member)
         return [] if state is None else without_groups(fit, fit.order, state.memory.L[: len(fit.z), : len(fit.z)])
 
-    @property
-    def parts(self) -> tuple[str, ...]:
-        return ("mean", "harmonics")
-
-    def blocks(self, fit: Fit) -> list[Block]:
-        """Of the wall law, as an error of its pressure."""
+    def beside(self, fit: Fit) -> Beside | None:
+        """With errors of the wall law, as of its pressure: of its mean, and of its harmonics."""
         state = _settled(self, fit.member)
         if state is None:
-            return []
+            return None
         size = np.concatenate([self._law_error[:1], np.repeat(self._law_error[1 : self.K + 1], 2)])
         n = len(size)
         L = state.memory.L[:n, :n]
         B = np.linalg.solve(L, np.diag(size * np.sqrt(self.loop.N)))
-        return [Block(np.arange(n), B, np.minimum(np.arange(n), 1))]
+        return beside(fit, [Block(np.arange(n), B, np.minimum(np.arange(n), 1))], 2)
 
     def widened(self, parts: Array) -> Bench:
         noise = self.loop.noise.copy()

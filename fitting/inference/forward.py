@@ -18,7 +18,7 @@ from ..records.beats import Beats
 from ..records.noise import mean_beat
 from .fit import Fit
 from .jackknife import Rest
-from .misfit import Block
+from .misfit import Beside
 from .simulator import Runs
 from .terms import Term
 from .unknown import Unknown
@@ -114,15 +114,12 @@ class Forward(Protocol):
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """What a model may be wrong in, each by a part of its pulse (:mod:`fitting.inference.misfit`)."""
+    def beside(self, fit: Fit) -> Beside | None:
+        """A fit with an error of the model beside it; None where it has none."""
+        return None
 
-    def blocks(self, fit: Fit) -> list[Block]:
-        """Errors of the model in the whitened residual of a fit; none where it has none."""
-
-    def widened(self, parts: Array) -> Forward:
-        """The same record with errors of these ``parts`` in its covariance."""
+    def widened(self, errors: Array) -> Forward:
+        """The same record with ``errors`` of the model (:class:`~fitting.inference.misfit.Beside`) allowed for."""
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         """A term that acts everywhere, with a size of its own for every segment; None if there is no such thing."""

@@ -4,7 +4,8 @@
 
 with the whitened residual z, its Jacobian J and the curvature Λ of the priors. What is refitted has a prior about 0.
 The size of an effect has one that favours no decade: from hardly visible to typical, sizes are equally likely on a
-logarithmic scale. Every unknown so pays for what the data made of its prior; BIC is the limit of many data.
+logarithmic scale; it is integrated over its range alone. Every unknown so pays for what the data made of its prior; BIC
+is the limit of many data.
 
 Unknowns of a group share the width of their Gaussian priors: the one that makes the record most probable (empirical
 Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415. A number that
@@ -19,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erfcx, ndtr
 
 from .fit import Fit
 from .unknown import Unknown, bounds, penalty, precision
@@ -57,9 +59,13 @@ class Linear:
 
     def __init__(self, normal: Array, x: Array, unknowns: Sequence[Unknown], log_volume: float = 0.0) -> None:
         prior = np.array([_FREE if u.prior_sd is None else u.prior_sd**-2.0 for u in unknowns])
-        moves = ~_held(normal, x, prior, unknowns)
+        downhill = -((normal @ np.append(x, 1.0))[:-1] + precision(prior, x) * x)
+        moves = ~_held(downhill, x, unknowns)
         still = [(u, i) for i, u in enumerate(unknowns) if not moves[i]]
-        self.held = sum(_price(u) if u.of_size else penalty(prior[[i]], x[[i]]) for u, i in still)
+        sd = _free_sds(normal, x, prior, unknowns) if any(u.of_size for u, _ in still) else np.zeros(len(x))
+        self.held = sum(
+            _price(u, x[i], sd[i], downhill[i]) if u.of_size else penalty(prior[[i]], x[[i]]) for u, i in still
+        )
         # y goes on from where the others are held
         gone = np.concatenate([np.where(moves, 0.0, x), [1.0]])
         self.gram, self.right = normal[:-1, :-1][np.ix_(moves, moves)], (normal @ gone)[:-1][moves]
@@ -68,7 +74,8 @@ class Linear:
         self.free = np.array([u.of_size for u in unknowns], bool)
         self.groups = ["" if u.stated else u.group for u in unknowns]
         self.apart = {u.group for u in unknowns if u.apart}
-        self.signs = np.array([2.0 if u.low < 0.0 else 1.0 for u in unknowns])
+        self.signs = np.array([_signs(u) for u in unknowns])
+        self.low, self.high = bounds(unknowns)
         grouped = np.array([bool(g) for g in self.groups], bool)
         local = precision(prior, x)
         plain = ~self.free & ~grouped
@@ -117,7 +124,8 @@ class Linear:
         if not len(ends):
             return np.asarray(value)
         # -2 ln of the priors 1/(2 |x| ln range) of effects, less ln 2π of each; not below its standard deviation
-        size = np.maximum(np.abs(left[:, ends, 0]), np.sqrt(left[:, ends, 1 + np.arange(len(ends))]))
+        x, sd = -left[:, ends, 0], np.sqrt(left[:, ends, 1 + np.arange(len(ends))])
+        size = np.maximum(np.abs(x), sd) / _share(x, sd, self.low[ends], self.high[ends])
         sizes = 2.0 * np.log(self.signs[ends] * size * LOG_RANGE).sum(axis=1)
         return np.asarray(value + sizes - len(ends) * math.log(2.0 * math.pi))
 
@@ -148,16 +156,40 @@ class Linear:
         return spread
 
 
-def _held(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
+def _held(downhill: Array, x: Array, unknowns: Sequence[Unknown]) -> Array:
     """(p,) which unknowns stand at an end of their range that the data would have them leave."""
-    downhill = -((normal @ np.append(x, 1.0))[:-1] + precision(prior, x) * x)
     low, high = bounds(unknowns)
     return np.asarray(((x <= low) & (downhill < 0.0)) | ((x >= high) & (downhill > 0.0)))
 
 
-def _price(unknown: Unknown) -> float:
-    """-2 ln of what is left of the prior of a size that is as large as its own standard deviation."""
-    return 2.0 * math.log((2.0 if unknown.low < 0.0 else 1.0) * LOG_RANGE / math.sqrt(2.0 * math.pi))
+def _free_sds(normal: Array, x: Array, prior: Array, unknowns: Sequence[Unknown]) -> Array:
+    """(p,) standard deviations of unknowns at x beside all others, if none had a range."""
+    local = np.where([u.of_size for u in unknowns], _FREE, precision(prior, x))
+    A = normal[:-1, :-1] + np.diag(local)
+    scale = np.sqrt(np.diag(A))
+    return np.asarray(np.sqrt(np.diag(np.linalg.pinv(A / np.outer(scale, scale), hermitian=True))) / scale)
+
+
+def _signs(unknown: Unknown) -> float:
+    return 2.0 if unknown.low < 0.0 else 1.0
+
+
+def _share(x: Array, sd: Array, low: Array, high: Array) -> Array:
+    """The part of a Gaussian that lies in a range : (…, n); its maximum is in it, or at an end."""
+    x = np.clip(x, low, high)
+    return np.asarray(ndtr((high - x) / sd) - ndtr((low - x) / sd))
+
+
+def _price(unknown: Unknown, x: float, sd: float, downhill: float) -> float:
+    """-2 ln ∫ exp(-g u - u²/2 sd²) du/(signs max(|x|, sd) ln range) over u >= 0 of a size held at its end x.
+
+    u : into the range. sd : that it would have without the end. downhill : ±g, by which -ln p falls beyond the end.
+    What may have one value only pays as if it were as large as its own standard deviation, in no range.
+    """
+    if unknown.low == unknown.high:
+        return 2.0 * math.log(_signs(unknown) * LOG_RANGE / math.sqrt(2.0 * math.pi))
+    width = math.sqrt(0.5 * math.pi) * sd * float(erfcx(abs(downhill) * sd / math.sqrt(2.0)))
+    return 2.0 * math.log(_signs(unknown) * max(abs(x), sd) * LOG_RANGE / width)
 
 
 def beforehand(width: float, apart: bool = False) -> float:

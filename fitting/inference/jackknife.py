@@ -1,4 +1,7 @@
-"""How far estimates move when a part of the data is left out: what an error that is alike in many data does to them."""
+"""How far estimates move when a part of the data is left out: what an error that is alike in many data does to them.
+
+And what the rest says of a site that is left out.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ..records.noise import Target
 from .fit import Fit
 from .gauss_newton import bounded_step
-from .unknown import bounds
+from .unknown import bounds, precision
 
 Array = np.ndarray
 
@@ -39,4 +43,61 @@ def without_groups(fit: Fit, group: Array, L: Array) -> list[Rest]:
         kept = group != g
         white = solve_triangular(np.linalg.cholesky(C[np.ix_(kept, kept)]), d[kept], lower=True)
         found.append((white[:, 1:], white[:, 0]))
+    return found
+
+
+# --- channels and sites of a network record --------------------------------------------------------------------------
+
+
+class Subset:
+    """Turns whitened columns (n, q) of all channels into those of some: back to coefficients, chosen, whitened anew.
+
+    keep : indices of the channels.
+    """
+
+    def __init__(self, whole: Target, keep: Array) -> None:
+        self.whole, self.keep = whole, keep
+        names = [whole.names[i] for i in keep]
+        self.part = Target.of(names, self.whole.X[:, keep], self.whole.covariance[:, keep[:, None], keep])
+
+    def __call__(self, z: Array) -> Array:
+        return self.part.whiten(self.whole.unwhiten(z)[:, self.keep])
+
+
+def without_each_site(whole: Target, fit: Fit) -> list[Rest]:
+    """The linear problem of a fit without one site, each in turn; not without one whose sensor is a term of the fit, as
+    the others say nothing of it."""
+    sites, faulty = _sites(whole, fit)
+    parts = [
+        Subset(whole, np.flatnonzero(sites != site)) for site in dict.fromkeys(sites.tolist()) if site not in faulty
+    ]
+    return [(part(fit.J), part(fit.z[:, None])[:, 0]) for part in parts]
+
+
+def _sites(whole: Target, fit: Fit) -> tuple[Array, set[str]]:
+    """(m,) the site of every channel; those that a sensor of the fit is at."""
+    names = np.array([name.rpartition(".")[0] for name in whole.names])
+    return names, {term.place.rpartition(".")[0] for term in fit.terms if term.is_sensor}
+
+
+def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
+    """Whitened RMS of each site, predicted from the others: the hypothesis refitted without it, linearised at its fit.
+
+    None for a single site; what a measurement chain does at a site cannot be predicted from others.
+    """
+    sites, faulty = _sites(whole, fit)
+    if len(set(sites)) < 2 or not len(fit.x):
+        return {}
+    low, high = bounds(fit.unknowns)
+    found = {}
+    for site in (s for s in dict.fromkeys(sites.tolist()) if s not in faulty):
+        there = sites == site
+        others, own = (Subset(whole, np.flatnonzero(chosen)) for chosen in (~there, there))
+        J, there_J = others(fit.J), own(fit.J)
+        step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
+        left = own(fit.z[:, None])[:, 0] + there_J @ step
+        # what the others know of the unknowns is uncertain, too
+        spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)
+        V = np.eye(len(left)) + there_J @ spread @ there_J.T
+        found[site] = float(np.sqrt(left @ np.linalg.solve(V, left) / len(left)))
     return found

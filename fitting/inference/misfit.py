@@ -20,15 +20,31 @@ import numpy as np
 
 from .fit import Fit
 from .gauss_newton import bounded_step
+from .places import Place
 from .unknown import bounds, precision
 
 Array = np.ndarray
 
+PART = 2.0  # -2 ln of the odds beforehand of each part that is not zero: judgement
 LARGEST = 1.0  # of a part: an error as large as the pulse
 _SMALLEST = 1e-6
 _STEPS = 40
 _TAKEN = 0.02  # of an error: where the unknowns take up all but this, the residual tells nothing about it
 _SETTLED = 1e-2  # relative change of a part that ends the search
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A hypothesis with an error of the model beside it, integrated out.
+
+    fit : whitened with it. errors : as ``widened`` of its problem takes them. cost : -2 ln of what is chosen of them
+    beforehand. places : of the network, where they act.
+    """
+
+    fit: Fit
+    errors: Array
+    cost: float
+    places: tuple[Place, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,12 @@ def sizes(X: Array) -> Array:
     padded = np.pad(size[1:], ((1, 1), (0, 0)), mode="edge")
     size[1:] = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
     return size
+
+
+def beside(fit: Fit, blocks: Sequence[Block], n_parts: int) -> Beside:
+    """A fit with the errors of its model that make the record most probable."""
+    parts = estimated(fit, blocks, n_parts)
+    return Beside(widened(fit, blocks, parts), parts, PART * float(np.count_nonzero(parts)))
 
 
 def widened(fit: Fit, blocks: Sequence[Block], parts: Array) -> Fit:

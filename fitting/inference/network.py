@@ -28,18 +28,16 @@ from ..records.noise import (
     solver_error,
     target,
 )
-from . import channel_errors
 from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .gauss_newton import Point, Rules, Search, Trial, bounded_step, search
-from .jackknife import Rest
-from .misfit import Block
+from .jackknife import Rest, leave_one_site_out, without_each_site
+from .misfit import sizes
 from .observation import meter, of_other_beats, sense, shown
 from .prior import of_animal
 from .simulator import Runs, Simulator, linear_response, varying
-from .subset import leave_one_site_out, without_each_site
 from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
 
@@ -57,10 +55,10 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of th
 class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
-    error : (K+1, m) standard deviation of errors that more beats do not lower: of the solver, and of the model as far
-    as the covariance allows for them. response : (K+1, m) of the channels to the inflow.
-    felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none where all
-    have it in common. possible : what it may have.
+    error : (K+1, m) standard deviation of the solver's errors, model_error : (K+1, m, m) covariance of the model's, as
+    far as that of the target allows for them; more beats lower neither. response : (K+1, m) of the channels to the
+    inflow. felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none
+    where all have it in common. possible : what it may have.
     """
 
     kind = "network"
@@ -75,6 +73,7 @@ class NetworkProblem(Forward):
     error: Array
     response: Array
     felt: Felt | None = None
+    model_error: Array | None = None
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
 
@@ -89,8 +88,10 @@ class NetworkProblem(Forward):
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt)
         felt = varying(beats, self.network, self.signals, self.K)
-        other = of_other_beats(self.target, self.error, beats, fitted, felt)
-        return replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
+        exact = self if self.model_error is None else self.widened(-self.model_error)
+        other = of_other_beats(exact.target, self.error, beats, fitted, felt)
+        found = replace(exact, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
+        return found if self.model_error is None else found.widened(self.model_error)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         X = self.observe([f.member for f in fits])
@@ -281,16 +282,15 @@ class NetworkProblem(Forward):
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
-    @property
-    def parts(self) -> tuple[str, ...]:
-        return channel_errors.parts(self.signals)
+    def granted(self, part: float) -> NetworkProblem:
+        """With an independent error granted to every harmonic of every channel, of this part of its size."""
+        return self.widened(_diagonal((part * sizes(self.target.X)) ** 2)) if part else self
 
-    def blocks(self, fit: Fit) -> list[Block]:
-        return channel_errors.blocks(self.target)
-
-    def widened(self, parts: Array) -> NetworkProblem:
-        error = np.hypot(self.error, channel_errors.of_parts(self.target, parts))
-        return replace(self, target=channel_errors.widened(self.target, parts), error=error)
+    def widened(self, errors: Array) -> NetworkProblem:
+        """With errors of the model of covariance (K+1, m, m) in that of the channels."""
+        own, before = self.target, 0.0 if self.model_error is None else self.model_error
+        target = Target.of(own.names, own.X, own.covariance + errors)
+        return replace(self, target=target, model_error=before + errors)
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
@@ -304,17 +304,17 @@ class NetworkProblem(Forward):
         return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
     @property
-    def weights(self) -> tuple[float, Array, Array, Array]:
-        """What :meth:`restored` makes the same problem of: length of the elements [m], error, covariance,
-        response."""
+    def weights(self) -> tuple[float, Array, Array | None, Array, Array]:
+        """What :meth:`restored` makes the same problem of: length of the elements [m], errors of solver and model,
+        covariance, response."""
         length = self.simulator.settings.element_length
-        return length, self.error, self.target.covariance, self.response
+        return length, self.error, self.model_error, self.target.covariance, self.response
 
-    def restored(self, weights: tuple[float, Array, Array, Array]) -> NetworkProblem:
-        length, error, covariance, response = weights
+    def restored(self, weights: tuple[float, Array, Array | None, Array, Array]) -> NetworkProblem:
+        length, error, model_error, covariance, response = weights
         simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
         own = Target.of(self.signals, self.target.X, covariance)
-        return replace(self, simulator=simulator, target=own, error=error, response=response)
+        return replace(self, simulator=simulator, target=own, error=error, model_error=model_error, response=response)
 
     def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
         """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
@@ -325,7 +325,7 @@ class NetworkProblem(Forward):
         H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
         felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
         weights = target(self.beats, self.signals, H, error, felt)
-        return replace(self, target=weights, error=error, response=H[: self.K + 1])
+        return replace(self, target=weights, error=error, model_error=None, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""
@@ -353,3 +353,8 @@ class NetworkProblem(Forward):
         m, K = len(self.signals), self.K
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
         return allowed(self.network, s.fit(order, np.tile(np.arange(m), 2 * K + 1)), 0.5 * self.beats.N / self.beats.T)
+
+
+def _diagonal(variance: Array) -> Array:
+    """(K+1, m, m) of independent errors, variance : (K+1, m)."""
+    return variance[..., None] * np.eye(variance.shape[-1])

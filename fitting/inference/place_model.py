@@ -24,6 +24,7 @@ from .network import NetworkProblem
 from .places import Place, places
 from .simulator import Forced, Runs
 from .source_evidence import PRICE, Law, Normal
+from .terms import Term, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values, precisions
 
 Array = np.ndarray
@@ -59,11 +60,11 @@ class Point:
 
 
 class PlaceModel:
-    """The places of a record, and how they are simulated and compared."""
+    """The places of a record, and how they are simulated and compared, beside the effects ``terms``."""
 
-    def __init__(self, problem: NetworkProblem, runs: Runs) -> None:
-        self.problem, self.runs = problem, runs
-        self.unknowns = problem.hypothesis(())
+    def __init__(self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = ()) -> None:
+        self.problem, self.runs, self.terms = problem, runs, tuple(terms)
+        self.unknowns = problem.hypothesis(self.terms)
         self.places = places(problem.network, problem.signals, self.unknowns)
         self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
         ends = np.cumsum([p.columns for p in self.places])
@@ -94,14 +95,14 @@ class PlaceModel:
 
     def residual(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
         """D : (K+1, m); None without balance."""
-        (X,) = self._forced(active, g).observe([Member((), self.unknowns, x)], self.runs)
+        (X,) = self._forced(active, g).observe([Member(self.terms, self.unknowns, x)], self.runs)
         return None if X is None else X - self.problem.target.X
 
     def jacobian(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
         """J : (K+1, m, p); None where a member has no balance."""
         steps = finite_steps(self.unknowns, x, _STEP)
         at = np.concatenate([x[None], x + np.diag(steps)])
-        found = self._forced(active, g).observe([Member((), self.unknowns, each) for each in at], self.runs)
+        found = self._forced(active, g).observe([Member(self.terms, self.unknowns, each) for each in at], self.runs)
         if any(X is None for X in found):
             return None
         X = np.stack([each for each in found if each is not None])
@@ -110,11 +111,12 @@ class PlaceModel:
     def responses(self, x: Array) -> Array:
         """G : (K+1, m, S) of all places, in their units."""
         p, s = self.problem, self.problem.simulator
-        at = {name: float(value) for name, value in parameter_values(self.unknowns, s.network, x).items()}
+        network = rewired(s.network, self.terms)
+        at = {name: float(value) for name, value in parameter_values(self.unknowns, network, x).items()}
         sources = [source for place in self.places for source in place.sources]
         physical = np.concatenate([self.columns[q.key] for q in self.places if q.sources])
         G = np.zeros((p.K + 1, len(p.signals), len(self.units)), complex)
-        found = source_responses(s.network, p.signals, p.K, sources, self.units[physical], s.drive, s.T,
+        found = source_responses(network, p.signals, p.K, sources, self.units[physical], s.drive, s.T,
                                  parameters=at, settings=s.settings)  # fmt: skip
         G[:, :, physical] = np.moveaxis(found, 0, -1)
         for place in self.places:
@@ -127,7 +129,7 @@ class PlaceModel:
 
     def normal(self, point: Point, error: float) -> Normal:
         """The linear problem about a point, with an error granted to the model."""
-        wide = self.problem.widened(np.full(len(self.problem.parts), error)) if error else self.problem
+        wide = self.problem.granted(error)
         y = point.D - point.J @ point.x - np.einsum("kms,ks->km", point.G[:, :, self.columns_of(point.active)], point.g)
         return Normal.of(wide.target.whitener, y, point.J, point.G)
 
@@ -206,8 +208,7 @@ class PlaceModel:
 
     def chi2(self, D: Array, error: float = 0.0) -> float:
         """Σ |z|² of a residual."""
-        wide = self.problem.widened(np.full(len(self.problem.parts), error)) if error else self.problem
-        z = wide.target.whiten(D[..., None])
+        z = self.problem.granted(error).target.whiten(D[..., None])
         return float((z**2).sum())
 
 

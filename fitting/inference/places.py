@@ -50,6 +50,11 @@ class Place:
         return f"{of} {self.name}" + (f" at x/L = {self.at:g}" if self.at is not None else "")
 
     @property
+    def segment(self) -> str:
+        """The segment that it is of, or ends at."""
+        return self.name.partition(".")[0]
+
+    @property
     def key(self) -> tuple[str, str, float | None]:
         """What tells places apart."""
         return self.kind, self.name, self.at

@@ -7,13 +7,12 @@ shifts have a Σ each: what they have in common is left out, which makes the pri
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.coordinate import SCALE, SHIFT, Coordinate
+from solver.coordinate import SCALE, SHIFT, Coordinate, allowed
 from solver.network import Network
 from solver.quantity import Quantity
 
@@ -23,7 +22,6 @@ from .unknown import Unknown
 Array = np.ndarray
 
 CALIBRATION = "calibration"  # the group of unknowns that a calibration left uncertain
-_WIDEST = 5.0  # of a logarithm
 _LEAST = 1e-4  # of the largest standard deviation: a smaller one is none
 
 
@@ -65,16 +63,9 @@ def _range(
     kind: str, moves: Sequence[tuple[str, float]], values: Mapping[str, float], known: Mapping[str, Quantity]
 ) -> tuple[float, float]:
     """The lowest and the highest x that keep every variable in its range."""
-    low, high = -math.inf, math.inf
-    for name, step in moves:
-        q, value = known[name], values[name]
-        if kind == SCALE:
-            ends = (math.log(q.low / value) if q.low > 0.0 else -_WIDEST, math.log(q.high / value))
-        else:
-            ends = (q.low - value, q.high - value)
-        below, above = sorted(end / step for end in ends)
-        low, high = max(low, below), min(high, above)
-    return low, high
+    ends = [allowed(kind, ((name, abs(step)),), values, known[name]) for name, step in moves]
+    ends = [(a, b) if step > 0.0 else (-b, -a) for (a, b), (_, step) in zip(ends, moves, strict=True)]
+    return max(low for low, _ in ends), min(high for _, high in ends)
 
 
 def possible(network: Network, prior: Calibrated | None) -> tuple[Unknown, ...]:

@@ -23,19 +23,17 @@ import numpy as np
 from solver.errors import InputError
 from solver.units import INFLOW
 
-from .hierarchy import APART, beforehand
+from .moves import CLOSELY, MOST, Moves
 from .network import NetworkProblem
 from .place_model import SETTLED, Active, PlaceModel, Point, normal_size, slices, with_signals
 from .places import Place
 from .simulator import OutOfTime, Runs
-from .source_evidence import FIRST_LOOK, PRICE, Normal, marginal
+from .source_evidence import Law, Normal
 from .unknown import Unknown
 
 Array = np.ndarray
 
 LEVELS = (0.2, 0.05, 0.015, 0.003, 0.0)  # of every channel's pulse: the error that the model is granted
-MOST = 3  # places at once
-_CLOSELY = 14  # places that are looked at closely, of all
 _WORSE = 1.5  # times chi2 after a step: it is shortened
 _SHORTER = 0.35
 _BACK = 6  # times at most
@@ -45,12 +43,14 @@ _ADVANCES = 4
 @dataclass(frozen=True)
 class Signal:
     """What acts at a place. g : (K+1, q) harmonics of its sources [SI], sd : (K+1, q) standard deviations of their real
-    and of their imaginary parts; none of a number that stands out. units : (q,) of the search."""
+    and of their imaginary parts; none of a number that stands out. units : (q,) of the search. law : how large it is
+    beforehand; None of a number that stands out."""
 
     place: Place
     g: Array
     sd: Array
     units: tuple[float, ...]
+    law: Law | None = None
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,7 @@ class _Search:
 
     def __init__(self, problem: NetworkProblem, runs: Runs) -> None:
         self.model = PlaceModel(problem, runs)
+        self.moves = Moves(self.model)
         self.none = np.zeros((problem.K + 1, 0), complex)
 
     def advanced(self, point: Point, error: float, fresh: bool) -> Point:
@@ -195,8 +196,8 @@ class _Search:
         normal = self.model.normal(point, error)
         here = self.model.inferred(normal, point.active, point.widths, point.x)
         point = replace(point, active=here[1], widths=here[2], score=here[0])
-        best = min(self.moves(normal, point), key=lambda move: move[0], default=(math.inf, point.active))
-        if best[0] > here[0] - SETTLED:
+        best = self.moves.best(normal, point)
+        if best is None:
             return None
         # g goes on from where it was: only what left is taken out, which the next step makes good
         return self.relinearised(self.with_places(point, best[1]))
@@ -204,48 +205,6 @@ class _Search:
     def relinearised(self, point: Point) -> Point:
         D = self.model.residual(point.active, point.x, point.g)
         return point if D is None else replace(point, D=D)
-
-    def moves(self, normal: Normal, point: Point) -> Iterator[tuple[float, tuple[Active, ...]]]:
-        """Places added; where that gains nothing, dropped and swapped."""
-        adds = self.looked(normal, point.active, point, _CLOSELY) if len(point.active) < MOST else []
-        yield from adds
-        if min((score for score, _ in adds), default=math.inf) > point.score - SETTLED:
-            yield from self.without_each(normal, point, _CLOSELY // 2)
-
-    def without_each(self, normal: Normal, point: Point, closely: int) -> Iterator[tuple[float, tuple[Active, ...]]]:
-        """Places dropped and swapped."""
-        same = {a.place.key for a in point.active}
-        for i in range(len(point.active)):
-            rest = (*point.active[:i], *point.active[i + 1 :])
-            score, rest, _ = self.model.inferred(normal, rest, point.widths, point.x)
-            yield score, rest
-            for other in self.looked(normal, rest, point, closely):
-                if {a.place.key for a in other[1]} != same:
-                    yield other
-
-    def looked(
-        self, normal: Normal, active: tuple[Active, ...], point: Point, closely: int
-    ) -> list[tuple[float, tuple[Active, ...]]]:
-        """-2 ln evidence with one place more: of all places at a few sizes, then of the best with all inferred."""
-        sd = self.model.sd(active, point.widths)
-        reduced = normal.without(self.model.columns_of(active), self.model.variance(active))
-        there, quick = {a.place.key for a in active}, list[tuple[float, Active]]()
-        for place in (p for p in self.model.places if p.key not in there):
-            if place.unknown is not None:
-                i = self.model.unknowns.index(place.unknown)
-                wider = np.tile(sd, (len(APART), 1))
-                wider[:, i] = APART
-                score = float(marginal(reduced.of_unknowns, wider).min()) + reduced.log_volume
-                quick.append((score + beforehand(APART[0], True), Active(place)))
-            else:
-                score, law = reduced.best_law(self.model.columns[place.key], place.relative, sd, *FIRST_LOOK)
-                quick.append((score + PRICE, Active(place, law)))
-        quick.sort(key=lambda each: each[0])
-        found = []
-        for _, added in quick[:closely]:
-            score, both, _ = self.model.inferred(normal, (*active, added), point.widths, point.x, 1)
-            found.append((score, both))
-        return sorted(found, key=lambda each: each[0])
 
     def pruned(self, point: Point) -> Point:
         """Without places that are not worth their price, all refitted."""
@@ -275,7 +234,7 @@ class _Search:
             sd = normal.amplitudes(columns, self.model.variance(active), point.x, self.model.spread(normal, point))[1]
         for a, own in zip(active, slices(active), strict=True):
             units = self.model.units[columns[own]]
-            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist())))
+            signals.append(Signal(a.place, point.g[:, own] * units, sd[:, own] * units, tuple(units.tolist()), a.law))
         rivals = [Rival(tuple(a.place for a in other), s - score) for s, other in self._rivals(normal, point)]
         return SourceMap(
             signals=tuple(signals),
@@ -290,5 +249,5 @@ class _Search:
         )
 
     def _rivals(self, normal: Normal, point: Point) -> Iterator[tuple[float, tuple[Active, ...]]]:
-        yield from self.looked(normal, point.active, point, MOST)
-        yield from self.without_each(normal, point, _CLOSELY)
+        yield from self.moves.looked(normal, point.active, point, MOST)
+        yield from self.moves.without_each(normal, point, CLOSELY)

@@ -48,11 +48,6 @@ class Reading:
         decimal = {} if self.decimal is None else {"decimal": self.decimal}
         return decimal | ({"map": dict(self.names)} if self.names else {})
 
-    @property
-    def key(self) -> list[Any]:
-        """Plain, for what depends on it."""
-        return [self.decimal, dict(self.names)]
-
 
 @dataclass(frozen=True)
 class Chosen:
@@ -94,12 +89,8 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
         for other in found[:i]:
             if other.name == each.name:
                 both = "a name twice" if other.kind is each.kind else "R and D of one site"
-                refuse(
-                    place,
-                    None,
-                    each.column.title,
-                    f'{both}; keep one of the two columns, --map "{each.column.title}=" leaves this one out',
-                )
+                why = f'{both}; keep one of the two columns, --map "{each.column.title}=" leaves this one out'
+                refuse(place, None, each.column.title, why)
     return _chosen(*times[0], titles_, place), found
 
 
@@ -224,12 +215,8 @@ def _factor(kind: Kind, name: str, unit: str, title: str, titles: Sequence[str],
 
 def _ask(kind: Kind, name: str, title: str, place: Place) -> NoReturn:
     bare = re.sub(r"\s*\[\s*\]$", "", name)
-    refuse(
-        place,
-        None,
-        title,
-        f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file',
-    )
+    why = f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
+    refuse(place, None, title, why)
 
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:

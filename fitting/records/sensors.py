@@ -59,12 +59,8 @@ def check_numbers(values: Array, name: str, title: str, place: Place) -> None:
     """Refuses infinite values and a channel of gaps only."""
     low, high = _extremes(values)
     if np.isinf(low) or np.isinf(high):
-        refuse(
-            place,
-            int(np.flatnonzero(np.isinf(values))[0]),
-            title,
-            "the value is infinite; leave the field empty for a gap",
-        )
+        why = "the value is infinite; leave the field empty for a gap"
+        refuse(place, int(np.flatnonzero(np.isinf(values))[0]), title, why)
     if np.isnan(low):
         raise UnusableRecord(f"{place}: column {title!r}: it holds gaps only; remove the column.")
 
@@ -110,14 +106,12 @@ def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
         fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
         start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
         if len(fall) and np.median(fall) > _STEEP * _quantum(values):
-            refuse(
-                place,
-                int(start[0]),
-                title,
+            why = (
                 f"the channel is clipped: it rests at its {word} value, "
                 f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
-                "widen the sensor's range, or leave these fields empty",
+                "widen the sensor's range, or leave these fields empty"
             )
+            refuse(place, int(start[0]), title, why)
 
 
 def _extremes(values: Array) -> tuple[float, float]:
@@ -151,13 +145,11 @@ def check_ranges(channels: Mapping[str, Array], titles: Mapping[str, str], place
             bad = int(np.flatnonzero((values < kind.low) | (values > kind.high))[0])
             factor = display_factor(kind.example)
             value, lowest, highest = (f"{factor * x:.4g}" for x in (float(values[bad]), kind.low, kind.high))
-            refuse(
-                place,
-                bad,
-                titles[name],
+            why = (
                 f"a {kind.noun} of {value} {kind.example} is outside {lowest} to {highest} {kind.example}, where those "
-                "of all arteries lie; check the unit, or leave the field empty where the sensor failed",
+                "of all arteries lie; check the unit, or leave the field empty where the sensor failed"
             )
+            refuse(place, bad, titles[name], why)
 
 
 def _swapped(P: Array | None, R: Array | None) -> bool:

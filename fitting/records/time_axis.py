@@ -57,13 +57,11 @@ def uniform(given: Array, factor: float, title: str, place: Place) -> Array:
         first = np.flatnonzero(off > min(max(1.01 * decimal, 2.0 * rounding), 0.999 * off.max()))
         at = int(first[0]) if len(first) else int(off.argmax())
         advice = "print the time with more decimals, " if 2.0 * decimal >= dt else ""
-        refuse(
-            place,
-            at + 1,
-            title,
+        why = (
             f"the sampling is not uniform: a step of {step[at]:.6g} where the usual one is {usual:.6g}; "
-            f"{advice}resample the record, or fill lost samples with empty fields",
+            f"{advice}resample the record, or fill lost samples with empty fields"
         )
+        refuse(place, at + 1, title, why)
     return line * factor
 
 

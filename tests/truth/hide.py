@@ -38,7 +38,7 @@ FLOW = (
 CHANNEL = ("channel_lag", "channel_gain", "channel_offset", "catheter_resonance")
 OUTSIDE_WALL = ("cubic_rate", "strain_viscosity", "coulomb", "varying_tone")
 OUTSIDE_SENSOR = ("inflow_bent", "inflow_rectified")
-OUTSIDE = (*OUTSIDE_WALL, "swinging_outlet", *OUTSIDE_SENSOR)
+OUTSIDE = (*OUTSIDE_WALL, "swinging_outlet", *OUTSIDE_SENSOR, "wall_radius")
 
 _MEAN_PRESSURE = 10e3  # [Pa], with which the size of a side branch becomes its conductance
 _MEAN_FLOW = 15e-6  # [m³/s], the same
@@ -58,7 +58,7 @@ class Effect:
     Outside the catalogue: cubic_rate φ3/φ0 [s²]; strain_viscosity c of
     φ0 (1 + cε); coulomb σ_c/E; varying_tone how far E wanders over the record, from the phase ``second`` on;
     swinging_outlet the swing of R_t at the phase ``second``; inflow_bent: Q (1 + size Q/Q_peak) is recorded;
-    inflow_rectified: Q - size min(Q, 0).
+    inflow_rectified: Q - size min(Q, 0); wall_radius: scale of R0 - 1.
     position, length : middle [x/L] and length [L] of the part that a stenosis, side_branch or wall_stiffness acts on;
     length 0 is that of its kind: a tenth for a stenosis, all for the others.
     """
@@ -119,6 +119,7 @@ _VESSEL: dict[str, Callable[[Vessel, Effect], Vessel]] = {
     "cubic_rate": lambda v, x: replace(v, phi3=x.size * v.phi0),
     "strain_viscosity": lambda v, x: replace(v, c=x.size),
     "coulomb": lambda v, x: replace(v, coulomb=x.size * v.E),
+    "wall_radius": lambda v, x: replace(v, R0=v.R0 * (1.0 + x.size)),
 }
 
 

@@ -2,9 +2,10 @@
 
 A plan belongs to a group, which says what its records are like; each group has a seed of its own for tuning and one
 for the reported run. The order of a plan is shuffled, so that any first part of it is a fair sample. A reported seed
-whose records were looked at becomes one of tuning (20260401, 20261121, 20270315, 20290611, 20310105, 20310113 and
-20310115 of the standard group have, 20290612, 20310106, 20310107, 20310117, 20310119 and 20310123 of the walls,
-20290615, 20310108 and 20310118 of those off centre, 20290614 of those that vary).
+whose records were looked at becomes one of tuning (20260401, 20261121, 20270315, 20290611, 20310105, 20310113, 20310115
+and 20310120 of the standard group have, 20290612, 20310106, 20310107, 20310117, 20310119, 20310123 and 20310124 of the
+walls, 20290615, 20310108 and 20310118 of those off centre, 20290614 of those that vary, 20290616 of those outside the
+catalogue).
 
     standard       identical beats, common nuisances; a tenth outside the catalogue, a tenth with two effects
     walls          every wall off by itself, by half, once or one and a half times what is usual
@@ -12,6 +13,7 @@ whose records were looked at becomes one of tuning (20260401, 20261121, 20270315
     varying        intervals that vary by 3 % and strokes by 5 % from beat to beat
     offcentre      stenoses and leaks away from the middle of their segment, half of them in individual walls
     outside_walls  effects outside the catalogue in individual walls
+    own            one wall or end far off by itself, in individual walls: E x 0.4 to 3, R_t +- 0.3, R0 +- 12 %
 
 In groups other than the standard one sizes are from the upper half of their ranges. Where walls are off by themselves
 nothing is hidden that is merely this animal's wall: another stiffness, or another phi0 where there is one.
@@ -20,14 +22,14 @@ nothing is hidden that is merely this animal's wall: another stiffness, or anoth
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from .hide import ALL, CHANNEL, OUTSIDE, OUTSIDE_WALL, WALL, Effect
 from .records import SENSORS, SITES, Case
-from .sizes import BENCH_SIZES, NETWORK_SIZES, POSITIVE_RATIO, RADIUS_GAIN
+from .sizes import BENCH_SIZES, NETWORK_SIZES, POSITIVE_RATIO, RADIUS_GAIN, SOFTEST
 
 NOISE = {40.0: 0.5, 30.0: 0.35, 20.0: 0.15}
 
@@ -45,7 +47,8 @@ class Group:
 
     records : how many of each kind the reported plan has; nulls, outside, pairs : shares of them, the rest has one
     effect. least : where in the ranges sizes begin. walls, sensors : drawn from evenly (see Case). only : effects, if
-    not all. position : where along its segment a local effect may be.
+    not all. position : where along its segment a local effect may be. sizes : of these effects, in place of the usual
+    ranges.
     """
 
     tuning: int
@@ -60,17 +63,20 @@ class Group:
     varying: tuple[float, float] = (0.0, 0.0)
     only: tuple[str, ...] = ()
     position: tuple[float, float] | None = None
+    sizes: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 _SPREADS = (0.5, 1.0, 1.5)
+_OWN = {"wall_stiffness": (0.35, 2.0, 0.4), "terminal_reflection": (0.1, 0.3, 0.5), "wall_radius": (0.07, 0.12, 0.5)}
 GROUPS = {
-    "standard": Group(11, 20310120, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
-    "walls": Group(21, 20310124, {"network": 560}, 0.4, walls=_SPREADS),
+    "standard": Group(11, 20320202, {"bench": 1200, "network": 400}, 0.25, 0.1, 0.1, least=0.0),
+    "walls": Group(21, 20320201, {"network": 560}, 0.4, walls=_SPREADS),
     "sensors": Group(22, 20290613, {"bench": 240, "network": 120}, 0.4, sensors=tuple(SENSORS)),
     "varying": Group(23, 20310122, {"bench": 240, "network": 140}, 0.6, varying=(0.03, 0.05)),
     "offcentre": Group(24, 20310121, {"network": 100}, 0.0, walls=(0.0, 1.0), only=("stenosis", "side_branch"),
                        position=(0.15, 0.85)),
-    "outside_walls": Group(25, 20290616, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
+    "outside_walls": Group(25, 20320203, {"bench": 120, "network": 120}, 0.0, 1.0, walls=_SPREADS),
+    "own": Group(26, 20320204, {"network": 90}, 0.0, 1 / 3, least=0.0, walls=_SPREADS, only=tuple(_OWN), sizes=_OWN),
 }  # fmt: skip
 TUNING_SEED, REPORTED_SEED = GROUPS["standard"].tuning, GROUPS["standard"].reported
 REPORTED = GROUPS["standard"].records
@@ -108,7 +114,7 @@ class _Draw:
 
     def __init__(self, kind: str, rng: np.random.Generator, group: Group) -> None:
         self.kind, self.rng, self.group = kind, rng, group
-        self.sizes = BENCH_SIZES if kind == "bench" else NETWORK_SIZES
+        self.sizes = group.sizes or (BENCH_SIZES if kind == "bench" else NETWORK_SIZES)
         self.own_walls = any(group.walls)
 
     def takes(self, name: str) -> bool:
@@ -168,6 +174,8 @@ class _Draw:
         sign = -1.0 if rng.random() < opposite else 1.0
         if name == "nonlinear_wall_viscosity" and sign > 0.0:
             high = POSITIVE_RATIO
+        if name == "wall_stiffness" and sign < 0.0:
+            high = min(high, SOFTEST)
         share = rng.uniform(0.5 if pair else self.group.least, 1.0)
         size = sign * low * (high / low) ** share
         where = self._where(name, channels)

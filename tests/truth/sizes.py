@@ -48,6 +48,7 @@ NETWORK_SIZES: dict[str, tuple[float, float, float]] = {
     "inflow_bent": (1e-3, 0.2, 0.5),
     "inflow_rectified": (5e-3, 1.0, 0.0),
 }
+SOFTEST = 0.6  # of E, that a softer wall lacks
 POSITIVE_RATIO = 0.5  # φ_NL/φ0 of the positive sign ends here, as in the paper: beyond, the upstroke stiffens at once
 
 RADIUS_GAIN = 0.01  # a radius pulsates by a few per cent of its mean, so that a gain shows a hundred times more

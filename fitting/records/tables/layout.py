@@ -15,7 +15,6 @@ from solver.errors import InputError
 
 from .clock import is_clock
 from .numbers import COMMENT
-from .preamble import biopac, labchart
 from .titles import is_time, is_unit, name_and_unit
 
 _LOOKED_AT = 2000  # lines
@@ -196,3 +195,36 @@ def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int
         f"{source}: line {first}: {marked[0]!r} may be {marked[0].replace(mark, '.')} or {whole}; say which: "
         f"--decimal {name[mark]} (it is the decimal mark) or --decimal {name[other]} (it groups thousands)."
     )
+
+
+# --- what LabChart (ADInstruments) and AcqKnowledge (Biopac) write above the columns ---------------------------------
+
+
+def labchart(rows: Sequence[Sequence[str]]) -> tuple[list[str], list[str]] | None:
+    """Titles and units, time first, of lines ``ChannelTitle=``, ``Range=`` and ``UnitName=``, which stand for a header;
+    None if there are none."""
+    lines = {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows if row}
+    titles = lines.get("ChannelTitle=")
+    if titles is None:
+        return None
+    units = lines.get("UnitName=") or [re.sub(r"^[\d.,\s]+", "", each) for each in lines.get("Range=", [])]
+    units += [""] * (len(titles) - len(units))
+    clock = lines.get("TimeFormat=", [""])[0]
+    return ["Time", *titles], ["s" if clock in ("", "StartOfBlock", "StartOfFile") else "", *units[: len(titles)]]
+
+
+def biopac(lines: Sequence[str], titles: Sequence[str]) -> tuple[list[str], list[str]] | None:
+    """The same of AcqKnowledge, where every channel's name and unit are lines of their own above the header.
+
+    titles : of the header, such as min, CH1, CH2.
+    """
+    start = next((i for i, line in enumerate(lines) if re.fullmatch(r"\d+ channels?", line.strip(" \t,;"))), None)
+    if start is None:
+        return None
+    pairs = [line.strip(" \t,;") for line in lines[start + 1 :]]
+    names, units = pairs[::2], pairs[1::2]
+    channels = [title for title in titles[1:] if title]
+    if len(names) != len(channels) or len(units) != len(channels):
+        return None
+    last = [""] * (len(titles) - 1 - len(channels))  # of a separator at the end
+    return [titles[0], *names, *last], ["", *(unit if is_unit(unit) else "" for unit in units)]

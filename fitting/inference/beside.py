@@ -1,0 +1,80 @@
+"""What acts beside a hypothesis, whatever it is: free sources at places, integrated out of its evidence.
+
+    C'_k = C_k + Σ_p G_pk v_pk G_pkᴴ
+
+is the covariance of the channels where sources of variances v act at places p (:mod:`~fitting.inference.place_model`):
+an error of the model that goes where waves can carry it, and nowhere else. The places are those that the evidence of
+the linear problem about the hypothesis leaves, or those of the source map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .fit import Fit, Member
+from .misfit import Beside, settled
+from .moves import MOST, Moves
+from .network import NetworkProblem
+from .place_model import Active, PlaceModel, Point
+from .simulator import Runs
+from .source_evidence import PRICE
+from .source_map import SourceMap
+
+Array = np.ndarray
+
+
+def found_beside(problem: NetworkProblem, fit: Fit, runs: Runs) -> Beside | None:
+    """With the places that the evidence of the linear problem about a fit asks for; None where it asks for none."""
+    model = PlaceModel(problem, runs, fit.terms)
+    nothing = np.zeros((problem.K + 1, 0), complex)
+    widths: Mapping[str, float] = {u.group: 1.0 for u in fit.unknowns if u.group}
+    D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
+    point = Point((), fit.x, nothing, widths, D[..., 0], J, model.responses(fit.x))
+    normal, moves = model.normal(point, 0.0), Moves(model)
+    for _ in range(MOST + 2):
+        score, active, widths = model.inferred(normal, point.active, point.widths, point.x)
+        point = replace(point, score=score, active=active, widths=widths)
+        move = moves.best(normal, point)
+        if move is None:
+            break
+        point = replace(point, active=move[1])
+    return _with(model, point, fit) if point.active else None
+
+
+def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
+    """The animal of the source map, with what acts there free. none : a fit without effect, for its shape."""
+    forced = found.forced(problem, range(len(found.signals)))
+    (X,) = forced.observe([Member((), found.unknowns, found.x)], runs)
+    if X is None:
+        return None
+    there = replace(none, x=found.x, z=problem.residual(X), J=problem.target.whiten(found.J), log_volume=0.0)
+    active = [Active(s.place, s.law) for s in found.signals]
+    return with_places(problem, there, active, np.concatenate([s.g for s in found.signals], axis=1), runs)
+
+
+def with_places(problem: NetworkProblem, fit: Fit, active: Sequence[Active], g: Array, runs: Runs) -> Beside:
+    """With sources at given places. fit : of the problem with the amplitudes g : (K+1, q) [SI] of all of them in it."""
+    model = PlaceModel(problem, runs, fit.terms)
+    D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
+    G = model.responses(fit.x)
+    columns = model.columns_of(active)
+    D = D[..., 0] - np.einsum("kms,ks->km", G[:, :, columns], g / model.units[columns])
+    left = replace(fit, z=problem.target.whiten(D[..., None])[:, 0])
+    return _with(model, Point(tuple(active), fit.x, g, {}, D, J, G), left)
+
+
+def _with(model: PlaceModel, point: Point, fit: Fit) -> Beside:
+    """The fit, its sources at 0, with those of a point integrated out."""
+    problem, own = model.problem, point.G[:, :, model.columns_of(point.active)]
+    covariance = (own * model.variance(point.active)[:, None]) @ own.conj().swapaxes(1, 2)
+    covariance[0] = covariance[0].real
+    wide = problem.widened(covariance)
+    volume = 2.0 * np.linalg.slogdet(problem.target.whitener)[1] - 2.0 * np.linalg.slogdet(wide.target.whitener)[1]
+    (fit,) = wide.restated([fit], problem)
+    log_volume = float(volume[0] + 2.0 * volume[1:].sum())
+    fit = replace(fit, unknowns=model.unknowns_of(point.active), log_volume=fit.log_volume + log_volume)
+    cost = sum((PRICE if a.law else 0.0) + model.worth for a in point.active)
+    return Beside(settled(fit), covariance, cost, tuple(a.place for a in point.active))
