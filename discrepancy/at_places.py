@@ -14,10 +14,10 @@ import numpy as np
 
 from fitting.inference.beside import found_beside
 from fitting.inference.fit import Fit, Member, sizes_of
+from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.network import NetworkProblem
 from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
-from fitting.inference.search import bounded_step
 from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins

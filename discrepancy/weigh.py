@@ -17,9 +17,9 @@ import numpy as np
 from fitting.inference import hierarchy
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.forward import Forward
+from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.misfit import Beside
 from fitting.inference.places import Place
-from fitting.inference.search import bounded_step
 from fitting.inference.terms import Term
 from fitting.inference.unknown import bounds, free, penalty, precision, precisions
 

@@ -16,7 +16,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,9 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from .inference.asked import parse_unknowns
-from .inference.descent import Descent, Problem, minimise, problem_of
+from .inference.calibration import DERIVATIVE_ERROR, Problem, problem_of
+from .inference.fit import Member
+from .inference.gauss_newton import Rules, Search, search
 from .inference.identify import sentences
 from .inference.simulator import Meter
 from .inference.unknown import Unknown, parameter_intervals, parameter_values, quantile
@@ -49,7 +51,8 @@ Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
-_NEAR = 5e-3  # in prior units: from here one step with the second weights leads home
+# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none
+_NEAR, _SETTLED = 1e-2, 1e-4
 _FEWEST_STEPS = 20  # of the solver in a beat
 
 
@@ -171,17 +174,26 @@ def calibrate(
     first = problem.with_target(x, np.full((K + 1, len(names)), _FIRST_ERROR) * pulse)
     told.begin(0.0, 0.6, "first search")
     with _refusal(f"{beats.source}: with its inflow, network {network.name} {given} cannot be simulated"):
-        start = first.evaluate(x)
-    near = minimise(first, start, max_iterations, (0.1, _NEAR))
+        batch = first.batch(x)
+    rules = Rules(_NEAR, math.inf, max_iterations, error=DERIVATIVE_ERROR)
+    near = _minimum(first, x, batch, rules)
 
     told.begin(0.6, 1.0, "second search")
-    x, batch = near.point.x, near.point.batch
+    assert near.here is not None
+    x, batch = near.x, near.here.memory
     with _refusal(f"{beats.source}: network {network.name} as found cannot be simulated with shorter elements"):
         last = problem.with_target(x, solver_error(batch[0], problem.finer().simulate(x[None])[0], pulse))
-    best = minimise(last, last.point(x, batch), max_iterations, (0.01, 0.0))
+    best = _minimum(last, x, batch, replace(rules, gain=_SETTLED))
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, time.perf_counter() - started)
+
+
+def _minimum(problem: Problem, x: Array, batch: Array, rules: Rules) -> Search:
+    """The search from x : (p,), whose batch is known."""
+    found = Search(Member((), problem.unknowns, x), rules, problem.point(x, batch))
+    search(problem.evaluated, [found])
+    return found
 
 
 # --- the record ----------------------------------------------------------------------------------------------------
@@ -252,15 +264,15 @@ def _refusal(what: str) -> Iterator[None]:
 # --- the result ---------------------------------------------------------------------------------------------------
 
 
-def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> Calibration:
-    assert problem.target is not None
-    point, unknowns, network = best.point, problem.unknowns, problem.simulator.network
+def _result(problem: Problem, near: Search, best: Search, seconds: float) -> Calibration:
+    assert problem.target is not None and best.here is not None
+    x, point, unknowns, network = best.x, best.here, problem.unknowns, problem.simulator.network
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
     known = problem.determined(point, max(1.0, chi2 / dof))
-    close = np.minimum(point.x - problem.bounds[0], problem.bounds[1] - point.x) <= 1e-9 * problem.typical
+    close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
-    channels = problem.target.channel_rms(point.batch[0])
+    channels = problem.target.channel_rms(point.memory[0])
     sd = np.sqrt(np.diag(known.covariance))
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
@@ -271,15 +283,15 @@ def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> C
     ]
     if not best.converged:
         report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
-    values = parameter_values(unknowns, network, point.x)
+    values = parameter_values(unknowns, network, x)
     return Calibration(
         network=network.name,
         unknowns=unknowns,
-        x=point.x,
+        x=x,
         covariance=known.covariance,
         values={name: float(value) for name, value in values.items()},
         ci95=parameter_intervals(
-            unknowns, network, point.x, known.covariance, degrees_of_freedom(problem.beats.n_beats, at_ends=True)
+            unknowns, network, x, known.covariance, degrees_of_freedom(problem.beats.n_beats, at_ends=True)
         ),
         shrinkage=tuple(u.prior_sd and float(s) / u.prior_sd for u, s in zip(unknowns, sd, strict=True)),
         chi2=chi2,
@@ -289,7 +301,7 @@ def _result(problem: Problem, near: Descent, best: Descent, seconds: float) -> C
         directions=known.directions,
         at_bound=at_bound,
         report=tuple(report),
-        history=(near.history, best.history),
+        history=(tuple(near.history), tuple(best.history)),
         converged=best.converged,
         harmonics=problem.simulator.K,
         simulations=problem.meter.simulations,

@@ -12,7 +12,7 @@ from solver.network import Network
 from .calibrate import Calibration
 from .estimate import Estimate
 from .indices import estimates, loop_area, measured_estimate, of_wall
-from .inference.descent import STEP
+from .inference.calibration import STEP
 from .inference.unknown import finite_steps, parameter_values
 from .records.beats import Beats
 from .records.inflow import inflow

@@ -17,7 +17,7 @@ from discrepancy.find import benjamini_yekutieli, find, mass_balances, wall_bala
 from discrepancy.isolability import isolability, smallest
 from discrepancy.weigh import stated
 from fitting.inference.fit import Fit, misfit, projected
-from fitting.inference.search import bounded_step
+from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, precision
 

@@ -21,12 +21,12 @@ from discrepancy.verdict import Naming
 from discrepancy.weigh import Named
 from fitting.inference.added import estimates
 from fitting.inference.bench import fit
-from fitting.inference.fit import Fit, Member
+from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
+from fitting.inference.gauss_newton import Point, Rules, Search, Trial, search
 from fitting.inference.hierarchy import score
 from fitting.inference.network_record import network_problem
 from fitting.inference.profile import reaches
-from fitting.inference.search import relax
 from fitting.inference.simulator import Meter, OutOfTime, Runs
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, quantile
@@ -54,22 +54,15 @@ class Ratio:
     breaks: float = math.inf
     simulations: int = 0
 
-    def observe(self, members: Sequence[Member], runs: Runs) -> list[Array | None]:
-        self.simulations += len(members)
-        return [None if m.x[1] > self.breaks else self._z(*m.x) for m in members]
-
-    def residual(self, X: Array) -> Array:
-        return X
-
-    def derivatives(
-        self, members: Sequence[Member], runs: Runs, by: Sequence[Array] | None = None
-    ) -> list[tuple[Array, Array] | None]:
-        by = by or [np.arange(2)] * len(members)
-        return [(self._z(*m.x), self._J(*m.x)[:, i]) for m, i in zip(members, by, strict=True)]
+    def points(self, trials: Sequence[Trial]) -> list[Point | None]:
+        self.simulations += sum(not len(t.by) for t in trials)
+        at = [(t.member.x, t.by) for t in trials]
+        return [None if x[1] > self.breaks else Point(self._z(*x), self._J(*x)[:, by]) for x, by in at]
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        searches = relax(self, fits, Runs())
-        return [None if s.failed else replace(f, x=s.x, z=s.z, J=s.J) for f, s in zip(fits, searches, strict=True)]  # type: ignore[arg-type]
+        searches = [Search(f.member, Rules(gain=0.02, fresh=4), known=f.columns) for f in fits]
+        search(self.points, searches)
+        return [None if s.failed else s.fit(f.order, f.signal) for f, s in zip(fits, searches, strict=True)]
 
     def best(self, highest: float = 1e3) -> Fit:
         unknowns = tuple(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -26,25 +26,22 @@ from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
+from .gauss_newton import Point, Rules, Search, Trial, search
 from .jackknife import Rest, without_groups
-from .loop import Linear, Loop, NoFit, fourier, linearise, mean_loop
+from .loop import Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Beside, Block, beside, sizes
 from .observation import chain, mean_wander, of_fewer
-from .search import bounded_step
 from .seen import Seen
 from .simulator import Runs
 from .terms import Term, nuisances
-from .unknown import Unknown, bounds, finite_steps, penalty, precisions, values
+from .unknown import Unknown, finite_steps, values
 
 Array = np.ndarray
 
-_ITERATIONS = 40
 _MOST_HARMONICS = 40
 _ABOVE_NOISE = 4.0  # standard deviations
-_EARLIEST, _HOPELESS = 8, 300.0  # iterations, and promised cost above the best one's, from which a search is given up
-_EQUAL = 1e-3  # of the cost: a smaller decrease ends the search
+_RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard deviation moves no verdict
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
-_LARGEST = 3.0  # of a step in x, typical sizes
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
 
@@ -130,7 +127,7 @@ class Bench(Forward):
 
     def without_each(self, fit: Fit) -> list[Rest]:
         state = _settled(self, fit.member)
-        return [] if state is None else without_groups(fit, fit.order, state.linear.L[: len(fit.z), : len(fit.z)])
+        return [] if state is None else without_groups(fit, fit.order, state.memory.L[: len(fit.z), : len(fit.z)])
 
     def beside(self, fit: Fit) -> Beside | None:
         """With errors of the wall law, as of its pressure: of its mean, and of its harmonics."""
@@ -139,7 +136,7 @@ class Bench(Forward):
             return None
         size = np.concatenate([self._law_error[:1], np.repeat(self._law_error[1 : self.K + 1], 2)])
         n = len(size)
-        L = state.linear.L[:n, :n]
+        L = state.memory.L[:n, :n]
         B = np.linalg.solve(L, np.diag(size * np.sqrt(self.loop.N)))
         return beside(fit, [Block(np.arange(n), B, np.minimum(np.arange(n), 1))], 2)
 
@@ -193,7 +190,7 @@ class Bench(Forward):
         if state is None:
             return self.loop.P
         seen = self.seen(fit.member, fit.x[None])
-        return seen.true(state.radius(np.zeros_like(fit.x)))[1][0]
+        return seen.true(state.memory.radius(state.memory.z))[1][0]
 
     def driven(self, wave: Array) -> Drive:
         """The pressure at the artery's end, which is the site's."""
@@ -251,66 +248,14 @@ def fit(problem: Bench, terms: Sequence[Term], start: Fit | None = None, known: 
     return min(found, key=lambda f: f.cost)
 
 
-@dataclass(frozen=True)
-class _Point:
-    """Where a search is: x, the measured radius r, and the linear problem there."""
-
-    x: Array
-    r: Array
-    state: _State
-
-    @classmethod
-    def at(cls, problem: Bench, member: Member, r: Array) -> _Point | None:
-        state = _linearised(problem, member, r)
-        return None if state is None else cls(member.x, r, state)
-
-    def cost(self, prior: Array) -> float:
-        """That at the most probable radius, as far as the residual is quadratic in what is left to move."""
-        return self.state.promised(prior, self.x, np.zeros_like(self.x))
-
-    def settled(self, problem: Bench, member: Member) -> _Point:
-        """The same x with the radius moved to the most probable one."""
-        moved = _Point.at(problem, replace(member, x=self.x), self.state.radius(np.zeros_like(self.x)))
-        return self if moved is None else moved
-
-
 def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
     """The minimum that a search from one point comes to. Raises NoFit where it cannot begin there."""
-    prior, damping, (low, high) = precisions(member.unknowns), 0.0, bounds(member.unknowns)
-    here = _Point.at(problem, member, problem.start)
-    if here is None:
+    found = Search(member, _RULES)
+    search(partial(_evaluated, problem), [found], known)
+    if found.here is None:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
-    kept, best, converged, settled = here, np.inf, False, False
-    for i in range(_ITERATIONS):
-        if (cost := here.cost(prior)) < best + _EQUAL:
-            converged = best - cost < _EQUAL
-            kept, best, settled, damping = here, min(cost, best), False, 0.2 * damping if damping > 1e-4 else 0.0
-            if converged:
-                break
-        else:
-            damping = max(5.0 * damping, 1e-3)
-            if not settled:  # far from the most probable radius a cost promises too much, and nothing would beat it
-                kept, settled = kept.settled(problem, member), True
-                best = kept.cost(prior)
-        trial = None
-        while trial is None and damping < 1e8:
-            step = _largest(bounded_step(kept.state.J, kept.state.z, prior, kept.x, low, high, damping))
-            promised = kept.state.promised(prior, kept.x, step)
-            if i >= _EARLIEST and best - 3.0 * max(best - promised, 0.0) > known + _HOPELESS:
-                break
-            trial = _Point.at(problem, replace(member, x=kept.x + step), kept.state.radius(step))
-            damping = damping if trial is not None else max(10.0 * damping, 1e-2)
-        if trial is None:
-            break
-        here = trial
-    z, J, log_volume = kept.state.z, kept.state.J, kept.state.log_volume
-    order = (np.arange(len(z)) + 1) // 2
-    return Fit(member.terms, member.unknowns, kept.x, z, J, order, np.zeros_like(order), converged, log_volume)
-
-
-def _largest(step: Array) -> Array:
-    """The step, shortened to what may be taken at once."""
-    return step * min(1.0, _LARGEST / max(np.abs(step).max(), 1e-300))
+    order = (np.arange(len(found.here.z)) + 1) // 2
+    return found.fit(order, np.zeros_like(order))
 
 
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
@@ -331,61 +276,46 @@ def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[M
 
 def _promise(problem: Bench, member: Member) -> float:
     """The cost that one linear step from a point promises."""
-    state = _linearised(problem, member, problem.start)
-    if state is None:
-        return np.inf
-    prior = precisions(member.unknowns)
+    point = _linearised(problem, member, problem.start)
     try:
-        step = _largest(bounded_step(state.J, state.z, prior, member.x, *bounds(member.unknowns)))
+        return np.inf if point is None else Search(member, _RULES, point).promised()
     except np.linalg.LinAlgError:  # a law that all but overflows
         return np.inf
-    return state.promised(prior, member.x, step)
 
 
 # --- the linear problem -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _State:
-    """The whitened linear problem, harmonic by harmonic up to K: z : (2K+1,), J = dz/dx : (2K+1, p).
+def _evaluated(problem: Bench, trials: Sequence[Trial]) -> list[Point | None]:
+    """The linear problem of trials, at the radius that was most probable where they step from."""
+    radius = [problem.start if t.before is None else t.before.memory.after(t.step) for t in trials]
+    return [_linearised(problem, t.member, r) for t, r in zip(trials, radius, strict=True)]
+
+
+def _settled(problem: Bench, member: Member) -> Point | None:
+    """The linear problem at given parameters, at the radius that is most probable under them."""
+    r = problem.start
+    for _ in range(2):
+        point = _linearised(problem, member, r, np.arange(0))
+        if point is None:
+            return None
+        r = point.memory.radius(point.memory.z)
+    return _linearised(problem, member, r)
+
+
+def _linearised(problem: Bench, member: Member, r: Array, by: Array | None = None) -> Point | None:
+    """The whitened linear problem at a point and the measured radius r, harmonic by harmonic up to K, with derivatives
+    by the unknowns ``by`` : (q,), default all; None where the law has no pressure there.
 
     Harmonics beyond K hold noise alone; a sensor that is slow enough would explain it away. log_volume : log det of V
     up to K, which keeps a hypothesis from explaining the residual by a larger noise.
     """
-
-    z: Array
-    J: Array
-    linear: Linear
-    log_volume: float
-
-    def promised(self, prior: Array, x: Array, step: Array) -> float:
-        """The cost after a step from x, if z is linear."""
-        left = self.z + self.J @ step
-        return float(left @ left) + penalty(prior, x + step) + self.log_volume
-
-    def radius(self, step: Array) -> Array:
-        """The most probable measured radius after a step of x."""
-        return self.linear.radius(self.linear.z - self.linear.columns @ step)
-
-
-def _settled(problem: Bench, member: Member) -> _State | None:
-    """The linear problem at given parameters, at the radius that is most probable under them."""
-    r = problem.start
-    for _ in range(3):
-        state = _linearised(problem, member, r)
-        if state is None:
-            return None
-        r = state.radius(np.zeros_like(member.x))
-    return state
-
-
-def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
-    """The linear problem at a point and the measured radius r; None where the law has no pressure there."""
+    by = np.arange(len(member.x)) if by is None else by
     steps = finite_steps(member.unknowns, member.x, _STEP)
     with np.errstate(all="ignore"):
-        seen = problem.seen(member, np.concatenate([member.x[None], member.x + np.diag(steps)]))
+        seen = problem.seen(member, np.concatenate([member.x[None], (member.x + np.diag(steps))[by]]))
         G = seen.pressure(r)
-        columns = (G[1:] - G[0]).T / steps
+        columns = (G[1:] - G[0]).T / steps[by]
         try:
             # L in the order of the harmonics: an entry of z depends on harmonics up to its own only
             linear = linearise(problem.loop, r, G[0], seen.slope(r), columns, fourier(len(r)))
@@ -393,4 +323,4 @@ def _linearised(problem: Bench, member: Member, r: Array) -> _State | None:
             return None
     n = 2 * problem.K + 1
     log_volume = 2.0 * float(np.log(np.diag(linear.L)[:n]).sum())
-    return _State(linear.z[:n], -linear.columns[:n], linear, log_volume)
+    return Point(linear.z[:n], -linear.columns[:n], log_volume, linear)

@@ -62,6 +62,11 @@ class Fit:
         return precisions(self.unknowns)
 
     @property
+    def columns(self) -> dict[str, Array]:
+        """(n,) whitened derivatives by name of the unknown."""
+        return dict(zip((u.name for u in self.unknowns), self.J.T, strict=True))
+
+    @property
     def chi2(self) -> float:
         """|z|² of the data."""
         return float(self.z @ self.z)

@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 
 from ..records.noise import Target
 from .fit import Fit
-from .search import bounded_step
+from .gauss_newton import bounded_step
 from .unknown import bounds, precision
 
 Array = np.ndarray

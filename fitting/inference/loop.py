@@ -117,6 +117,10 @@ class Linear:
         w = solve_triangular(self.L, left, lower=True, trans=1, check_finite=False)
         return self.R_bar + self.B.T @ (w if self.F is None else self.F.T @ w)
 
+    def after(self, step: Array) -> Array:
+        """The most probable radius (N,) after a step (p,) of what the columns are by."""
+        return self.radius(self.z - self.columns @ step)
+
     def unwhiten(self, left: Array) -> Array:
         """The u : (N,) of some z."""
         u = self.L @ left

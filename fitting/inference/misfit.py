@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .fit import Fit
+from .gauss_newton import bounded_step
 from .places import Place
-from .search import bounded_step
 from .unknown import bounds, precision
 
 Array = np.ndarray

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -31,11 +32,11 @@ from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
+from .gauss_newton import Point, Rules, Search, Trial, bounded_step, search
 from .jackknife import Rest, leave_one_site_out, without_each_site
 from .misfit import sizes
 from .observation import meter, of_other_beats, sense, shown
 from .prior import of_animal
-from .search import Search, bounded_step, relax, search
 from .simulator import Runs, Simulator, linear_response, varying
 from .terms import EVERY, Term, about_common, refined, rewired
 from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_values
@@ -43,6 +44,9 @@ from .unknown import Unknown, absent, bounds, finite_steps, free, parameter_valu
 Array = np.ndarray
 
 _STEP = 0.02  # of x: finite differences
+# A step that promises a hundredth of what a datum of noise does is not worth a simulation, and after four steps the
+# derivatives that are kept up to date are too far off
+_RULES = Rules(gain=0.02, fresh=4)
 _SHARPER = 2  # times that the elements are halved at most
 _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of the solver needs no shorter elements
 
@@ -162,23 +166,20 @@ class NetworkProblem(Forward):
 
     # --- derivatives --------------------------------------------------------------------------------------------------
 
-    def derivatives(
-        self, members: Sequence[Member], runs: Runs, by: Sequence[Array] | None = None
-    ) -> list[tuple[Array, Array] | None]:
-        """z : (n,) and its columns (n, q) by the unknowns ``by`` : (q,) indices, default all, of every member."""
-        by = [np.arange(len(m.x)) for m in members] if by is None else by
-        steps = [finite_steps(m.unknowns, m.x, _STEP)[i] for m, i in zip(members, by, strict=True)]
+    def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
+        """The whitened residual at every trial, and its derivatives by finite differences; all in one batch."""
+        steps = [finite_steps(t.member.unknowns, t.member.x, _STEP)[t.by] for t in trials]
         moved = [
-            np.concatenate([m.x[None], m.x + s[:, None] * np.eye(len(m.x))[i]])
-            for m, s, i in zip(members, steps, by, strict=True)
+            replace(t.member, x=x)
+            for t, s in zip(trials, steps, strict=True)
+            for x in np.concatenate([t.member.x[None], t.member.x + s[:, None] * np.eye(len(t.member.x))[t.by]])
         ]
-        X = self.observe([replace(m, x=x) for m, all_x in zip(members, moved, strict=True) for x in all_x], runs)
-        result: list[tuple[Array, Array] | None] = []
+        X, found = self.observe(moved, runs), list[Point | None]()
         for step in steps:
             own, X = [x for x in X[: 1 + len(step)] if x is not None], X[1 + len(step) :]
             z = self.target.residual(np.stack(own)) if len(own) > len(step) else None
-            result.append(None if z is None else (z[0], (z[1:] - z[0]).T / step))
-        return result
+            found.append(None if z is None else Point(z[0], (z[1:] - z[0]).T / step))
+        return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
         groups: dict[str, list[Term]] = {}
@@ -224,28 +225,25 @@ class NetworkProblem(Forward):
         return self._searched([self._begin(terms, start, columns or {}, runs) for terms in hypotheses], runs, known)
 
     def _searched(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
-        search(self, searches, runs, known)
+        search(partial(self.points, runs=runs), searches, known)
         return [self._fit(s) for s in searches]
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
         unknowns = self.hypothesis(terms)
         there = taken_over(terms, unknowns, start)
-        search = Search(self._started(there, start, runs))
-        if not np.array_equal(search.x, there.x):
-            return search
+        begun = self._started(there, start, runs)
         old = set() if start is None else {t.label for t in start.terms}
         new = [t for t in terms if t.label not in old]
         simpler = start is not None and old <= {t.label for t in terms}  # else its residual is of something more
         told = all(t.label in columns and not (t.rewires or t.moves_along) for t in new)
-        if start is not None and simpler and told:
-            own = {u.name: start.J[:, i] for i, u in enumerate(start.unknowns)}
-            for t in new:
-                own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
-            if not all(u.name in own for u in unknowns):
-                return search
-            search.J, search.z = np.stack([own[u.name] for u in unknowns], axis=1), start.z
-            search.settle(start.z)
-        return search
+        if start is None or not (simpler and told and np.array_equal(begun.x, there.x)):
+            return Search(begun, _RULES)
+        own = dict(start.columns)
+        for t in new:
+            own |= {u.name: columns[t.label][:, i] for i, u in enumerate(t.unknowns)}
+        if not all(u.name in own for u in unknowns):
+            return Search(begun, _RULES)
+        return Search(begun, _RULES, Point(start.z, np.stack([own[u.name] for u in unknowns], axis=1)))
 
     def searched_from(
         self, members: Sequence[Member], runs: Runs, known: Mapping[str, Array] | None = None
@@ -254,21 +252,13 @@ class NetworkProblem(Forward):
 
         known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
         """
-        known, searches = known or {}, [Search(m) for m in members]
-        by = [np.array([i for i, u in enumerate(m.unknowns) if u.name not in known], int) for m in members]
-        for s, own, found in zip(searches, by, self.derivatives(members, runs, by), strict=True):
-            s.failed = found is None
-            if found is not None:
-                s.J = np.stack([known.get(u.name, found[0]) for u in s.unknowns], axis=1)
-                s.J[:, own] = found[1]
-                s.settle(found[0])
-        return self._searched(searches, runs)
+        return self._searched([Search(m, _RULES, known=known) for m in members], runs)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        return self._searched([Search(f.member) for f in fits], runs or Runs())
+        return self._searched([Search(f.member, _RULES) for f in fits], runs or Runs())
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
-        return [self._fit(s) for s in relax(self, fits, runs or Runs())]
+        return self._searched([Search(f.member, _RULES, known=f.columns) for f in fits], runs or Runs())
 
     def sharpened(self, fit: Fit, runs: Runs | None = None) -> NetworkProblem:
         """The same problem weighted for what a fit found: the solver's error there, and the response to the inflow.
@@ -358,13 +348,11 @@ class NetworkProblem(Forward):
         return float(left @ left)
 
     def _fit(self, s: Search) -> Fit | None:
-        if s.failed or s.J is None:
+        if s.failed or s.here is None:
             return None
         m, K = len(self.signals), self.K
         order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
-        signal = np.tile(np.arange(m), 2 * K + 1)
-        found = Fit(s.terms, s.unknowns, s.x, s.z, s.J, order, signal, s.converged)
-        return allowed(self.network, found, 0.5 * self.beats.N / self.beats.T)
+        return allowed(self.network, s.fit(order, np.tile(np.arange(m), 2 * K + 1)), 0.5 * self.beats.N / self.beats.T)
 
 
 def _diagonal(variance: Array) -> Array:

@@ -109,9 +109,9 @@ def penalty(prior: Array, x: Array, tails: float = TAILS) -> float:
     return float(np.sum(square if math.isinf(tails) else tails * np.log1p(square / tails)))
 
 
-def precision(prior: Array, x: Array) -> Array:
+def precision(prior: Array, x: Array, tails: float = TAILS) -> Array:
     """(p,) precision of the Gaussian that has the slope of the priors at x."""
-    return np.asarray(prior / (1.0 + prior * x**2 / TAILS))
+    return np.asarray(prior / (1.0 + prior * x**2 / tails))
 
 
 # --- values and intervals ---------------------------------------------------------------------------------------------

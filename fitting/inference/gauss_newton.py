@@ -1,0 +1,265 @@
+"""The one least-squares search: Gauss–Newton with bounds and priors, many searches in one batch.
+
+A search minimises, over unknowns x within their bounds,
+
+    C(x) = |z(x)|² + Σ ρ(x_i) + log V(x),    ρ : the priors (:func:`fitting.inference.unknown.penalty`)
+
+by steps s with (JᵀJ + W + λ diag JᵀJ) s = -(Jᵀz + W x), where W is the precision of the priors at x. An unknown that
+would leave its range stops at its end, and no step is longer than the reach, which shrinks where the cost rises, and
+where there is no z. Where the cost rises again, λ grows, too (D. W. Marquardt, J. SIAM 11 (1963) 431). The search ends
+where the linear problem promises less than a gain of g². If C is quadratic, each unknown is then within g of its
+standard deviation from the minimum, as s_i² ≤ (A⁻¹)_ii sᵀA s with A = JᵀJ + W. J is found anew at every
+point, or kept up to date from the residuals (C. G. Broyden, Math. Comput. 19 (1965) 577) and found anew now and then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .fit import Fit, Member
+from .unknown import TAILS, bounds, penalty, precision, precisions
+
+Array = np.ndarray
+
+_LARGEST = 2.0  # of a step, in typical sizes
+# Parts of a step to which the reach falls: where there is no residual, and where the cost rises. With 0.5 there, one of
+# four benches with a flat valley of R0 and an external pressure ended 4 above the lowest cost known, with 0.3 none
+_BROKEN, _VAIN = 0.5, 0.3
+_DAMPED, _MOST_DAMPING = 0.05, 1e6  # λ where the cost rises again, and λ that leaves no step
+_ALL_FRESH = (
+    2  # times that derivatives are found anew without those of every artery's own, which are many, change little
+)
+_FEW = 100  # derivatives, which are all found anew at once
+_ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which says nothing of slopes
+_STEEPEST = 1e100  # slope of a residual: a steeper one has broken down beside the point, and its square overflows
+_HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
+
+
+def bounded_step(
+    J: Array, z: Array, prior: Array, x: Array, low: Array, high: Array, damping: float = 0.0, tails: float = TAILS
+) -> Array:
+    """The step (p,) to the minimum of |z + J s|² + Σ w (x + s)², those that would leave their range held there.
+
+    w : the precision of the priors at x. damping : of the columns' squares.
+    """
+    w = precision(prior, x, tails)
+    normal = J.T @ J + np.diag(w) + damping * np.diag(np.maximum((J**2).sum(axis=0), 1e-12))
+    return held_step(normal, J.T @ z + w * x, x, low, high)
+
+
+def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array) -> Array:
+    """The step (p,) with normal s = -gradient, where those that would leave their range stop at its end.
+
+    One that was held stays held, which costs a few per cent of the gain of scipy.optimize.lsq_linear at worst, and a
+    hundredth of its time. One that may have one value only does not move.
+    """
+    free, step = low < high, np.zeros(len(x))
+    for _ in range(int(free.sum())):
+        held = normal[np.ix_(free, ~free)] @ step[~free]
+        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], -(gradient[free] + held), rcond=1e-12)[0]
+        outside = free & ((x + step < low) | (x + step > high))
+        step[outside] = np.clip(x + step, low, high)[outside] - x[outside]
+        free &= ~outside
+        if not outside.any() or not free.any():
+            break
+    return step
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What differs between kinds of search.
+
+    gain : of the cost, for each unit of cost per datum, that is worth no further step. tails : of the priors, as in
+    :func:`fitting.inference.unknown.penalty`. rounds : evaluations of a search at most. fresh : of them after which
+    derivatives are found anew, kept up to date between; 0 where every evaluation brings its own. error : of a column
+    of J, relative, which λ is at least the square of: a step along what errors make up would be a leap in the dark.
+    latent : a point has hidden unknowns, which move beside x with every step; the search ends where a step gained too
+    little, not where one promises it, and lets them settle once where a step was in vain.
+    """
+
+    gain: float
+    tails: float = TAILS
+    rounds: int = 40
+    fresh: int = 0
+    error: float = 0.0
+    latent: bool = False
+
+
+@dataclass(frozen=True)
+class Point:
+    """The linear problem at some x. z : (n,) whitened residual, J : (n, q) its derivatives by the unknowns asked for.
+
+    log_volume : log det of the covariance that whitened z, where it depends on x. memory : of who evaluates.
+    """
+
+    z: Array
+    J: Array
+    log_volume: float = 0.0
+    memory: Any = None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Where a search asks. by : (q,) unknowns whose derivatives it needs. before : the point that it steps from by
+    ``step`` : (p,), if any."""
+
+    member: Member
+    by: Array
+    before: Point | None
+    step: Array
+
+
+Evaluate = Callable[[Sequence[Trial]], list[Point | None]]  # None where a trial has no residual
+
+
+class Search:
+    """One search: where it is, the linear problem there, and the step that it takes next.
+
+    known : whitened derivatives (n,) by name of the unknown, which need not be found where it begins.
+    history : the cost at every point that it kept. failed : no residual where it began. converged : ended at a minimum.
+    """
+
+    def __init__(
+        self, member: Member, rules: Rules, here: Point | None = None, known: Mapping[str, Array] | None = None
+    ) -> None:
+        self.member, self.rules, self.here, self.known = member, rules, here, known or {}
+        self.low, self.high = bounds(member.unknowns)
+        self.size = np.array([u.typical_sd for u in member.unknowns])
+        self.prior = precisions(member.unknowns)
+        self.damping, self.reach, self.step = 0.0, _LARGEST, np.zeros(len(member.x))
+        self.settling = self.settled = False
+        self.failed = self.ended = self.converged = False
+        self.history: list[float] = []
+        self.cost = self.promise = np.inf
+        if here is not None:
+            self.settle(member.x, here)
+
+    @property
+    def x(self) -> Array:
+        """(p,) where it is."""
+        return self.member.x
+
+    def settle(self, x: Array, here: Point) -> None:
+        """Continue from x, with the linear problem there."""
+        self.member, self.here, self.cost = replace(self.member, x=x), here, self._cost(here, x)
+        self.history.append(self.cost)
+
+    def fit(self, order: Array, signal: Array) -> Fit:
+        """Where it is, as a fit. order, signal : (n,) harmonic and channel of every entry of z."""
+        assert self.here is not None
+        m, here = self.member, self.here
+        return Fit(m.terms, m.unknowns, m.x, here.z, here.J, order, signal, self.converged, here.log_volume)
+
+    def asked(self, everything: bool) -> Array:
+        """(q,) the unknowns whose derivatives are to be found where it is."""
+        new = [everything or not u.group if self.here else u.name not in self.known for u in self.member.unknowns]
+        return np.flatnonzero(new)
+
+    def proposes(self) -> bool:
+        """Whether another step is worth an evaluation; the step."""
+        if self.failed or self.ended or self.here is None:
+            return False
+        step, gain = self._promised(self.damping, self.reach)
+        self.step, self.promise, enough = 0.0 * step if self.settling else step, self.cost - 3.0 * gain, self._enough
+        self.ended = not (gain >= enough or self.rules.latent and self.reach == _LARGEST)
+        if self.ended:
+            self.converged = not self.cost - self.promised() >= enough
+        return not self.ended
+
+    def promised(self) -> float:
+        """The cost that the linear problem promises after one step."""
+        return self.cost - self._promised(0.0, _LARGEST)[1]
+
+    def _promised(self, damping: float, reach: float) -> tuple[Array, float]:
+        """The step (p,), and what the linear problem gains by it."""
+        assert self.here is not None
+        z, J, s, x = self.here.z, self.here.J, self.size, self.x
+        damping = max(damping, self.rules.error**2)
+        scaled = self.prior * s**2, x / s, self.low / s, self.high / s
+        step = bounded_step(J * s, z, *scaled, damping, self.rules.tails)
+        step *= s * min(1.0, reach / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        return step, self.cost - self._cost(replace(self.here, z=z + J @ step), x + step)
+
+    def _cost(self, point: Point, x: Array) -> float:
+        return float(point.z @ point.z) + penalty(self.prior, x, self.rules.tails) + point.log_volume
+
+    @property
+    def _enough(self) -> float:
+        assert self.here is not None
+        return self.rules.gain * max(1.0, (self.cost - self.here.log_volume) / len(self.here.z))
+
+    def answer(self, found: Point | None) -> None:
+        """Take what the trial found: the step, or a shorter one next."""
+        assert self.here is not None
+        if self.settling:
+            self.settling, self.settled = False, True
+            if found is not None:
+                self.settle(self.x, found)
+            return
+        size = float(np.abs(self.step / self.size).max())
+        if found is None or not np.abs(found.z).max() < _ABSURD * max(float(self.here.z @ self.here.z), 1.0) ** 0.5:
+            self.reach = _BROKEN * size
+            return
+        x = self.x + self.step
+        gained, enough = self.cost - self._cost(found, x), self._enough
+        if self.rules.fresh:  # Broyden: the Jacobian that would have foretold the residual
+            missed = found.z - self.here.z - self.here.J @ self.step
+            J = self.here.J + np.outer(missed, self.step) / float(self.step @ self.step)
+            found, self.here = replace(found, J=J), replace(self.here, J=J)
+        else:  # neither up nor down
+            self.ended = self.converged = abs(gained) < enough and self.reach == _LARGEST
+        if gained > 0.0:
+            self.settled = False
+            self.damping = self.damping / 5.0 if self.damping > 1e-3 else 0.0
+            self.reach = min(2.0 * self.reach, _LARGEST)
+            self.settle(x, found)
+        else:
+            if self.reach < _LARGEST:
+                self.damping = max(5.0 * self.damping, _DAMPED)
+            self.reach = _VAIN * size
+            self.ended |= self.damping > _MOST_DAMPING
+            self.settling = self.rules.latent and not self.settled
+
+
+def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf) -> None:
+    """Steps of all searches, one batch after the other, until none has any worth its evaluation.
+
+    known : the cost of a hypothesis found before; a search that promises to stay far above it ends.
+    """
+    derive(evaluate, [s for s in searches if s.here is None])
+    for turn in range(max((s.rules.rounds for s in searches), default=0)):
+        active = [s for s in searches if s.proposes()]
+        best = min((s.cost for s in searches if not s.failed), default=known)
+        active = [s for s in active if s.promise < min(best, known) + _HOPELESS]
+        if not active:
+            break
+        fresh = active[0].rules.fresh
+        if fresh and turn and turn % fresh == 0:
+            few = sum(len(s.x) for s in active) <= _FEW
+            derive(evaluate, active, everything=few or turn >= _ALL_FRESH * fresh)
+            active = [s for s in active if s.proposes()]
+        by = [np.arange(0 if fresh else len(s.x)) for s in active]
+        trials = [Trial(replace(s.member, x=s.x + s.step), i, s.here, s.step) for s, i in zip(active, by, strict=True)]
+        for s, found in zip(active, evaluate(trials), strict=True):
+            s.answer(found)
+
+
+def derive(evaluate: Evaluate, searches: Sequence[Search], everything: bool = True) -> None:
+    """Residuals and derivatives of searches where they are; where a search begins, those that it does not know.
+
+    everything : else columns of what every artery has of its own, once found, are kept up to date.
+    """
+    by = [s.asked(everything) for s in searches]
+    trials = [Trial(s.member, i, s.here, np.zeros(len(s.x))) for s, i in zip(searches, by, strict=True)]
+    for s, i, found in zip(searches, by, evaluate(trials), strict=True):
+        s.failed = found is None or not np.abs(found.J).max(initial=0.0) < _STEEPEST
+        if found is not None and not s.failed:
+            J = np.empty((len(found.z), len(s.x)))
+            for j, u in enumerate(s.member.unknowns):
+                J[:, j] = s.known.get(u.name, 0.0) if s.here is None else s.here.J[:, j]
+            J[:, i] = found.J
+            s.settle(s.x, replace(found, J=J))
