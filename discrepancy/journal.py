@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.places import Place
+from fitting.inference.source_evidence import Law
 from fitting.inference.source_map import Rival, Signal, SourceMap
 from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown
@@ -36,7 +37,7 @@ Result = TypeVar("Result")
 # that stages hold
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
-    SourceMap, Signal, Rival, Place, *sources.ALL,
+    SourceMap, Signal, Law, Rival, Place, *sources.ALL,
 )  # fmt: skip
 
 

@@ -145,7 +145,7 @@ def test_a_loud_entry_is_located() -> None:
     first = found.located[0]
     assert (first.site, first.signal, first.harmonic) == ("B", "P", 3)
     assert first.z == pytest.approx(9.0) and first.phase == pytest.approx(60.0)
-    assert found.p_value < 1e-6 and len(found.located) == 1 < thresholds.LOUDEST
+    assert found.p_value < 1e-6 and len(found.located) == 1 < thresholds.FEW
 
 
 def test_mass_balances() -> None:

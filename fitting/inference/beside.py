@@ -14,6 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver.balance import NoSteadyState
+
 from .fit import Fit, Member
 from .misfit import Beside, settled
 from .moves import MOST, Moves
@@ -27,12 +29,16 @@ Array = np.ndarray
 
 
 def found_beside(problem: NetworkProblem, fit: Fit, runs: Runs) -> Beside | None:
-    """With the places that the evidence of the linear problem about a fit asks for; None where it asks for none."""
+    """With the places that the evidence of the linear problem about a fit asks for; None where it asks for none, or
+    where small waves have no answer: the fit is at the end of what the equations can."""
     model = PlaceModel(problem, runs, fit.terms)
     nothing = np.zeros((problem.K + 1, 0), complex)
     widths: Mapping[str, float] = {u.group: 1.0 for u in fit.unknowns if u.group}
     D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
-    point = Point((), fit.x, nothing, widths, D[..., 0], J, model.responses(fit.x))
+    try:
+        point = Point((), fit.x, nothing, widths, D[..., 0], J, model.responses(fit.x))
+    except (NoSteadyState, np.linalg.LinAlgError):
+        return None
     normal, moves = model.normal(point, 0.0), Moves(model)
     for _ in range(MOST + 2):
         score, active, widths = model.inferred(normal, point.active, point.widths, point.x)

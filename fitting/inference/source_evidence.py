@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,7 +29,8 @@ _ROUNDING = 1e-8  # of the unknowns' own information (measured: 2e-8 of the larg
 PRICE = 2.0 * math.log(len(SPECTRA) * len(AMPLITUDES))  # of a law, all of the list equally likely beforehand
 
 
-class Law(NamedTuple):
+@dataclass(frozen=True)
+class Law:
     """How large the harmonics of a source are beforehand."""
 
     amplitude: float
