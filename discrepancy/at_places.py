@@ -52,13 +52,14 @@ def _beside(problem: NetworkProblem, found: SourceMap, i: int) -> tuple[NetworkP
 
 def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Term]) -> list[Term]:
     """The laws of a place of the map and of its segment, and those of places that do nearly as well beside the others:
-    between two sites a wall, a drop, a loss and an outlet are told apart by their laws alone."""
-    mine = found.places[i]
+    between two sites a wall, a drop, a loss and an outlet are told apart by their laws alone. A place that does no
+    better than none is no such place."""
+    mine, most = found.places[i], min(at.NEAR, found.margin)
     others = {p.key for j, p in enumerate(found.places) if j != i}
     near = [mine]
     for rival in found.rivals:
         new = [p for p in rival.places if p.key not in others]
-        if rival.above < at.NEAR and len(new) == 1 and others <= {p.key for p in rival.places}:
+        if rival.above < most and len(new) == 1 and others <= {p.key for p in rival.places}:
             near.append(new[0])
     chosen = dict[tuple[str, int], Term]()
     for place in near:
@@ -238,10 +239,11 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     result = Compared.of(problem, none, {}, terms)
     yield result
     laws = [_laws(problem, found, i, terms) for i in range(len(found.signals))]
-    fits = single(problem, found, laws, runs)
-    if len(laws) > 1 and not any(is_noise(f.chi2, len(f.z)) for f in fits):
+    fits = [*none, *single(problem, found, laws, runs)]
+    yield (result := exact(problem, fits, {}, terms, runs))
+    if len(laws) > 1 and not result.best.explains:
         fits += together(problem, found, alone(problem, found, laws, runs), runs)
-    yield (result := exact(problem, [*none, *fits], {}, terms, runs))
+        yield (result := exact(problem, fits, {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
     if result.best.explains and not result.best.fit.terms:

@@ -30,13 +30,10 @@ _LARGEST = 2.0  # of a step, in typical sizes
 # four benches with a flat valley of R0 and an external pressure ended 4 above the lowest cost known, with 0.3 none
 _BROKEN, _VAIN = 0.5, 0.3
 _DAMPED, _MOST_DAMPING = 0.05, 1e6  # λ where the cost rises again, and λ that leaves no step
-_ALL_FRESH = (
-    2  # times that derivatives are found anew without those of every artery's own, which are many, change little
-)
+_ALL_FRESH = 2  # times that derivatives are found anew without those of every artery's own: many that change little
 _FEW = 100  # derivatives, which are all found anew at once
 _ABSURD = 1e6  # times the root of the cost: a residual as good as broken down, which says nothing of slopes
 _STEEPEST = 1e100  # slope of a residual: a steeper one has broken down beside the point, and its square overflows
-_HOPELESS = 150.0  # by which a search may promise to stay above the best one and still go on
 
 
 def bounded_step(
@@ -78,7 +75,8 @@ class Rules:
     derivatives are found anew, kept up to date between; 0 where every evaluation brings its own. error : of a column
     of J, relative, which λ is at least the square of: a step along what errors make up would be a leap in the dark.
     latent : a point has hidden unknowns, which move beside x with every step; the search ends where a step gained too
-    little, not where one promises it, and lets them settle once where a step was in vain.
+    little, not where one promises it, and lets them settle once where a step was in vain. hopeless : by how much a
+    search may promise to stay above the best of its batch and still go on.
     """
 
     gain: float
@@ -87,6 +85,7 @@ class Rules:
     fresh: int = 0
     error: float = 0.0
     latent: bool = False
+    hopeless: float = 150.0
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ def search(evaluate: Evaluate, searches: Sequence[Search], known: float = np.inf
     for turn in range(max((s.rules.rounds for s in searches), default=0)):
         active = [s for s in searches if s.proposes()]
         best = min((s.cost for s in searches if not s.failed), default=known)
-        active = [s for s in active if s.promise < min(best, known) + _HOPELESS]
+        active = [s for s in active if s.promise < min(best, known) + s.rules.hopeless]
         if not active:
             break
         fresh = active[0].rules.fresh

@@ -252,7 +252,8 @@ class NetworkProblem(Forward):
 
         known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
         """
-        return self._searched([Search(m, _RULES, known=known) for m in members], runs)
+        rules = replace(_RULES, hopeless=np.inf)  # one that begins afar promises little yet
+        return self._searched([Search(m, rules, known=known) for m in members], runs)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
         return self._searched([Search(f.member, _RULES) for f in fits], runs or Runs())
