@@ -363,6 +363,9 @@ def test_groups_have_their_tables() -> None:
         _line(5, ("coulomb",), ("taper",), **network, group="outside_walls"),
         _line(6, ("stenosis",), ("stenosis",), **network, group="offcentre", walls=0.0),
         _line(7, group="sensors", sensors="radius 2 µm"),
+        _line(8, ("wall_stiffness",), ("wall_stiffness",), **network, group="own", walls=1.0),
+        _line(9, ("wall_radius",), (), **network, group="own", walls=1.0, verdict="unknown")
+        | {"map": {"places": [{"kind": "number", "name": "CA.R0", "at": None}]}},
     ]
     text = page.report(lines, sheep)
     for cells in (
@@ -378,6 +381,8 @@ def test_groups_have_their_tables() -> None:
         "walls alike, d′ ≥ 30: named right | – | 100.0 % (1/1;",
         "| effect | 2 | 50.0 % (1/2; 1.3–98.7) | 9.00 | 1.00 | 0.11 |",
         "bench, nothing hidden: false alarms | ≤ 2 % | 0.0 % (0/1; 0.0–97.5) | open |",
+        "E or R_t of one, d′ ≥ 30: named in its place | ≥ 95 % | 100.0 % (1/1;",
+        "R0 of one, d′ ≥ 30: on the map in its place | ≥ 95 % | 100.0 % (1/1;",
     ):
         assert cells in text, cells
     for title in page.TITLES.values():

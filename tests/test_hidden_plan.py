@@ -60,8 +60,13 @@ def test_groups(name: str, kind: str) -> None:
     assert {c.varying for c in cases} == {group.varying}
     hidden = [(c, e) for c in cases for e in c.effects]
     names = {e.name for _, e in hidden}
-    assert (names <= set(OUTSIDE)) if group.outside else names.isdisjoint(OUTSIDE)
-    if any(group.walls):
+    far = [c for c in cases if any(e.name in OUTSIDE for e in c.effects)]
+    assert len(far) == round(group.outside * len(cases))
+    if group.sizes:
+        assert names == set(group.sizes)
+        least = {key: low for key, (low, _, _) in group.sizes.items()}
+        assert all(least[e.name] <= abs(e.size) <= group.sizes[e.name][1] and e.size > -1.0 for _, e in hidden)
+    elif any(group.walls):
         assert "wall_stiffness" not in names
         assert all(c.base == "elastic" for c, e in hidden if e.name == "wall_viscosity")
     if group.position:
