@@ -99,10 +99,11 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
     """Whether what acts beside nothing is numbers of arteries or outlets that stand out, and a law of the catalogue
-    there, which is the same, does as well."""
+    there, which is the same, does as well, and better than nothing."""
     if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
         return False
-    there, most = {p.segment for p in loose.places}, loose.score + at.RULED_OUT
+    none = min((n.score for n in exact if not n.fit.terms), default=math.inf)
+    there, most = {p.segment for p in loose.places}, min(loose.score + at.RULED_OUT, none)
     return any(n.fit.terms and n.score < most and {t.place for t in n.fit.terms} <= there for n in exact)
 
 

@@ -75,7 +75,8 @@ def with_places(problem: NetworkProblem, fit: Fit, active: Sequence[Active], g: 
 def _with(model: PlaceModel, point: Point, fit: Fit) -> Beside:
     """The fit, its sources at 0, with those of a point integrated out."""
     problem, own = model.problem, point.G[:, :, model.columns_of(point.active)]
-    covariance = (own * model.variance(point.active)[:, None]) @ own.conj().swapaxes(1, 2)
+    parts = np.where(np.arange(len(own)) == 0, 1.0, 2.0)[:, None, None]  # real and imaginary
+    covariance = (own * parts * model.variance(point.active)[:, None]) @ own.conj().swapaxes(1, 2)
     covariance[0] = covariance[0].real
     wide = problem.widened(covariance)
     volume = 2.0 * np.linalg.slogdet(problem.target.whitener)[1] - 2.0 * np.linalg.slogdet(wide.target.whitener)[1]

@@ -5,7 +5,7 @@
 with the residual y, extrapolated to θ = 0 and g = 0, and whiteners W that make real and imaginary parts N(0, 1). A
 source p has Gaussian harmonics that decline as those of something smooth do,
 
-    g_pk ~ CN(0, a_p² (1 + (k/k0)²)^-n),
+    Re g_pk, Im g_pk ~ N(0, a_p² (1 + (k/k0)²)^-n),
 
 with amplitude a_p and spectrum (k0, n) by evidence, at the price of the list that they come from. Sources couple no
 harmonics, so that they are integrated out harmonic by harmonic; what they leave is an ordinary linear problem of θ

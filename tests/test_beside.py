@@ -1,0 +1,71 @@
+"""Free terms beside a hypothesis: an error of the model that goes where waves carry it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from forked import NETWORK, N, T, clean, inflow, record
+from small_network import NAMES, term
+
+from fitting.inference import hierarchy
+from fitting.inference.beside import found_beside, map_beside
+from fitting.inference.network import NetworkProblem
+from fitting.inference.network_record import network_problem
+from fitting.inference.simulator import Runs
+from fitting.inference.source_map import source_map
+from solver import Settings, simulate_periodic
+from solver.effects import BY_NAME
+
+Array = np.ndarray
+
+
+@cache
+def problem(K: float) -> NetworkProblem:
+    """A stenosis in C; 40 dB."""
+    if not K:
+        return network_problem(record(clean(), 15, 0.01), NETWORK)
+    hidden = BY_NAME["stenosis"].add(NETWORK, "C", {"K": K})
+    beat = simulate_periodic(hidden, inflow, T, settings=Settings(dt=T / 200, tolerance=1e-7), tolerance=1e-6)
+    X = {n: np.fft.rfft(beat[n][:-1], norm="forward")[: N // 2 + 1] for n in ("inlet.Q", *NAMES)}
+    return network_problem(record({n: np.fft.irfft(x, N, norm="forward") for n, x in X.items()}, 15, 0.01), NETWORK)
+
+
+def test_nothing_acts_beside_a_model_that_explains_the_record() -> None:
+    """No free term is worth its price."""
+    healthy = problem(0.0)
+    (none,) = healthy.refit([()])
+    assert none is not None and found_beside(healthy, none, Runs()) is None
+
+
+def test_a_free_term_beside_the_healthy_model_is_where_the_stenosis_is() -> None:
+    """A drop of pressure in C. Its covariance is that of channels: Hermitian, and of no negative variance."""
+    narrow = problem(3.0)
+    (none,) = narrow.refit([()])
+    assert none is not None
+    found = found_beside(narrow, none, Runs())
+    assert found is not None and ("drop", "C") in {(p.kind, p.name) for p in found.places}
+    C = found.errors
+    np.testing.assert_allclose(C, C.conj().swapaxes(1, 2), atol=1e-12 * np.abs(C).max())
+    assert np.linalg.eigvalsh(C).min() > -1e-9 * np.abs(C).max()
+    assert hierarchy.score(found.fit) + found.cost < hierarchy.score(none)
+
+
+def test_nothing_acts_beside_the_law() -> None:
+    """With the stenosis in it, the model leaves noise alone."""
+    narrow = problem(3.0)
+    (law,) = narrow.refit([(term("stenosis", "C"),)])
+    assert law is not None and found_beside(narrow, law, Runs()) is None
+
+
+def test_the_map_s_animal_is_as_probable_as_the_map_says() -> None:
+    """-2 ln evidence of the map, and of the model without effect with the map's terms beside it, their prices with it:
+    to 1e-5, though one integrates sources out harmonic by harmonic and the other whitens anew."""
+    narrow = problem(3.0).individual()
+    found = source_map(narrow, Runs())
+    (none,) = narrow.refit([()])
+    assert none is not None
+    beside = map_beside(narrow, none, found, Runs())
+    assert beside is not None
+    assert hierarchy.score(beside.fit) + beside.cost == pytest.approx(found.score, abs=1e-3)
