@@ -52,7 +52,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     found, known, complete = None, None, True
     if isinstance(whole, NetworkProblem):
         found = source_map(whole, runs.part(at.MAPPED))
-        search = named_at(whole, found, terms, runs)
+        search = named_at(whole.at((), found.unknowns, found.x), found, terms, runs)
     else:
         search = _of_bench(whole, terms, runs)
     stages = _with_what_stands_out(search, runs)

@@ -32,8 +32,8 @@ class Naming:
 
     verdict : none, effect, ambiguous, several, partial or unknown. problem : as it was weighted at last. base : without
     effect. ranked : best first. members : the class. columns : of every candidate at ``base``, whitened.
-    confidence : probability that the verdict is right: the best name (effect and place), or that nothing of the
-    catalogue acts; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
+    confidence : probability that the verdict is right: the best name (effect and place), or that nothing acts, at no
+    place either; of unknown, that what comes nearest does not act: small where it acts but leaves most of the gap.
     reason : for unknown; of partial, what remains. complete : whether the search came to its end.
     reaches : how far intervals of the best go, by unknown (:func:`discrepancy.intervals.profiled`). map : where
     something acts, of a network.
@@ -84,7 +84,8 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
     none = found.none
     if not best.fit.terms:
         if best.errors is None or (none.explains and not best.places):
-            return make("none", problem, none, found.ranked, (), 1.0 - _named(ways))
+            nothing = sum(n.probability for n in ways if not n.fit.terms and not n.places)
+            return make("none", problem, none, found.ranked, (), nothing)
         left = _acting(best.places) if best.places else _left(none.fit, problem)
         return make("unknown", problem, none, found.ranked, (), 1.0 - _named(ways), left)
     confidence = sum(n.probability for n in ways if n.key == best.key)

@@ -79,9 +79,8 @@ def _with(model: PlaceModel, point: Point, fit: Fit) -> Beside:
     covariance = (own * parts * model.variance(point.active)[:, None]) @ own.conj().swapaxes(1, 2)
     covariance[0] = covariance[0].real
     wide = problem.widened(covariance)
-    volume = 2.0 * np.linalg.slogdet(problem.target.whitener)[1] - 2.0 * np.linalg.slogdet(wide.target.whitener)[1]
     (fit,) = wide.restated([fit], problem)
-    log_volume = float(volume[0] + 2.0 * volume[1:].sum())
-    fit = replace(fit, unknowns=model.unknowns_of(point.active), log_volume=fit.log_volume + log_volume)
+    log_volume = fit.log_volume + wide.target.log_volume - problem.target.log_volume
+    fit = replace(fit, unknowns=model.unknowns_of(point.active), log_volume=log_volume)
     cost = sum((PRICE if a.law else 0.0) + model.worth for a in point.active)
     return Beside(settled(fit), covariance, cost, tuple(a.place for a in point.active))

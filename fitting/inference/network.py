@@ -279,7 +279,7 @@ class NetworkProblem(Forward):
             if np.sum(weight * error**2 / own) < _NEGLIGIBLE * weight.sum() * own.shape[1]:
                 break
             problem = finer
-        return problem.weighted(fit, error)
+        return problem._weighted(fit.member, error)
 
     # --- errors of the model --------------------------------------------------------------------------------------
 
@@ -317,13 +317,17 @@ class NetworkProblem(Forward):
         own = Target.of(self.signals, self.target.X, covariance)
         return replace(self, simulator=simulator, target=own, error=error, model_error=model_error, response=response)
 
-    def weighted(self, fit: Fit, error: Array) -> NetworkProblem:
-        """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a fit."""
-        network = rewired(self.network, fit.terms)
-        at = {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
+    def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
+        """The same problem weighted for these numbers."""
+        return self._weighted(Member(tuple(terms), unknowns, x), self.error)
+
+    def _weighted(self, member: Member, error: Array) -> NetworkProblem:
+        """The same problem with the solver's error (K+1, m), and the response to the inflow's noise, at a member."""
+        network = rewired(self.network, member.terms)
+        at = {name: float(value) for name, value in parameter_values(member.unknowns, network, member.x).items()}
         H = linear_response(network, self.signals, self.simulator.T, self.K, at)
-        H = sense(fit.member, self.signals, H, self.simulator.T, means=False)
-        H = H / meter(fit.member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
+        H = sense(member, self.signals, H, self.simulator.T, means=False)
+        H = H / meter(member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
         felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
         weights = target(self.beats, self.signals, H, error, felt)
         return replace(self, target=weights, error=error, model_error=None, response=H[: self.K + 1])

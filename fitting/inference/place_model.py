@@ -73,12 +73,20 @@ class PlaceModel:
         pressure, flow = _units(problem)
         self.units = np.concatenate([self._units_of(p, pressure, flow, pulse) for p in self.places])
         self.low, self.high = (np.clip(b, -_FARTHEST, _FARTHEST) for b in bounds(self.unknowns))
+        self.volume = problem.target.log_volume  # from which ln det C is counted
         self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
 
     def _units_of(self, place: Place, pressure: float, flow: float, pulse: Array) -> Array:
         if place.channel is not None and not place.sources:
             return np.array([_UNIT * pulse[self.problem.signals.index(place.channel)]])
         return np.array([pressure if s.unit == "Pa" else flow for s in place.sources])
+
+    def weighted_at(self, point: Point) -> Point:
+        """Weigh the record by what the noise of the inflow does to channels with the numbers of a point, which those of
+        the file may be far from; the point under these weights."""
+        before = self.problem.target.X
+        self.problem = self.problem.at(self.terms, self.unknowns, point.x)
+        return replace(point, D=point.D + before - self.problem.target.X)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
 
@@ -129,9 +137,10 @@ class PlaceModel:
 
     def normal(self, point: Point, error: float) -> Normal:
         """The linear problem about a point, with an error granted to the model."""
-        wide = self.problem.granted(error)
+        target = self.problem.granted(error).target
         y = point.D - point.J @ point.x - np.einsum("kms,ks->km", point.G[:, :, self.columns_of(point.active)], point.g)
-        return Normal.of(wide.target.whitener, y, point.J, point.G)
+        normal = Normal.of(target.whitener, y, point.J, point.G)
+        return replace(normal, log_volume=target.log_volume - self.volume)
 
     def unknowns_of(self, active: Sequence[Active]) -> tuple[Unknown, ...]:
         """The unknowns, those apart that stand out."""

@@ -136,7 +136,9 @@ class _Search:
         self.none = np.zeros((problem.K + 1, 0), complex)
 
     def advanced(self, point: Point, error: float, fresh: bool) -> Point:
-        """One step to the most probable θ and g; shortened where that makes the record less probable by far."""
+        """One step to the most probable θ and g; shortened where that makes the record less probable by far. fresh : by
+        derivatives and weights of here."""
+        point = self.model.weighted_at(point) if fresh else point
         normal = self.model.normal(point, error)
         score, active, widths = self.model.inferred(normal, point.active, point.widths, point.x)
         point = replace(point, active=active, widths=widths, score=score)

@@ -60,6 +60,12 @@ class Target:
         factor = np.linalg.cholesky(covariance / (scale[:, :, None] * scale[:, None, :]))
         return cls(tuple(names), X, covariance, np.linalg.inv(factor) / scale[:, None, :])
 
+    @property
+    def log_volume(self) -> float:
+        """ln det of the covariance of :meth:`whiten`'s data before they were whitened, up to a constant."""
+        each = -2.0 * np.linalg.slogdet(self.whitener)[1]
+        return float(each[0] + 2.0 * each[1:].sum())
+
     def residual(self, X: Array) -> Array:
         """Whitened residual of simulated coefficients X : (B, K+1, m) -> (B, m (2K+1)), each N(0, 1) if all is well."""
         return self.whiten(np.moveaxis(X - self.X, 0, -1)).T
