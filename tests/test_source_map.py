@@ -204,9 +204,9 @@ def test_labels_are_words() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_the_map_is_weighted_for_the_animal(seed: int) -> None:
-    """Nothing hidden in elastic walls, each off by 1.5 times the usual: waves are little damped, and what the noise of the
-    inflow does to channels depends on these walls. Weighted for the walls of the file, the map had a fault of the flow
-    meter in either record, with χ² as low."""
+    """Nothing hidden in elastic walls, each off by 1.5 times the usual: waves are little damped, and what the noise of
+    the inflow does to channels depends on these walls. Weighted for the walls of the file, the map had a fault of the
+    flow meter in either record, with χ² as low."""
     made = make(Case("network", "all", 30.0, (), "elastic", walls=1.5), (7, 1, seed))
     study = prepare(Record("made", "", made.time, made.channels, {}), made.base)
     problem = study.problem.individual()
