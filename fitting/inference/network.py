@@ -55,10 +55,10 @@ _NEGLIGIBLE = 0.05  # of the noise's variance, on average: a smaller error of th
 class NetworkProblem(Forward):
     """A network record and the network that it is compared with.
 
-    error : (K+1, m) standard deviation of the solver's errors, model_error : (K+1, m, m) covariance of the model's, as
-    far as that of the target allows for them; more beats lower neither. response : (K+1, m) of the channels to the
-    inflow. felt : by the network as given, of beats that differ. deviations : what every artery has of its own; none
-    where all have it in common. possible : what it may have.
+    error : (K+1, m) standard deviation of the solver's errors. exact : the target without, model_error : (K+1, m, m)
+    covariance of, the errors of the model that it allows for, if any. More beats lower neither. response : (K+1, m) of
+    the channels to the inflow. felt : by the network as given, of beats that differ. deviations : what every artery has
+    of its own; none where all have it in common. possible : what it may have.
     """
 
     kind = "network"
@@ -73,7 +73,8 @@ class NetworkProblem(Forward):
     error: Array
     response: Array
     felt: Felt | None = None
-    model_error: Array | None = None
+    exact: Target | None = None
+    model_error: Array | float = 0.0
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
 
@@ -88,10 +89,9 @@ class NetworkProblem(Forward):
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt)
         felt = varying(beats, self.network, self.signals, self.K)
-        exact = self if self.model_error is None else self.widened(-self.model_error)
-        other = of_other_beats(exact.target, self.error, beats, fitted, felt)
-        found = replace(exact, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
-        return found if self.model_error is None else found.widened(self.model_error)
+        other = of_other_beats(self.exact or self.target, self.error, beats, fitted, felt)
+        found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
+        return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:
         X = self.observe([f.member for f in fits])
@@ -287,11 +287,12 @@ class NetworkProblem(Forward):
         """With an independent error granted to every harmonic of every channel, of this part of its size."""
         return self.widened(_diagonal((part * sizes(self.target.X)) ** 2)) if part else self
 
-    def widened(self, errors: Array) -> NetworkProblem:
+    def widened(self, errors: Array | float) -> NetworkProblem:
         """With errors of the model of covariance (K+1, m, m) in that of the channels."""
-        own, before = self.target, 0.0 if self.model_error is None else self.model_error
-        target = Target.of(own.names, own.X, own.covariance + errors)
-        return replace(self, target=target, model_error=before + errors)
+        exact = self.exact or self.target
+        errors = errors if self.exact is None else self.model_error + errors
+        target = Target.of(exact.names, exact.X, exact.covariance + errors)
+        return replace(self, target=target, exact=exact, model_error=errors)
 
     def restated(self, fits: Sequence[Fit], before: NetworkProblem) -> list[Fit]:
         """Fits to the same record under its earlier weights, where they are, under these."""
@@ -305,17 +306,19 @@ class NetworkProblem(Forward):
         return {label: own.whiten(old.unwhiten(column)) for label, column in columns.items()}
 
     @property
-    def weights(self) -> tuple[float, Array, Array | None, Array, Array]:
-        """What :meth:`restored` makes the same problem of: length of the elements [m], errors of solver and model,
-        covariance, response."""
-        length = self.simulator.settings.element_length
-        return length, self.error, self.model_error, self.target.covariance, self.response
+    def weights(self) -> tuple[float, Array, Array | float | None, Array, Array]:
+        """What :meth:`restored` makes the same problem of: length of the elements [m], errors of the solver and, if
+        any, of the model, covariance without these, response."""
+        length, exact = self.simulator.settings.element_length, self.exact or self.target
+        errors = None if self.exact is None else self.model_error
+        return length, self.error, errors, exact.covariance, self.response
 
-    def restored(self, weights: tuple[float, Array, Array | None, Array, Array]) -> NetworkProblem:
-        length, error, model_error, covariance, response = weights
+    def restored(self, weights: tuple[float, Array, Array | float | None, Array, Array]) -> NetworkProblem:
+        length, error, errors, covariance, response = weights
         simulator = replace(self.simulator, settings=replace(self.simulator.settings, element_length=length))
         own = Target.of(self.signals, self.target.X, covariance)
-        return replace(self, simulator=simulator, target=own, error=error, model_error=model_error, response=response)
+        found = replace(self, simulator=simulator, target=own, exact=None, error=error, response=response)
+        return found if errors is None else found.widened(errors)
 
     def at(self, terms: Sequence[Term], unknowns: tuple[Unknown, ...], x: Array) -> NetworkProblem:
         """The same problem weighted for these numbers."""
@@ -330,7 +333,7 @@ class NetworkProblem(Forward):
         H = H / meter(member, len(H), self.simulator.T)[0][:, None]  # the noise of a slow meter hides more
         felt = varying(self.beats, network, self.signals, self.K, at, self.felt)
         weights = target(self.beats, self.signals, H, error, felt)
-        return replace(self, target=weights, error=error, model_error=None, response=H[: self.K + 1])
+        return replace(self, target=weights, exact=None, error=error, response=H[: self.K + 1])
 
     def _started(self, member: Member, start: Fit | None, runs: Runs) -> Member:
         """With new sensors, and places along a segment, at the best of their starting points: one simulation each."""

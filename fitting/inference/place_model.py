@@ -163,7 +163,8 @@ class PlaceModel:
     def inferred(
         self, normal: Normal, active: tuple[Active, ...], widths: Mapping[str, float], x: Array, sweeps: int = _SWEEPS
     ) -> tuple[float, tuple[Active, ...], Mapping[str, float]]:
-        """-2 ln evidence and prior of places, with the amplitudes and widths that make the record most probable."""
+        """-2 ln evidence and prior of places, with the amplitudes and widths that make the record most probable; ∞
+        where they take up all that a law beside them does, so that nothing tells its size."""
         best, unknowns = math.inf, self.unknowns_of(active)
         normal, columns = normal.only(self.columns_of(active)), slices(active)
         for _ in range(sweeps):
@@ -175,7 +176,10 @@ class PlaceModel:
                     _, law = reduced.best_law(columns[i], a.place.relative, self.sd(active, widths))
                     active = (*active[:i], replace(a, law=law), *active[i + 1 :])
             reduced = normal.without(np.arange(sum(map(len, columns))), self.variance(active))
-            found = Linear(reduced.of_unknowns, x, unknowns, reduced.log_volume).inferred()
+            try:
+                found = Linear(reduced.of_unknowns, x, unknowns, reduced.log_volume).inferred()
+            except np.linalg.LinAlgError:
+                return math.inf, active, widths
             widths, before, best = found.of, best, min(best, found.score)
             if before - best < SETTLED or not any(a.law for a in active):
                 break
