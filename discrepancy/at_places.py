@@ -54,8 +54,8 @@ def _laws(problem: NetworkProblem, found: SourceMap, i: int, terms: Sequence[Ter
     """The laws of a place of the map and of its segment, and those of places that do nearly as well beside the others:
     between two sites a wall, a drop, a loss and an outlet are told apart by their laws alone. A place that does no
     better than none is no such place."""
-    mine, most = found.places[i], min(at.NEAR, found.margin)
-    others = {p.key for j, p in enumerate(found.places) if j != i}
+    mine, others = found.places[i], {p.key for j, p in enumerate(found.places) if j != i}
+    most = min([at.NEAR, *(r.above for r in found.rivals if {p.key for p in r.places} == others)])
     near = [mine]
     for rival in found.rivals:
         new = [p for p in rival.places if p.key not in others]

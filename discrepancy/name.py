@@ -23,6 +23,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside
 from fitting.inference.network import NetworkProblem
+from fitting.inference.places import NUMBER
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import SourceMap, source_map
 from fitting.inference.terms import Term
@@ -69,14 +70,17 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
 
 def _freed(found: Compared, map: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
-    """What may act beside a hypothesis: in a network free sources, of the map where nothing else acts."""
+    """Free sources beside a hypothesis of a network: those of the map beside no effect, those by evidence beside a law.
+    On a bench, an error of the wall law."""
     problem, runs = found.problem, replace(runs, deadline=None)
     if not isinstance(problem, NetworkProblem):
         return lambda n: problem.beside(n.fit)
 
     def beside(n: Named) -> Beside | None:
         if n.fit.terms or map is None:
-            return found_beside(problem, n.fit, runs)
+            found = found_beside(problem, n.fit, runs)
+            # beside a law, numbers that stand out are this animal
+            return found if found and any(p.kind != NUMBER for p in found.places) else None
         return map_beside(problem, n.fit, map, runs) if map.signals else None
 
     return beside

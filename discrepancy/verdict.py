@@ -99,8 +99,8 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
 
 
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
-    """Whether what acts beside nothing is numbers of arteries or outlets that stand out, and a law of the catalogue
-    there, which is the same, does as well, and better than nothing."""
+    """True if the map has only numbers that stand out, and a law at the same arteries explains the record, within the
+    odds of 1 : 100 of the map and more probable than no effect."""
     if loose.fit.terms or not loose.places or any(p.kind != NUMBER for p in loose.places):
         return False
     none = min((n.score for n in exact if not n.fit.terms), default=math.inf)
@@ -109,11 +109,11 @@ def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
 
 
 def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
-    """What is held with an error of the model, too: the animal without effect and the likeliest single effects, those
-    of every two that explain the record among them, so that a second one must do better than the same misfit spread
-    over all channels. Where two leave more than noise, the second may be anything that takes up a part of it."""
-    if found.problem.site is None and found.best.explains:  # nothing is left that could act beside it
-        return [found.none, *([found.best] if found.best.fit.terms else [])]
+    """Hypotheses that are also evaluated with an error of the model: no effect, and the most probable single effects,
+    with each member of a pair that explains the record, so that a second effect must do better than such an error. In
+    a network whose best hypothesis explains the record, no effect and that one alone."""
+    if found.problem.site is None and any(n is found.best for n in exact):
+        return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
     single = [n for n in found.ranked if len(n.fit.terms) == 1]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
     return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]

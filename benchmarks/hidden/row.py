@@ -58,12 +58,13 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
     start = time.process_time()
     try:
         study, naming = judge(record, made.base, runs=Runs(deadline=start + TIME_LIMIT, clock=time.process_time))
+        seconds = time.process_time() - start
+        line |= {"seconds": seconds} | verdict_of(study, naming)
     except Unusable as error:
         return line | {"verdict": "unusable", "error": str(error), "seconds": time.process_time() - start}
     except Exception as error:  # the bank goes on: a crash on one record is a result, and is counted
         text = f"{type(error).__name__}: {error}"
         return line | {"verdict": "crashed", "error": text, "seconds": time.process_time() - start}
-    line |= {"seconds": time.process_time() - start} | verdict_of(study, naming)
     if kind == "bench" and group == "standard":  # others may have too few beats to hold some out
         line["stlsq"] = compared(record, made.base, case)
     return line

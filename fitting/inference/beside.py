@@ -10,6 +10,7 @@ the linear problem about the hypothesis leaves, or those of the source map.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ Array = np.ndarray
 def found_beside(problem: NetworkProblem, fit: Fit, runs: Runs) -> Beside | None:
     """With the places that the evidence of the linear problem about a fit asks for; None where it asks for none, or
     where small waves have no answer: the fit is at the end of what the equations can."""
-    model = PlaceModel(problem, runs, fit.terms)
+    model = PlaceModel(problem, runs, fit.terms, fit.unknowns)
     nothing = np.zeros((problem.K + 1, 0), complex)
     widths: Mapping[str, float] = {u.group: 1.0 for u in fit.unknowns if u.group}
     D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
@@ -51,14 +52,17 @@ def found_beside(problem: NetworkProblem, fit: Fit, runs: Runs) -> Beside | None
 
 
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
-    """The animal of the source map, with what acts there free. none : a fit without effect, for its shape."""
+    """The animal of the source map, with what acts there free; None where it cannot be simulated, or where small waves
+    have no answer. none : gives order and signal; its x, z and J are replaced."""
     forced = found.forced(problem, range(len(found.signals)))
     (X,) = forced.observe([Member((), found.unknowns, found.x)], runs)
     if X is None:
         return None
     there = replace(none, x=found.x, z=problem.residual(X), J=problem.target.whiten(found.J), log_volume=0.0)
     active = [Active(s.place, s.law) for s in found.signals]
-    return with_places(problem, there, active, np.concatenate([s.g for s in found.signals], axis=1), runs)
+    with suppress(NoSteadyState, np.linalg.LinAlgError):
+        return with_places(problem, there, active, np.concatenate([s.g for s in found.signals], axis=1), runs)
+    return None
 
 
 def with_places(problem: NetworkProblem, fit: Fit, active: Sequence[Active], g: Array, runs: Runs) -> Beside:

@@ -60,11 +60,14 @@ class Point:
 
 
 class PlaceModel:
-    """The places of a record, and how they are simulated and compared, beside the effects ``terms``."""
+    """The places of a record, and how they are simulated and compared, beside the effects ``terms``. unknowns : of a
+    hypothesis that narrows some; default those of the problem."""
 
-    def __init__(self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = ()) -> None:
+    def __init__(
+        self, problem: NetworkProblem, runs: Runs, terms: Sequence[Term] = (), unknowns: Sequence[Unknown] = ()
+    ) -> None:
         self.problem, self.runs, self.terms = problem, runs, tuple(terms)
-        self.unknowns = problem.hypothesis(self.terms)
+        self.unknowns = tuple(unknowns) or problem.hypothesis(self.terms)
         self.places = places(problem.network, problem.signals, self.unknowns)
         self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
         ends = np.cumsum([p.columns for p in self.places])

@@ -88,12 +88,6 @@ class SourceMap:
         """Whether it leaves noise alone."""
         return is_noise(self.chi2, self.n)
 
-    @property
-    def margin(self) -> float:
-        """By how much -2 ln evidence is more without one of the places; ∞ where there is none."""
-        fewer = [r.above for r in self.rivals if len(r.places) < len(self.places)]
-        return min(fewer, default=math.inf)
-
     def standing_out(self, which: Sequence[int]) -> SourceMap:
         """The same with the numbers of some places as far off as they are, and those of others like their kind's."""
         kept = {self.places[i].name for i in which}
@@ -119,7 +113,7 @@ def source_map(problem: NetworkProblem, runs: Runs | None = None) -> SourceMap:
     ):  # what is cheap at a wide error may have come first
         with suppress(OutOfTime):
             found.append(work.annealed(LEVELS[1:]))
-    return work.told(min(found, key=lambda point: point.score))
+    return min((work.told(point) for point in found), key=lambda m: m.score)  # each with no error granted
 
 
 def is_noise(chi2: float, n: int) -> bool:
@@ -226,7 +220,8 @@ class _Search:
     # --- what is told -------------------------------------------------------------------------------------------------
 
     def told(self, point: Point) -> SourceMap:
-        """The map of a point."""
+        """The map of a point, weighted for it."""
+        point = self.model.weighted_at(point)
         normal = self.model.normal(point, 0.0)
         score, active, widths = self.model.inferred(normal, point.active, point.widths, point.x)
         point = replace(point, active=active, widths=widths, score=score)
