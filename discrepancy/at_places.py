@@ -250,7 +250,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
     if not result.best.explains:
         yield (result := _elsewhere(result, found, runs))
-    if result.best.fit.terms and (left := _left(result, runs)):
+    if result.best.fit.terms and (left := _left(result)):
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
@@ -289,10 +289,10 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
     return result.joined_by(fits).polished(runs)
 
 
-def _left(result: Compared, runs: Runs) -> tuple[Place, ...]:
+def _left(result: Compared) -> tuple[Place, ...]:
     """Where something acts beside the best hypothesis."""
     assert isinstance(result.problem, NetworkProblem)
-    found = found_beside(result.problem, result.best.fit, runs)
+    found = found_beside(result.problem, result.best.fit)
     return () if found is None else found.places
 
 

@@ -18,12 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from fitting.inference.bench import Bench
 from fitting.inference.beside import found_beside, map_beside
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside
 from fitting.inference.network import NetworkProblem
-from fitting.inference.places import NUMBER
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import SourceMap, source_map
 from fitting.inference.terms import Term
@@ -69,19 +69,18 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     return replace(profiled(naming, runs), map=found)
 
 
-def _freed(found: Compared, map: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
+def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
     """Free sources beside a hypothesis of a network: those of the map beside no effect, those by evidence beside a law.
     On a bench, an error of the wall law."""
     problem, runs = found.problem, replace(runs, deadline=None)
-    if not isinstance(problem, NetworkProblem):
+    if isinstance(problem, Bench):
         return lambda n: problem.beside(n.fit)
+    assert isinstance(problem, NetworkProblem)
 
     def beside(n: Named) -> Beside | None:
-        if n.fit.terms or map is None:
-            found = found_beside(problem, n.fit, runs)
-            # beside a law, numbers that stand out are this animal
-            return found if found and any(p.kind != NUMBER for p in found.places) else None
-        return map_beside(problem, n.fit, map, runs) if map.signals else None
+        if n.fit.terms or where is None:
+            return found_beside(problem, n.fit)
+        return map_beside(problem, n.fit, where, runs) if where.signals else None
 
     return beside
 

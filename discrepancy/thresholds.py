@@ -27,7 +27,8 @@ FALSE_DISCOVERIES = 0.05  # Benjamini-Yekutieli, over all entries of the z map
 RELIABILITY = {"bench": (2.5, 0.23, 0.96), "network": (4.5, 0.0, 1.0), "partial": (3.5, 0.0, 0.2)}
 # prices are -2 ln of odds beforehand: judgement, not fitted to the tuning records. 6 and 10 are where R. E. Kass and
 # A. E. Raftery (J. Am. Stat. Assoc. 90, 1995, 773) begin strong and very strong evidence: odds of 1 : 20 and 1 : 150.
-# An error of the model with one part costs as much as a second effect: the bank holds as many of either
+# An error of a bench's law with one part costs as much as a second effect: the bank holds as many of either. In a
+# network each place of a free term costs its choice besides
 FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
 ELSE = 8.0  # price of an error of the model: something that is not in the catalogue

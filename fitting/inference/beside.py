@@ -9,15 +9,14 @@ the linear problem about the hypothesis leaves, or those of the source map.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from solver.balance import NoSteadyState
 
-from .fit import Fit, Member
+from .fit import Fit
 from .misfit import Beside, settled
 from .moves import MOST, Moves
 from .network import NetworkProblem
@@ -28,17 +27,22 @@ from .source_map import SourceMap
 
 Array = np.ndarray
 
+_NO_ANSWER = (NoSteadyState, np.linalg.LinAlgError)  # of small waves
 
-def found_beside(problem: NetworkProblem, fit: Fit, runs: Runs) -> Beside | None:
-    """With the places that the evidence of the linear problem about a fit asks for; None where it asks for none, or
-    where small waves have no answer: the fit is at the end of what the equations can."""
-    model = PlaceModel(problem, runs, fit.terms, fit.unknowns)
+
+def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
+    """With the places that the evidence of the linear problem about a fit asks for.
+
+    None where it asks for none, or for numbers that stand out alone, which are this animal; and where small waves have
+    no answer: the fit is at the end of what the equations can.
+    """
+    model = PlaceModel(problem, Runs(), fit.terms, fit.unknowns)
     nothing = np.zeros((problem.K + 1, 0), complex)
     widths: Mapping[str, float] = {u.group: 1.0 for u in fit.unknowns if u.group}
     D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
     try:
         point = Point((), fit.x, nothing, widths, D[..., 0], J, model.responses(fit.x))
-    except (NoSteadyState, np.linalg.LinAlgError):
+    except _NO_ANSWER:
         return None
     normal, moves = model.normal(point, 0.0), Moves(model)
     for _ in range(MOST + 2):
@@ -48,35 +52,30 @@ def found_beside(problem: NetworkProblem, fit: Fit, runs: Runs) -> Beside | None
         if move is None:
             break
         point = replace(point, active=move[1])
-    return _with(model, point, fit) if point.active else None
+    return _integrated_out(model, point, fit) if any(a.law for a in point.active) else None
 
 
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
     """The animal of the source map, with what acts there free; None where it cannot be simulated, or where small waves
     have no answer. none : gives order and signal; its x, z and J are replaced."""
-    forced = found.forced(problem, range(len(found.signals)))
-    (X,) = forced.observe([Member((), found.unknowns, found.x)], runs)
-    if X is None:
-        return None
-    there = replace(none, x=found.x, z=problem.residual(X), J=problem.target.whiten(found.J), log_volume=0.0)
-    active = [Active(s.place, s.law) for s in found.signals]
-    with suppress(NoSteadyState, np.linalg.LinAlgError):
-        return with_places(problem, there, active, np.concatenate([s.g for s in found.signals], axis=1), runs)
-    return None
-
-
-def with_places(problem: NetworkProblem, fit: Fit, active: Sequence[Active], g: Array, runs: Runs) -> Beside:
-    """With sources at given places. fit : of the problem with the amplitudes g : (K+1, q) [SI] of all of them in it."""
-    model = PlaceModel(problem, runs, fit.terms)
-    D, J = (problem.target.unwhiten(a) for a in (fit.z[:, None], fit.J))
-    G = model.responses(fit.x)
+    model = PlaceModel(problem, runs)
+    active = tuple(Active(s.place, s.law) for s in found.signals)
     columns = model.columns_of(active)
-    D = D[..., 0] - np.einsum("kms,ks->km", G[:, :, columns], g / model.units[columns])
-    left = replace(fit, z=problem.target.whiten(D[..., None])[:, 0])
-    return _with(model, Point(tuple(active), fit.x, g, {}, D, J, G), left)
+    g = np.concatenate([s.g for s in found.signals], axis=1) / model.units[columns]
+    D = model.residual(active, found.x, g)
+    if D is None:
+        return None
+    try:
+        G = model.responses(found.x)
+    except _NO_ANSWER:
+        return None
+    left = D - np.einsum("kms,ks->km", G[:, :, columns], g)  # linear: without the sources
+    z, J = problem.target.whiten(left[..., None])[:, 0], problem.target.whiten(found.J)
+    fit = replace(none, x=found.x, z=z, J=J, log_volume=0.0)
+    return _integrated_out(model, Point(active, found.x, g, {}, D, found.J, G), fit)
 
 
-def _with(model: PlaceModel, point: Point, fit: Fit) -> Beside:
+def _integrated_out(model: PlaceModel, point: Point, fit: Fit) -> Beside:
     """The fit, its sources at 0, with those of a point integrated out."""
     problem, own = model.problem, point.G[:, :, model.columns_of(point.active)]
     parts = np.where(np.arange(len(own)) == 0, 1.0, 2.0)[:, None, None]  # real and imaginary

@@ -18,7 +18,6 @@ from ..records.beats import Beats
 from ..records.noise import mean_beat
 from .fit import Fit
 from .jackknife import Rest
-from .misfit import Beside
 from .simulator import Runs
 from .terms import Term
 from .unknown import Unknown
@@ -113,10 +112,6 @@ class Forward(Protocol):
         return self
 
     # --- errors of the model --------------------------------------------------------------------------------------
-
-    def beside(self, fit: Fit) -> Beside | None:
-        """A fit with an error of the model beside it; None where it has none."""
-        return None
 
     def widened(self, errors: Array) -> Forward:
         """The same record with ``errors`` of the model (:class:`~fitting.inference.misfit.Beside`) allowed for."""

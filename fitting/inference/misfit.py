@@ -1,8 +1,9 @@
-"""What no hypothesis explains, as a random error of the model: its size from the residual, by evidence.
+"""What no hypothesis of a bench explains, as a random error of its model: its size from the residual, by evidence.
+In a network the error of the model is free terms at places (:mod:`fitting.inference.beside`).
 
-Of every channel, harmonics of the error are independent with the standard deviation a s_k, where s_k is the size of the
-channel's own harmonics and a a part that the record tells: one for the harmonics of each channel, and one for the means
-of all channels of a quantity. In the whitened residual its covariance is
+Harmonics of the error are independent with the standard deviation a s_k, where s_k is the size of the pressure's own
+harmonics and a a part that the record tells: one for the harmonics, and one for the mean. In the whitened residual its
+covariance is
 
     C = 1 + Σ_c a_c² B_c B_cᵀ
 

@@ -84,12 +84,10 @@ class PlaceModel:
             return np.array([_UNIT * pulse[self.problem.signals.index(place.channel)]])
         return np.array([pressure if s.unit == "Pa" else flow for s in place.sources])
 
-    def weighted_at(self, point: Point) -> Point:
-        """Weigh the record by what the noise of the inflow does to channels with the numbers of a point, which those of
-        the file may be far from; the point under these weights."""
-        before = self.problem.target.X
-        self.problem = self.problem.at(self.terms, self.unknowns, point.x)
-        return replace(point, D=point.D + before - self.problem.target.X)
+    def weigh_at(self, x: Array) -> None:
+        """Weigh the record by what the noise of the inflow does to channels with the numbers x : (p,), which those of
+        the file may be far from. What was measured stays: the seam of unlike beats is kept."""
+        self.problem = self.problem.at(self.terms, self.unknowns, x)
 
     # --- simulation ---------------------------------------------------------------------------------------------------
 

@@ -132,7 +132,8 @@ class _Search:
     def advanced(self, point: Point, error: float, fresh: bool) -> Point:
         """One step to the most probable θ and g; shortened where that makes the record less probable by far. fresh : by
         derivatives and weights of here."""
-        point = self.model.weighted_at(point) if fresh else point
+        if fresh:
+            self.model.weigh_at(point.x)
         normal = self.model.normal(point, error)
         score, active, widths = self.model.inferred(normal, point.active, point.widths, point.x)
         point = replace(point, active=active, widths=widths, score=score)
@@ -221,7 +222,7 @@ class _Search:
 
     def told(self, point: Point) -> SourceMap:
         """The map of a point, weighted for it."""
-        point = self.model.weighted_at(point)
+        self.model.weigh_at(point.x)
         normal = self.model.normal(point, 0.0)
         score, active, widths = self.model.inferred(normal, point.active, point.widths, point.x)
         point = replace(point, active=active, widths=widths, score=score)
