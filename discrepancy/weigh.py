@@ -1,9 +1,9 @@
 """Weigh hypotheses: the score test that picks those worth a refit, and the evidence that ranks what was refitted.
 
 Every hypothesis is evaluated in two ways: exact, or with an error of the model beside it: in a network free terms at
-places (:mod:`fitting.inference.beside`), on a bench a random error of the law (:mod:`fitting.inference.misfit`). The model without effect and with such an error is "something else". A number of
-prices make the prior: effects are equally likely beforehand, and so are the places of one effect, so that many
-candidates do not make a discovery likelier.
+places (:mod:`fitting.inference.beside`), on a bench a random error of its law (:mod:`fitting.inference.misfit`). The
+model without effect and with such an error is "something else". A number of prices make the prior: effects are equally
+likely beforehand, and so are the places of one effect, so that many candidates do not make a discovery likelier.
 """
 
 from __future__ import annotations
