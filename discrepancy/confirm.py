@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.inference.fit import Fit
+from solver.legible import number
 
 from . import thresholds as at
 from .outcome import ADDED, Agreement
@@ -61,7 +62,7 @@ def _borne_out(study: Study, naming: Naming, before: Run, after: Run | None) -> 
 
 def change(before: Gap, after: Gap) -> str:
     """How the gap to held-out beats changes, in words that follow the numbers."""
-    first, last = (f"{each.total[1]:.3g}" for each in (before, after))
+    first, last = (number(each.total[1]) for each in (before, after))
     if first == last:
         return f"stays at {first}"
     return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
