@@ -61,13 +61,14 @@ def test_usual_and_placed_parts(problem: NetworkProblem, effect: str) -> None:
 
 
 def test_a_length_that_is_searched(problem: NetworkProblem) -> None:
-    """Where a stenosis lies is searched first, then, from there, how long it is, and no more: in a batch with one at a
-    place and one in its usual part, each as alone (2e-11 measured)."""
+    """Where a stenosis lies is searched first, then, from there and from one and three times its usual length, how long
+    it is, and no more: in a batch with one at a place and one in its usual part, each as alone (2e-11 measured)."""
     at_place = anywhere("stenosis", "A")
     long = placed(NETWORK, at_place, [2.0, 0.4])
     assert [u.name for u in at_place.unknowns] == ["A.K", "A.K_position"]
     assert long is not None and [u.name for u in long.unknowns] == ["A.K", "A.K_position", "A.K_length"]
-    assert long.starts == ((2.0, 0.4, 0.0),) and placed(NETWORK, long, [2.0, 0.4, 0.5]) is None
+    assert long.starts == (pytest.approx((2.0, 0.4, 0.0)), pytest.approx((2.0, 0.4, 1.0)))
+    assert placed(NETWORK, long, [2.0, 0.4, 0.5]) is None
     usual = member(problem, (term("stenosis", "A"), [2.0]))
     moved = member(problem, (at_place, [2.0, 0.4]))
     longer = member(problem, (long, [2.0, 0.4, 0.5]))
