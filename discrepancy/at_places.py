@@ -22,7 +22,7 @@ from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
 from fitting.inference.terms import Term, effect_of, joins
 from fitting.inference.unknown import bounds, penalty, precisions
-from solver.effect import CHANNEL, WALL
+from solver.effect import ALL_PLACES, CHANNEL, WALL
 from solver.errors import InputError
 
 from . import thresholds as at
@@ -252,7 +252,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _elsewhere(result, found, runs))
     if result.best.fit.terms and (left := _left(result)):
         result = result.at_minimum(runs)
-        more = [*_refined(result, runs), *_with_one_more(result, left, runs)]
+        more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
     yield result.at_minimum(runs)
 
@@ -268,15 +268,16 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
 
 
 def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
-    """With the laws, anywhere, that promise most from the walls of the map: where sensors are few one place looks like
-    another, and a law that changes every wave is no source of a fixed shape."""
+    """With the laws that promise most from the walls of the map: those that act everywhere, as what changes every wave
+    is no source of a fixed shape, and those anywhere. A map that explains the record knows where it is: there, or where
+    its rivals are."""
     problem, tried = result.problem, {n.label for n in result.ranked}
     assert isinstance(problem, NetworkProblem)
-    plain, walls, sought = (
-        found.forced(problem, []),
-        found.standing_out(()),
-        [t for t in result.terms if not t.rewires],
-    )
+    plain, walls = found.forced(problem, []), found.standing_out(())
+    known = {p.segment for places in (found.places, *(r.places for r in found.rivals)) for p in places}
+    sought = [
+        t for t in result.terms if not t.rewires and (not found.explains or t.place == ALL_PLACES or t.place in known)
+    ]
     # a part of a wall anywhere, too, also where every wall differs: it is whole walls that do
     laws = [
         each
@@ -296,10 +297,12 @@ def _left(result: Compared) -> tuple[Place, ...]:
     return () if found is None else found.places
 
 
-def _with_one_more(result: Compared, left: Sequence[Place], runs: Runs) -> list[Fit]:
-    """The best law with another, where something acts beside it, that adds evidence beside it by its columns."""
+def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], runs: Runs) -> list[Fit]:
+    """The best law with another, where something acts beside it, that adds evidence beside it by its columns. Where one
+    place is enough for all that acts, a law that explains a part of it is the wrong one, and no second one is missing.
+    """
     first, problem = result.best.fit, result.problem
-    if len(first.terms) >= at.MOST_EFFECTS:
+    if len(first.terms) >= at.MOST_EFFECTS or (found.explains and len(found.places) == 1 and not result.best.explains):
         return []
     there = {t.label for t in first.terms}
     able = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
