@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver import Settings, simulate_periodic
+from solver import Settings
 from solver.coefficients import coefficients
 from solver.errors import InputError
 from solver.network import Network
@@ -13,14 +13,17 @@ from .calibrate import Calibration
 from .estimate import Estimate
 from .indices import estimates, loop_area, measured_estimate, of_wall
 from .inference.calibration import STEP
+from .inference.simulator import HARMONICS_BEYOND, Runs, Simulator
 from .inference.unknown import finite_steps, parameter_values
 from .records.beats import Beats
 from .records.inflow import inflow
+from .records.noise import MAX_HARMONICS
 from .threads import single_threaded
 
 Array = np.ndarray
 
 _TOLERANCE = 1e-6  # of the periodic beat
+_SAMPLES = 8 * MAX_HARMONICS  # of a beat
 
 
 @single_threaded
@@ -35,7 +38,7 @@ def network_indices(
     E_inc uses the unstressed thickness h, as the wall law does. Where the record has P and R of the site,
     loss_measured is the same of its mean beats.
 
-    One batch simulation gives all of them at x and a small step away along each unknown; intervals are
+    One batch of beats gives all of them at x and a small step away along each unknown; intervals are
     G C Gᵀ (delta method) with the calibration's covariance C and Student's t. They hold what moves with the unknowns
     alone: parameters that were not sought, h among them, count as exact.
     Raises ValueError for another network than the one that was calibrated, or a record without inflow.
@@ -59,9 +62,12 @@ def indices_at(
     """The indices of ``indices.OF_LAW`` at every site for unknowns x : (B, p) -> (B, n_sites, 7), in one batch."""
     settings = settings or Settings()
     parameters = parameter_values(calibration.unknowns, network, x)
-    drive = inflow(beats, settings.dt)
-    beat = simulate_periodic(network, drive, beats.T, parameters=parameters, settings=settings, tolerance=_TOLERANCE)
-    P, R = (np.stack([beat[f"{s.name}.{kind}"][:, :-1] for s in network.sites], axis=1) for kind in "PR")
+    outputs = tuple(f"{site.name}.{kind}" for kind in "PR" for site in network.sites)
+    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, outputs, MAX_HARMONICS, settings,
+                          tolerance=_TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
+    X = simulator.coefficients(network, parameters, Runs(), alike=True)
+    waves = np.fft.irfft(X, _SAMPLES, axis=1, norm="forward").swapaxes(1, 2)
+    P, R = np.split(waves, 2, axis=1)
     names = [segment.name for segment in network.segments]
     wall = coefficients(network, parameters).wall.at(np.array([names.index(s.segment) for s in network.sites]))
     A = np.pi * R * R
