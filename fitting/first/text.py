@@ -1,0 +1,112 @@
+"""The network file of a first model: values as a person would write them, each with where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.text import quoted, typed_unit
+from solver.units import display_factor, readable
+
+from .estimates import Found
+from .tubes import Tube
+
+Array = np.ndarray
+
+_LARGE = 0.3  # relative standard deviations from here on are told as factors
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a first model is of: file name and hash of the record, species and source of its typical aorta, period [s],
+    mean pressure at the root and venous pressure [Pa], harmonics of the inflow : (K+1,) [m³/s]."""
+
+    record: str
+    sha256: str
+    like: str
+    typical: str
+    T: float
+    P: float
+    P_venous: float
+    Q: Array
+
+
+def value(found: Found) -> str:
+    """The number in the unit that people read: "0.965 mmHg·s/mL"."""
+    unit, factor = readable(found.unit)
+    return f"{factor * found.value:.3g} {unit}".strip()
+
+
+def error(found: Found) -> str:
+    """Its standard deviation: "± 12 %", or a factor where it is large."""
+    return f"± {100.0 * found.error:.2g} %" if found.error < _LARGE else f"×/÷ {np.exp(found.error):.2g}"
+
+
+def network_file(
+    source: Source,
+    found: Iterable[Found],
+    root: str,
+    tubes: Sequence[Tube],
+    windkessels: Mapping[str, tuple[float, float, float]],
+    notes: Iterable[str],
+) -> str:
+    """TOML with all of it. root : site there, "" if it is the inlet. windkessels : R1, C, R2 by stretch [SI]."""
+    lines = [
+        f"# A first model of {source.record}, to be edited: it is where a calibration begins, not its result.",
+        "# Found in the recording, with one standard deviation and the way:",
+        *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
+        f"# Not in it: thickness and viscosity of the walls, of {source.typical}.",
+        *(f"# Doubtful: {note}" for note in notes),
+        "",
+        'name = "first"',
+        f'species = "{source.like}"',
+        f'reference = "first model of {source.record}, sha256 {source.sha256[:16]}"',
+        "",
+        "[network]",
+        _line("P_ref", source.P, "Pa", "mean pressure at the root: R0 and E are those of that pressure", "mmHg"),
+        _line("P_0", source.P, "Pa", "start there", "mmHg"),
+        "",
+        "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
+        f'segment = "{tubes[0].stretch.name}"',
+        f'T = "{source.T!r} s"',
+        f"Q_mean = {source.Q[0].real:.5g}",
+        f"Q_cos = [{', '.join(f'{x:.4g}' for x in 2.0 * source.Q[1:].real)}]",
+        f"Q_sin = [{', '.join(f'{x:.4g}' for x in -2.0 * source.Q[1:].imag)}]",
+    ]
+    for tube in tubes:
+        s = tube.stretch
+        lines += [
+            "",
+            f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
+            _line("L", tube.L, "m", "wave speed times that time", "cm"),
+            _line("R0", tube.R0, "m", "from its part of Z_c, and c", "mm"),
+            _line("h", tube.h, "m", "as typical a part of R0", "mm"),
+            _line("E", tube.E, "Pa", "from c, R0 and h; only E h is told", "MPa"),
+            _line("phi0", tube.phi0, "Pa.s", "as typical a part of E", "kPa.s"),
+        ]
+    heads: dict[str, list[str]] = {}
+    for tube in tubes:
+        if tube.stretch.parent:
+            heads.setdefault(tube.stretch.parent, []).append(tube.stretch.name)
+    for parent, children in heads.items():
+        lines += ["", "[[junctions]]", f'in = ["{parent}"]', f"out = {quoted(tuple(children))}"]
+    for name, (R1, C, R2) in windkessels.items():
+        lines += [
+            "",
+            f"[outlets.{name}]",
+            _line("R1", R1, "Pa.s/m^3", "the impedance of the tube: no reflection of steep waves", "mmHg.s/mL"),
+            _line("C", C, "m^3/Pa", "its part of the compliance that is not in tubes", "mL/mmHg"),
+            _line("R2", R2, "Pa.s/m^3", "the rest of its part of the resistance", "mmHg.s/mL"),
+            _line("P_venous", source.P_venous, "Pa", "stated, not found", "mmHg"),
+        ]
+    places = [(root, tubes[0].stretch.name, 0.0)] if root else []
+    places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
+    lines += ["", "[sites]"]
+    lines += [f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places]
+    return "\n".join(lines) + "\n"
+
+
+def _line(key: str, x: float, unit: str, comment: str, display: str) -> str:
+    return f'{key} = "{display_factor(display) * x:.4g} {typed_unit(unit, display)}"  # {comment}'
