@@ -59,8 +59,8 @@ def root_pressure(beats: Beats) -> str:
         )
     if not pressures:
         raise InputError(
-            f"{beats.source}: a first model needs a pressure at the root, such as Ao.P, beside {INFLOW}, and the record "
-            f"has {', '.join(beats.values)}; record it, or give a network file."
+            f"{beats.source}: a first model needs a pressure at the root, such as Ao.P, beside {INFLOW}, and the "
+            f"record has {', '.join(beats.values)}; record it, or give a network file."
         )
     if "inlet.P" in pressures:
         return "inlet.P"
@@ -97,7 +97,7 @@ def compliance(beats: Beats, root: str, P_venous: float, R: float) -> Found:
     pulse, usual = float(np.ptp(P)), np.log(beats.T / R)
     if excess(usual - 10.0) < 0.0:
         raise InputError(
-            f"{beats.source}: the pulse of {root} is larger than its resistance times that of {INFLOW}; check the units."
+            f"{beats.source}: the pulse of {root} is larger than the resistance times that of {INFLOW}; check units."
         )
     C = float(np.exp(brentq(excess, usual - 10.0, usual + 10.0)))
     decay = _decay(smooth(beats, root) - P_venous, smooth(beats, INFLOW), R, beats.T)

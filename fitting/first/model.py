@@ -4,9 +4,9 @@ With the impedance Z_c at the root, the wave speed c and the time t through a tu
 
     A = ρ c s/Z_c,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = s t/Z_c
 
-so that junctions are matched, and what the tubes store depends on times and Z_c alone; where the radius of a stretch was
-measured, A is that. A Windkessel at each end takes its share of the rest: R1 is the impedance of its tube, R1 + R2 = R/s
-less the friction of the tubes, C = s (C - Σ C_tube).
+so that junctions are matched, and what the tubes store depends on times and Z_c alone; where the radius of a stretch
+was measured, A is that. A Windkessel at each end takes its share of the rest: R1 is the impedance of its tube,
+R1 + R2 = R/s less the friction of the tubes, C = s (C - Σ C_tube).
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ def first_model(
     rest = C.value - min(stored, _MOST * C.value)
     P = float(beats.mean(channel).mean())
     notes += [
-        f"the mean of {site}.P is {(there - P) / MMHG:+.2g} mmHg above that of {channel}, against the flow: the zero or "
-        "the height of a sensor."
+        f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {channel}, against the flow: the zero "
+        "or the height of a sensor is off."
         for site in delays
         if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > P
     ]

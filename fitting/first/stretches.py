@@ -38,9 +38,10 @@ def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dic
         sites = [site for site in path.replace(",", " ").split() if site not in (root, "inlet")]
         for site, before in zip(sites, ["", *sites], strict=False):
             if site not in delays or found.get(site, before) != before or delays.get(before, 0.0) > delays[site]:
+                others = ", ".join(known) or "none beside the root"
                 raise InputError(
-                    f'--path "{path}": {site} must be a site of the record ({", ".join(known) or "none beside the root"}), '
-                    "later than the one before it, and reached by one way; give each path from the root on."
+                    f'--path "{path}": {site} must be a site of the record ({others}), later than the one before it, '
+                    "and reached by one way; give each path from the root on."
                 )
             found[site] = before
     if set(found) != set(delays):
@@ -53,8 +54,9 @@ def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dic
 def stretches(
     beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float
 ) -> list[Stretch]:
-    """The tubes, each after the one upstream of it. upstream : as :func:`parents`; alone : time [s] through the one tube
-    of a record without other sites.
+    """The tubes, each after the one upstream of it.
+
+    upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites.
 
     Flow is shared as it was measured, and where it was not, equally; what is lost on the way leaves by a side branch.
     """
