@@ -20,11 +20,12 @@ from .waves import foot, heard, later, smooth, steepest_foot
 Array = np.ndarray
 
 _VENOUS = 5.0 * MMHG  # by which a venous pressure that is not measured may be off
-_LEAST = 0.1  # relative standard deviation, by which two ways alike may both be off
+_LEAST = 0.2  # relative standard deviation, by which two ways alike may both be off
 _ROUGH = 0.4  # the same of a reflection's time: it comes back from many places
 _HIGH = (3, 10)  # harmonics whose impedance is near Z_c
 _EARLY = 0.5  # of its rise: till then the flow runs into vessels without reflection
 _CLOSED = 0.05  # of its peak: below that flow, the valve is closed
+_C = "total compliance C"
 _DECAY = (0.3, 0.98)  # of diastole: where pressure decays alike everywhere
 
 
@@ -40,8 +41,9 @@ class Found:
 
 
 def sites(beats: Beats) -> list[str]:
-    """The sites of a record but the inlet, in the record's order."""
-    return list(dict.fromkeys(site for site, _, _ in (n.rpartition(".") for n in beats.values) if site != "inlet"))
+    """The sites of a record but inlets and outlets, in the record's order."""
+    places = (name.rpartition(".")[0] for name in beats.values)
+    return list(dict.fromkeys(place for place in places if place != "inlet" and "." not in place))
 
 
 def root_pressure(beats: Beats) -> str:
@@ -49,7 +51,7 @@ def root_pressure(beats: Beats) -> str:
 
     Raises ValueError, one sentence, if the record has no inflow or no pressure.
     """
-    pressures = [name for name in beats.values if name.endswith(".P")]
+    pressures = [name for name in beats.values if name.endswith(".P") and name.count(".") == 1]
     flows = [name for name in beats.values if name.endswith(".Q")]
     if INFLOW not in beats.values:
         other = f'; if {flows[0]} is that flow: --map "{flows[0]}={INFLOW}"' if flows else ""
@@ -82,10 +84,12 @@ def resistance(beats: Beats, root: str, P_venous: float) -> Found:
     return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
 
 
-def compliance(beats: Beats, root: str, P_venous: float, R: float) -> Found:
-    """C [m³/Pa] that gives a Windkessel of R and C the pulse of the root under its flow (the pulse pressure method).
+def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Found, ...]:
+    """C [m³/Pa] in two ways, or in one where diastole shows no decay.
 
-    Beside it that of the decay in diastole, C ΔP = ∫ (P - P_venous)/R - Q dt, with ΔP by which P falls meanwhile.
+    By the pulse: with C, a Windkessel of resistance R has the pulse of the root under its flow. It ignores Z_c and
+    comes out too small where tubes are long. By the decay in diastole: C ΔP = ∫ (P - P_venous)/R - Q dt, where P falls
+    by ΔP. Waves that run to and fro in diastole disturb it.
     Sources: N. Stergiopulos et al., Ann. Biomed. Eng. 22 (1994) 392; Z. Liu et al., Am. J. Physiol. 251 (1986) H588.
     """
     P, Q = beats.mean(root), beats.mean(INFLOW)
@@ -101,11 +105,15 @@ def compliance(beats: Beats, root: str, P_venous: float, R: float) -> Found:
         )
     C = float(np.exp(brentq(excess, usual - 10.0, usual + 10.0)))
     decay = _decay(smooth(beats, root) - P_venous, smooth(beats, INFLOW), R, beats.T)
-    how = f"pulse of {root} of a Windkessel under {INFLOW}"
+    by_pulse = f"pulse of {root} of a Windkessel under {INFLOW}"
     if decay is None:
-        return Found("total compliance C", C, "m^3/Pa", _ROUGH, f"{how}; diastole shows no decay")
-    how += f"; by the decay in diastole {decay * MMHG * 1e6:.3g} mL/mmHg"
-    return Found("total compliance C", C, "m^3/Pa", _difference(C, decay), how)
+        return (Found(_C, C, "m^3/Pa", _ROUGH, f"{by_pulse}; diastole shows no decay"),)
+    by_decay, error = f"decay of {root} in diastole", _difference(C, decay)
+    shown, other = (f"{x * MMHG * 1e6:.3g} mL/mmHg" for x in (C, decay))
+    return (
+        Found(_C, C, "m^3/Pa", error, f"{by_pulse}; by the {by_decay}: {other}"),
+        Found(_C, decay, "m^3/Pa", error, f"{by_decay}; by the {by_pulse}: {shown}"),
+    )
 
 
 def impedance(beats: Beats, root: str) -> Found:
@@ -147,7 +155,7 @@ def delay(beats: Beats, root: str, site: str) -> Found:
     how = f"foot to foot, {pair[1]} to {pair[0]}; by the steepest tangents {1e3 * other:.3g} ms"
     if found < t:
         how = f"no delay seen ({1e3 * found:.2g} ms), one sample is taken"
-    return Found(f"delay to {site}", t, "s", float(np.clip(abs(t - other) / t, _LEAST, 1.0)), how)
+    return Found(f"delay to {site}", t, "s", float(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0)), how)
 
 
 def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:

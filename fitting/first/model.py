@@ -4,9 +4,8 @@ With the impedance Z_c at the root, the wave speed c and the time t through a tu
 
     A = ρ c s/Z_c,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = s t/Z_c
 
-so that junctions are matched, and what the tubes store depends on times and Z_c alone; where the radius of a stretch
-was measured, A is that. A Windkessel at each end takes its share of the rest: R1 is the impedance of its tube,
-R1 + R2 = R/s less the friction of the tubes, C = s (C - Σ C_tube).
+so that junctions are matched, and what the tubes store depends on times and Z_c alone. A Windkessel at each end takes
+its share of the rest: R1 = Z_c/s, R1 + R2 = R/s less the friction of the tubes, C = s (C - Σ C_tube).
 """
 
 from __future__ import annotations
@@ -26,19 +25,21 @@ from solver.units import INFLOW, MMHG
 from ..records.beats import Beats
 from ..records.spectral import coefficients, resample
 from . import text
-from .estimates import Found, compliance, delay, impedance, reflection_time, resistance, root_pressure, sites
+from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
 from .species import Typical, typical
-from .stretches import Stretch, parents, stretches
-from .tubes import Tube, made, windkessel
+from .stretches import parents, stretches
+from .tubes import made, windkessel
 from .waves import heard
 
 Array = np.ndarray
 
 VENOUS = 5.0 * MMHG  # as in the bundled network human
-_MOST = 0.7  # of the compliance: what the tubes may have
+_MOST = 0.85  # of the compliance: what the tubes may have
 _RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
 _DISTANCE = 0.1  # the same of a length that is given
 _USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
+_ABOVE = 1.005  # times the mean pressure at the root: more is said
+_FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
 _SAMPLES = 200  # a beat, of the comparison
 
 
@@ -77,62 +78,54 @@ def first_model(
 
     like : species whose typical aorta stands for what is not measured, mass : of the body [kg]. P_venous [Pa].
     distances : of sites from the root, along the vessels [m]; they give the wave speed. paths : "Ao,CA" and "Ao,FA",
-    which sites lie behind one another; by default all do, in the order of their delays.
+    which sites lie behind one another; by default all do, in the order of their delays. Of two ways to find C, that
+    counts with which the model comes nearer to the pressure at the root.
     Raises ValueError, one sentence that says what is needed.
     """
     channel = root_pressure(beats)
     root = channel.removesuffix(".P").replace("inlet", "")
     R = resistance(beats, channel, P_venous)
-    C = compliance(beats, channel, P_venous, R.value)
     Z = impedance(beats, channel)
     delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
+    usual = typical(like, mass)
+    c, area, radius = _speed_and_area(beats, root, Z, usual, delays, distances or {})
     echo = reflection_time(beats, channel, Z.value)
     times = {site: found.value for site, found in delays.items()}
-    most = _MOST * C.value * Z.value
-    alone = min(echo.value / 2.0, most) if echo.value > 0.0 else most
-    tubes = stretches(beats, root, parents(paths, root, times), times, alone)
-    usual = typical(like, mass)
-    notes = [] if delays else _notes_alone(echo, most)
-    c, area, radius = _speed_and_area(beats, root, Z, usual, delays, distances or {})
-    if not _USUAL[0] <= c.value <= _USUAL[1]:
-        notes.append(
-            f"a wave speed of {c.value:.3g} m/s is not an artery's; give --distance, a radius or another --like."
-        )
-    walls = [_wall(beats, root, tube, c.value, area, usual) for tube in tubes]
-    stored = sum(wall.stretch.time / wall.Z for wall in walls)
-    if stored > _MOST * C.value * (1.0 + 1e-9):
-        notes.append(
-            f"by their delays the tubes would store {stored / C.value:.0%} of the compliance; all are made shorter, so "
-            f"that they store {_MOST:.0%}: look at the delays."
-        )
-        shorter = _MOST * C.value / stored
-        walls = [_wall(beats, root, replace(t, time=shorter * t.time), c.value, area, usual) for t in tubes]
-    rest = C.value - min(stored, _MOST * C.value)
+    tubes = stretches(beats, root, parents(paths, root, times), times, echo.value / 2.0, area)
     P = float(beats.mean(channel).mean())
-    notes += [
+    notes = [
         f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {channel}, against the flow: the zero "
         "or the height of a sensor is off."
         for site in delays
-        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > P
+        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P
     ]
-    found = (R, C, Z, *delays.values(), echo, c, radius)
-    ends = {tube.stretch.name: windkessel(tube, walls, R.value, rest) for tube in walls if tube.stretch.end}
-    file = text.network_file(
-        text.Source(Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, _inflow(beats)),
-        found, root, walls, ends, notes,
-    )  # fmt: skip
-    network = loads(file, f"first model of {beats.source}")
-    return FirstModel(network, file, found, _shown(beats, network), tuple(notes))
+    if not _USUAL[0] <= c.value <= _USUAL[1]:
+        notes.append(
+            f"a wave speed of {c.value:.3g} m/s is not an artery's; give a distance, a radius or another species."
+        )
+    source = text.Source(
+        Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
+    )
 
+    def with_compliance(C: Found) -> FirstModel:
+        walls = [made(tube, c.value, area, usual) for tube in tubes]
+        stored, most, doubts = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        if stored > most:
+            doubts.append(
+                f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
+                f"shorter and store {_MOST:.0%}."
+            )
+            shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
+            walls = [made(tube, c.value, area, usual) for tube in shorter]
+        rest = C.value - min(stored, most)
+        ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
+        found = (R, C, Z, *delays.values(), echo, c, radius)
+        file = text.network_file(source, found, walls, ends, doubts)
+        network = loads(file, f"first model of {beats.source}")
+        return FirstModel(network, file, found, _shown(beats, network), tuple(doubts))
 
-def _notes_alone(echo: Found, most: float) -> list[str]:
-    """What is said of the length of the one tube of a record without other sites."""
-    if 0.0 < echo.value / 2.0 <= most:
-        return []
-    return [
-        f"the reflection time of {1e3 * echo.value:.3g} ms does not fit the compliance: the tube has the length that "
-        f"stores {_MOST:.0%} of it."
-    ]
+    models = [with_compliance(C) for C in compliances(beats, channel, P_venous, R.value)]
+    return min(models, key=lambda model: next(row.rms for row in model.shown if row.channel == channel))
 
 
 def _speed_and_area(
@@ -169,17 +162,9 @@ def _speed_and_area(
     return speed, area, Found("radius at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how)
 
 
-def _wall(beats: Beats, root: str, stretch: Stretch, c: float, area: float, usual: Typical) -> Tube:
-    """The tube of a stretch; its radius is that which was measured at its ends, else follows from its flow."""
-    ends = ("" if stretch.parent else root, stretch.site)
-    radii = [float(beats.mean(f"{site}.R").mean()) for site in ends if f"{site}.R" in beats.values]
-    area = np.pi * float(np.prod(radii)) ** (2.0 / len(radii)) if radii else area * stretch.share
-    return made(stretch, c, area, usual)
-
-
 def _inflow(beats: Beats) -> Array:
     """Complex harmonics of the mean inflow that stand above its noise : (K+1,) [m³/s]."""
-    kept = heard(beats, INFLOW)
+    kept = heard(beats, INFLOW, _FINEST)
     X = coefficients(beats.mean(INFLOW))[: kept[-1] + 1]
     return np.where(np.isin(np.arange(len(X)), [0, *kept]), X, 0.0)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from solver.errors import InputError
 from solver.units import INFLOW
 
@@ -52,19 +54,21 @@ def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dic
 
 
 def stretches(
-    beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float
+    beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float
 ) -> list[Stretch]:
     """The tubes, each after the one upstream of it.
 
-    upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites.
+    upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
+    tube with all of the flow [m²].
 
-    Flow is shared as it was measured, and where it was not, equally; what is lost on the way leaves by a side branch.
+    Flow is shared as it was measured, or as the measured areas are, or else equally; what is lost on the way leaves by
+    a side branch.
     """
     if not upstream:
         return [Stretch(root or "aorta", "", "", alone, 1.0)]
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
-    shares = _shares(beats, upstream)
+    shares = _shares(beats, upstream, area)
     found: list[Stretch] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
@@ -87,7 +91,7 @@ def _side(of: Stretch, lost: float) -> list[Stretch]:
     return [Stretch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
 
 
-def _shares(beats: Beats, upstream: Mapping[str, str]) -> dict[str, float]:
+def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:
     """Of the mean inflow, what flows to each site: never more than arrives before it."""
     whole = beats.mean(INFLOW).mean()
     found: dict[str, float] = {"": 1.0}
@@ -95,7 +99,8 @@ def _shares(beats: Beats, upstream: Mapping[str, str]) -> dict[str, float]:
     while waiting:
         before = next(upstream[site] for site in waiting if upstream[site] in found)
         here = [site for site in waiting if upstream[site] == before]
-        told = {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
+        told = {s: np.pi * float(beats.mean(f"{s}.R").mean()) ** 2 / area for s in here if f"{s}.R" in beats.values}
+        told |= {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
         left, others = found[before] - sum(told.values()), len(here) - len(told)
         mine = {s: told.get(s, max(left, _SIDE * found[before]) / max(others, 1)) for s in here}
         total = sum(mine.values())

@@ -21,7 +21,8 @@ _LARGE = 0.3  # relative standard deviations from here on are told as factors
 @dataclass(frozen=True)
 class Source:
     """What a first model is of: file name and hash of the record, species and source of its typical aorta, period [s],
-    mean pressure at the root and venous pressure [Pa], harmonics of the inflow : (K+1,) [m³/s]."""
+    mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
+    Q : (K+1,) [m³/s]."""
 
     record: str
     sha256: str
@@ -30,6 +31,7 @@ class Source:
     T: float
     P: float
     P_venous: float
+    root: str
     Q: Array
 
 
@@ -47,12 +49,11 @@ def error(found: Found) -> str:
 def network_file(
     source: Source,
     found: Iterable[Found],
-    root: str,
     tubes: Sequence[Tube],
     windkessels: Mapping[str, tuple[float, float, float]],
     notes: Iterable[str],
 ) -> str:
-    """TOML with all of it. root : site there, "" if it is the inlet. windkessels : R1, C, R2 by stretch [SI]."""
+    """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]."""
     lines = [
         f"# A first model of {source.record}, to be edited: it is where a calibration begins, not its result.",
         "# Found in the recording, with one standard deviation and the way:",
@@ -81,7 +82,7 @@ def network_file(
             "",
             f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
             _line("L", tube.L, "m", "wave speed times that time", "cm"),
-            _line("R0", tube.R0, "m", "from its part of Z_c, and c", "mm"),
+            _line("R0", tube.R0, "m", "from c and Z_c over its part of the flow", "mm"),
             _line("h", tube.h, "m", "as typical a part of R0", "mm"),
             _line("E", tube.E, "Pa", "from c, R0 and h; only E h is told", "MPa"),
             _line("phi0", tube.phi0, "Pa.s", "as typical a part of E", "kPa.s"),
@@ -101,7 +102,7 @@ def network_file(
             _line("R2", R2, "Pa.s/m^3", "the rest of its part of the resistance", "mmHg.s/mL"),
             _line("P_venous", source.P_venous, "Pa", "stated, not found", "mmHg"),
         ]
-    places = [(root, tubes[0].stretch.name, 0.0)] if root else []
+    places = [(source.root, tubes[0].stretch.name, 0.0)] if source.root else []
     places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
     lines += ["", "[sites]"]
     lines += [f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places]

@@ -31,8 +31,9 @@ class Tube:
 
 
 def made(stretch: Stretch, c: float, area: float, usual: Typical) -> Tube:
-    """The tube of a stretch of wave speed c [m/s] and area [m²]: Z = ρ c/A, c² = E h/(2 ρ (1 - η²) R0)."""
-    rho, R0 = Fluid().rho, float(np.sqrt(area / np.pi))
+    """The tube of a stretch: A = its share of the area [m²], Z = ρ c/A, and c² = E h/(2 ρ (1 - η²) R0) [m²/s²]."""
+    rho, area = Fluid().rho, stretch.share * area
+    R0 = float(np.sqrt(area / np.pi))
     E = 2.0 * rho * c**2 * (1.0 - _ETA**2) / usual.h_R
     return Tube(stretch, c * stretch.time, R0, usual.h_R * R0, E, usual.relaxation * E, rho * c / area)
 

@@ -16,13 +16,16 @@ _BACK = 0.3  # of the period before the steepest rise: where the end of diastole
 _EARLY = (0.1, 0.3)  # of the rise: the part that is drawn back to the foot
 
 
-def heard(beats: Beats, name: str) -> Array:
-    """Which harmonics k >= 1 of a channel's mean beat stand above its noise and are not negligible : (K,) of k."""
+def heard(beats: Beats, name: str, small: float = _SMALL) -> Array:
+    """Which harmonics k >= 1 of a channel's mean beat stand above its noise : (K,) of k.
+
+    small : part of the largest harmonic, below which one does not count.
+    """
     size = np.abs(coefficients(beats.mean(name)))[: _HIGHEST + 1]
     noise = np.zeros(len(size))
     if beats.n_beats > 1:
         noise = np.sqrt(beats.covariance((name,))[: _HIGHEST + 1, 0, 0].real)
-    loud = (size > _NOISE * noise) & (size > _SMALL * size[1:].max())
+    loud = (size > _NOISE * noise) & (size > small * size[1:].max())
     return np.flatnonzero(loud)[int(loud[0]) :]
 
 
