@@ -86,8 +86,8 @@ def discover(
     they are.
     model : a network file, the name of a bundled network, or an FMU; None: a first one is made of the record and
     written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
-    default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and covariance
-    stand for the network file's and its spreads.
+    default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
+    covariance stand for the network file's and its spreads.
     time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
     to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
     among them; the others import this package and nothing of the calling script, which needs no

@@ -77,14 +77,15 @@ def numbers(model: FirstModel) -> dict[str, float]:
         (0.8, 1.0, 1.2, 0.05, 0.035),
         (0.5, 2.5, 0.8, 0.06, 0.02),
         (1.0, 0.6, 2.4, 0.04, 0.04),
-        (0.7, 1.5, 0.9, 0.04, 0.03),
+        (0.7, 1.5, 0.9, 0.06, 0.025),
     ],
 )
 def test_a_tube_of_the_textbook(T: float, R: float, RC: float, part: float, transit: float) -> None:
     """R to 1 %, C to 15 %, Z_c to 40 % (a lossless tube rings most), the delay to 20 %; the model's pulses to 10 %.
 
-    Of 60 tubes with RC from 0.4 to 3 s and Z_c/R from 3 to 10 % the errors of C, Z_c and delay have the standard
-    deviations 16, 16 and 33 % (mostly short tubes), and 92 to 97 % are within two of those that are stated.
+    Of 60 tubes with RC from 0.4 to 3 s and Z_c/R from 3 to 10 % that store 10 to 60 % of C, the errors of C, Z_c and
+    delay have the standard deviations 16, 16 and 33 % (mostly short tubes), and 92 to 97 % are within two of those that
+    are stated.
     """
     R *= PER_ML
     C, Z = RC / R, part * R

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from solver.network import Network, Segment
+from solver.outlets import Windkessel
+from solver.quantity import quantities
 from solver.text import quoted, typed_unit
-from solver.units import display_factor, readable
+from solver.units import display_factor, display_units, readable
 
 from .estimates import Found
 from .tubes import Tube
@@ -66,8 +70,11 @@ def network_file(
         f'reference = "first model of {source.record}, sha256 {source.sha256[:16]}"',
         "",
         "[network]",
-        _line("P_ref", source.P, "Pa", "mean pressure at the root: R0 and E are those of that pressure", "mmHg"),
-        _line("P_0", source.P, "Pa", "start there", "mmHg"),
+        *_lines(
+            Network,
+            P_ref=(source.P, "mean pressure at the root: R0 and E are those of that pressure"),
+            P_0=(source.P, "start there"),
+        ),
         "",
         "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
         f'segment = "{tubes[0].stretch.name}"',
@@ -81,11 +88,14 @@ def network_file(
         lines += [
             "",
             f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
-            _line("L", tube.L, "m", "wave speed times that time", "cm"),
-            _line("R0", tube.R0, "m", "from c and Z_c over its part of the flow", "mm"),
-            _line("h", tube.h, "m", "as typical a part of R0", "mm"),
-            _line("E", tube.E, "Pa", "from c, R0 and h; only E h is told", "MPa"),
-            _line("phi0", tube.phi0, "Pa.s", "as typical a part of E", "kPa.s"),
+            *_lines(
+                Segment,
+                L=(tube.L, "wave speed times that time"),
+                R0=(tube.R0, "from c and Z_c over its part of the flow"),
+                h=(tube.h, "as typical a part of R0"),
+                E=(tube.E, "from c, R0 and h; only E h is told"),
+                phi0=(tube.phi0, "as typical a part of E"),
+            ),
         ]
     heads: dict[str, list[str]] = {}
     for tube in tubes:
@@ -97,10 +107,13 @@ def network_file(
         lines += [
             "",
             f"[outlets.{name}]",
-            _line("R1", R1, "Pa.s/m^3", "the impedance of the tube: no reflection of steep waves", "mmHg.s/mL"),
-            _line("C", C, "m^3/Pa", "its part of the compliance that is not in tubes", "mL/mmHg"),
-            _line("R2", R2, "Pa.s/m^3", "the rest of its part of the resistance", "mmHg.s/mL"),
-            _line("P_venous", source.P_venous, "Pa", "stated, not found", "mmHg"),
+            *_lines(
+                Windkessel,
+                R1=(R1, "the impedance of the tube: no reflection of steep waves"),
+                C=(C, "its part of the compliance that is not in tubes"),
+                R2=(R2, "the rest of its part of the resistance"),
+                P_venous=(source.P_venous, "stated, not found"),
+            ),
         ]
     places = [(source.root, tubes[0].stretch.name, 0.0)] if source.root else []
     places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
@@ -109,5 +122,10 @@ def network_file(
     return "\n".join(lines) + "\n"
 
 
-def _line(key: str, x: float, unit: str, comment: str, display: str) -> str:
-    return f'{key} = "{display_factor(display) * x:.4g} {typed_unit(unit, display)}"  # {comment}'
+def _lines(kind: Any, **rows: tuple[float, str]) -> list[str]:
+    """Lines of a section of the file by key: a number [SI] in the unit that people read it in, and a comment."""
+    known, lines = quantities(kind), []
+    for key, (x, comment) in rows.items():
+        display = known[key].display or display_units(known[key].unit)[0]
+        lines.append(f'{key} = "{display_factor(display) * x:.4g} {typed_unit(display)}"  # {comment}')
+    return lines
