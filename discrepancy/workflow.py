@@ -99,12 +99,13 @@ def discover(
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(period, walls, prior, time_limit, jobs)
     asked.check()
+    described = None if model is None else read_model(model)
     measured = _read(record, reading)
     said: list[str] = []
     if model is None:
         _check_folder(folder, [record, prior])
         model, *said = first_of(measured, folder, period)
-    network = read_model(model)
+    network = described or read_model(model)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
