@@ -100,7 +100,7 @@ def test_a_tube_of_the_textbook(T: float, R: float, RC: float, part: float, tran
     for row in model.shown:
         assert row.mean[1] == pytest.approx(row.mean[0], rel=0.01)
         assert row.pulse[1] == pytest.approx(row.pulse[0], rel=0.1)
-    tube, end = model.network.segments["to_FA"], model.network.outlets["to_FA"]
+    tube, end = model.network.segments["FA"], model.network.outlets["FA"]
     assert end.R1 == pytest.approx(found["impedance Z_c"], rel=1e-3)
     # what tube and Windkessel store together is the compliance that was found
     area, rho = np.pi * tube.R0**2, model.network.fluid.rho
@@ -172,7 +172,7 @@ def test_inlet_pressure_needs_no_site() -> None:
 def test_a_distance_gives_the_wave_speed() -> None:
     """c = distance/delay, L = distance, and the radius from Z_c; a distance to no site is refused."""
     model = first_model(beats(0.8, **PAIR), distances={"FA": 0.2})
-    assert model.network.segments["to_FA"].L == pytest.approx(0.2, rel=1e-3)
+    assert model.network.segments["FA"].L == pytest.approx(0.2, rel=1e-3)
     assert numbers(model)["wave speed c"] == pytest.approx(0.2 / numbers(model)["delay to FA"])
     with pytest.raises(InputError, match="XX is no site beside the root; the record has FA"):
         first_model(beats(0.8, **PAIR), distances={"XX": 0.2})
@@ -182,14 +182,14 @@ def test_sites_behind_one_another_or_not() -> None:
     """A path by delays; a fork by paths, which shares the flow as CA.Q says; what gets lost leaves by a side branch."""
     channels = {**PAIR, "CA_P": np.roll(P_HUMAN, 10), "CA_Q": 0.2 * Q_HUMAN}  # 20 ms
     row = first_model(beats(0.8, inlet_Q=Q_HUMAN, Ao_P=P_HUMAN, FA_P=P_END, CA_P=np.roll(P_HUMAN, 10)))
-    assert [(j.inflow, j.outflow) for j in row.network.junctions] == [(("to_CA",), ("to_FA",))]
+    assert [(j.inflow, j.outflow) for j in row.network.junctions] == [(("CA",), ("FA",))]
     fork = first_model(beats(0.8, **channels), paths=("Ao,CA", "Ao,FA"))
-    assert {o.segment for o in fork.network.outlets} == {"to_CA", "to_FA"}
+    assert {o.segment for o in fork.network.outlets} == {"CA", "FA"}
     areas = {s.name: s.R0**2 for s in fork.network.segments}
-    assert areas["to_CA"] / areas["Ao_trunk"] == pytest.approx(0.2, rel=1e-3)
-    assert areas["to_FA"] / areas["Ao_trunk"] == pytest.approx(0.8, rel=1e-3)
+    assert areas["CA"] / areas["Ao"] == pytest.approx(0.2, rel=1e-3)
+    assert areas["FA"] / areas["Ao"] == pytest.approx(0.8, rel=1e-3)
     side = first_model(beats(0.8, **channels))
-    assert {o.segment for o in side.network.outlets} == {"to_FA", "Ao_trunk_side"}
+    assert {o.segment for o in side.network.outlets} == {"FA", "Ao_side"}
     flow = sum((row_.mean[0] for row_ in side.shown if row_.channel == "CA.Q"), 0.0)
     assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=1e-6)
     for model in (row, fork, side):
@@ -207,7 +207,7 @@ def test_the_file_says_where_numbers_come_from() -> None:
     assert loads(model.text, "t") == model.network
     for found in model.found:
         assert f"#   {found.name} = " in model.text and found.how in model.text
-    assert tomllib.loads(model.text)["outlets"]["to_FA"]["P_venous"] == "3 mmHg"
+    assert tomllib.loads(model.text)["outlets"]["FA"]["P_venous"] == "3 mmHg"
     assert any("the mean of FA.P is 2 mmHg above that of Ao.P" in note for note in model.notes)
     assert f"# Doubtful: {model.notes[0]}" in model.text
     np.testing.assert_allclose(model.network.inlet.Q(np.arange(N) * 0.8 / N), Q_HUMAN, atol=0.01 * Q_HUMAN.max())
@@ -266,7 +266,7 @@ def test_the_command(folder: Path) -> None:
         assert text in done.output
     assert read_network(out).species == "sheep"
     found = json.loads(run("first", folder / "r.csv", "--json").stdout)
-    assert found["found"][0]["unit"] == "Pa.s/m^3" and loads(found["network"], "t").segments["to_FA"].L > 0.0
+    assert found["found"][0]["unit"] == "Pa.s/m^3" and loads(found["network"], "t").segments["FA"].L > 0.0
     out.write_text(out.read_text() + "# edited\n")
     refused_in_one_sentence(app, ["first", str(folder / "r.csv"), "--out", str(out)], "may have been edited", folder)
     refused_in_one_sentence(app, ["first", str(folder / "p.csv")], "needs the flow into the root", folder)
@@ -278,7 +278,7 @@ def test_discover_without_a_model(folder: Path, tmp_path: Path) -> None:
     record = read_record(folder / "r.csv")
     path, said = first_of(record, tmp_path, 0.8)
     assert path == tmp_path / "first.toml" and str(path) in said
-    assert [s.name for s in read_network(path).segments] == ["to_FA"]
+    assert [s.name for s in read_network(path).segments] == ["FA"]
     assert first_of(record, tmp_path, 0.8)[0] == path
     path.write_text(path.read_text() + "# edited\n")
     with pytest.raises(InputError, match="if you edited it, give it: --model"):

@@ -164,6 +164,8 @@ def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
     P, Q = (smooth(beats, name) for name in (root, INFLOW))
     t = later(foot((P - Z_c * Q) / 2.0, beats.T) - foot((P + Z_c * Q) / 2.0, beats.T), beats.T)
     how = f"feet of the forward and the backward wave of {root} and {INFLOW}"
+    if t < beats.T / beats.N:
+        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample is taken"
     return Found("reflection time", float(t), "s", _ROUGH, how)
 
 

@@ -18,8 +18,11 @@ _TRUNK = 0.5  # of the first delay: how much of it vessels have in common that f
 
 @dataclass(frozen=True)
 class Stretch:
-    """One tube. parent : name of the one upstream, "" at the root; site : at its end, "" if none; time : that a wave
-    takes through it [s]; share : of the inflow that enters it; end : whether a Windkessel is at its end."""
+    """One tube, named after the site at its end, or at the root.
+
+    parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : that a wave takes through
+    it [s]. share : of the inflow that enters it. end : whether a Windkessel is at its end.
+    """
 
     name: str
     parent: str
@@ -65,20 +68,20 @@ def stretches(
     a side branch.
     """
     if not upstream:
-        return [Stretch(root or "aorta", "", "", alone, 1.0)]
+        return [Stretch(root or "root", "", "", alone, 1.0)]
     first = [site for site, before in upstream.items() if not before]
     trunk = _TRUNK * min(delays[site] for site in first)
     shares = _shares(beats, upstream, area)
     found: list[Stretch] = []
     lost = 1.0 - sum(shares[site] for site in first)
     if len(first) > 1 or lost > _SIDE:
-        found = [Stretch(f"{root or 'inlet'}_trunk", "", "", trunk, 1.0)]
+        found = [Stretch(root or "root", "", "", trunk, 1.0)]
         found += _side(found[0], lost)
     for site in sorted(upstream, key=lambda site: delays[site]):
         before = upstream[site]
         parent = next((s.name for s in found if s.site == before), "")
         time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
-        found.append(Stretch(f"to_{site}", parent, site, max(time, beats.T / beats.N), shares[site]))
+        found.append(Stretch(site, parent, site, max(time, beats.T / beats.N), shares[site]))
         children = [other for other in upstream if upstream[other] == site]
         if children:
             found += _side(found[-1], shares[site] - sum(shares[child] for child in children))

@@ -31,7 +31,7 @@ def heard(beats: Beats, name: str, small: float = _SMALL) -> Array:
 
 def smooth(beats: Beats, name: str, most: int | None = None) -> Array:
     """The mean beat with the harmonics up to the last that is heard, or ``most``, on many points : (n,)."""
-    most = int(heard(beats, name)[-1]) if most is None else most
+    most = int(max(heard(beats, name), default=1)) if most is None else most
     return without_high(resample(beats.mean(name), _POINTS), most)
 
 
