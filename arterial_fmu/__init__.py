@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # "as" tells checkers that it is public
     from discrepancy import discover as discover
     from fitting.calibrate import calibrate as calibrate
     from fitting.check import check as check
+    from fitting.first.model import first_model as first_model
     from fitting.parameter_set import ParameterSet as ParameterSet
     from fitting.parameter_set import read_set as read_set
     from fitting.parameter_set import write_set as write_set
@@ -51,6 +52,7 @@ _HOMES = {
     "Record": "fitting.records.record",
     "align": "fitting.records.align",
     "fit": "fitting.wall",
+    "first_model": "fitting.first.model",
     "calibrate": "fitting.calibrate",
     "read_set": "fitting.parameter_set",
     "write_set": "fitting.parameter_set",

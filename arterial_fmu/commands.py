@@ -31,6 +31,7 @@ COMMANDS: Mapping[str, Command] = {
     "virtual": Command("fitting.__main__:virtual_command", "Make a cohort of virtual animals: synthetic records."),
     "fit": Command("fitting.__main__:fit_command", "Fit the wall of one site from its pressure and radius."),
     "cohort": Command("fitting.__main__:cohort_command", "Fit many subjects at many sites, and test claims."),
+    "first": Command("fitting.first.command:first_command", "Make a first model from a recording."),
     "calibrate": Command("fitting.__main__:calibrate_command", "Find parameters of a network from a record of it."),
     "check": Command("fitting.__main__:check_command", "Compare an FMU that has a parameter set with a record."),
     "discover": Command("discrepancy.__main__:discover_command", "Find, name and add what a model lacks."),

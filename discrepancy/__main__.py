@@ -42,13 +42,14 @@ def discover_command(
         Path,
         typer.Argument(is_eager=True, help="File with `time [s]`, then `inlet.Q` and P, Q, R, or P and R of one site."),
     ],
-    model: Annotated[
-        str,
-        typer.Option(
-            help="A network file (TOML), the name of a bundled network, or an FMU.", autocompletion=networks_for
-        ),
-    ],
     out: Annotated[Path, typer.Option(help="Folder for the report, the verdict and the extended model.")],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="A network file (TOML), a bundled network, or an FMU; default: a first model, made of the record.",
+            autocompletion=networks_for,
+        ),
+    ] = None,
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
     walls: Annotated[
         str | None,

@@ -43,6 +43,7 @@ from solver.writing import check_destinations, make_folder, write_folder
 
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
+from .first import first_of
 from .intervals import stated
 from .journal import Journal
 from .name import name
@@ -66,7 +67,7 @@ _FILES = ("model.toml", "model.fmu", "report.html", "verdict.json")  # of a stud
 @single_threaded
 def discover(
     record: str | os.PathLike[str],
-    model: str | os.PathLike[str],
+    model: str | os.PathLike[str] | None,
     out: str | os.PathLike[str],
     *,
     period: float | None = None,
@@ -83,9 +84,10 @@ def discover(
 
     record : a file, and ``reading`` which of its columns is what. as_measured : values that no artery has are taken as
     they are.
-    model : a network file, the name of a bundled network, or an FMU. period : of the beat [s],
-    found by default. walls : "common" or "individual", by default as the record is more probable. prior : the result of
-    ``arterial-fmu calibrate``, whose values and covariance stand for the network file's and its spreads.
+    model : a network file, the name of a bundled network, or an FMU; None: a first one is made of the record and
+    written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
+    default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
+    covariance stand for the network file's and its spreads.
     time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
     to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
     among them; the others import this package and nothing of the calling script, which needs no
@@ -97,8 +99,13 @@ def discover(
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(period, walls, prior, time_limit, jobs)
     asked.check()
-    network = read_model(model)
+    described = None if model is None else read_model(model)
     measured = _read(record, reading)
+    said: list[str] = []
+    if model is None:
+        _check_folder(folder, [record, prior])
+        model, *said = first_of(measured, folder, period)
+    network = described or read_model(model)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
@@ -119,7 +126,11 @@ def discover(
         outcome,
         seconds=time.perf_counter() - started,
         provenance={**outcome.provenance, "asked": told},
-        warnings=(*(known.doubts(measured) if known and isinstance(measured, Record) else ()), *outcome.warnings),
+        warnings=(
+            *said,
+            *(known.doubts(measured) if known and isinstance(measured, Record) else ()),
+            *outcome.warnings,
+        ),
     )
     if outcome.verdict == "unusable" and _holds_study(folder):
         kept = f"{folder}: nothing was written; it holds an earlier study of a record that could be used."

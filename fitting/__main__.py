@@ -1,4 +1,4 @@
-"""Command line of the fits: ``python -m fitting fit|virtual|cohort|calibrate|check``."""
+"""Command line of the fits: ``python -m fitting fit|virtual|cohort|first|calibrate|check``."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from solver.writing import check_destinations, check_new, write_all
 
 from .bench import bench_network
 from .estimate import Estimate
+from .first.command import first_command
 from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
@@ -192,6 +193,9 @@ def cohort_command(
         show(*report.tables(found))
     if not quiet:
         say_written(*written, aside=as_json)
+
+
+app.command("first")(first_command)
 
 
 @app.command("calibrate")

@@ -115,6 +115,7 @@ BAD = {
     "virtual": [("--animals", "0", "--out", "v")],
     "fit": [("no.csv", "--site", "AA", "--h", "1 mm"), ("README.md", "--site", "AA", "--h", "1 mm"), ("no.csv",)],
     "cohort": [("no.csv", "--out", "c")],
+    "first": [("no.csv",), ("README.md", "--like", "cat"), ("no.csv", "--distance", "FA")],
     "calibrate": [("no.csv", "sheep", "--free", "all.E")],
     "check": [("sheep_table1", "no.fmu", "no.csv")],
     "discover": [("no.csv", "--model", "sheep", "--out", "o")],

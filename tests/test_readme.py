@@ -36,7 +36,7 @@ DOCUMENTS = {
     "docs/schemes.md": (1, 1),
     "docs/python.md": (3, 0),
     "docs/studies.md": (1, 1),
-    "docs/fitting.md": (2, 2),
+    "docs/fitting.md": (3, 3),
     "docs/lab-files.md": (1, 1),
     "docs/discrepancy.md": (3, 3),
     "docs/tutorial-fmu.md": (1, 2),

@@ -1,0 +1,1 @@
+"""A first model from a recording: estimates from its mean beat, and the smallest network that holds its sites."""

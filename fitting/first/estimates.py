@@ -1,0 +1,194 @@
+"""What pressure and flow at the root tell without any model of the network: R, C, Z_c, delays, the reflection's time.
+
+Each number is found in two ways where there are two, and how far these differ is taken as its standard deviation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from solver.errors import InputError
+from solver.units import INFLOW, MMHG, of_signal
+
+from ..records.beats import Beats
+from ..records.spectral import coefficients
+from .waves import foot, heard, later, smooth, steepest_foot
+
+Array = np.ndarray
+
+_VENOUS = 5.0 * MMHG  # by which a venous pressure that is not measured may be off
+_LEAST = 0.2  # relative standard deviation, by which two ways alike may both be off
+_ROUGH = 0.4  # the same of a reflection's time: it comes back from many places
+_HIGH = (3, 10)  # harmonics whose impedance is near Z_c
+_EARLY = 0.5  # of its rise: till then the flow runs into vessels without reflection
+_CLOSED = 0.05  # of its peak: below that flow, the valve is closed
+_C = "total compliance C"
+_DECAY = (0.3, 0.98)  # of diastole: where pressure decays alike everywhere
+
+
+@dataclass(frozen=True)
+class Found:
+    """One number: value in its SI unit, relative standard deviation (of its logarithm), and how it was found."""
+
+    name: str
+    value: float
+    unit: str
+    error: float
+    how: str
+
+
+def sites(beats: Beats) -> list[str]:
+    """The sites of a record but inlets and outlets, in the record's order."""
+    places = (name.rpartition(".")[0] for name in beats.values)
+    return list(dict.fromkeys(place for place in places if place != "inlet" and "." not in place))
+
+
+def root_pressure(beats: Beats) -> str:
+    """The channel of the pressure at the root: inlet.P, or that whose upstroke comes first.
+
+    Raises ValueError, one sentence, if the record has no inflow or no pressure.
+    """
+    pressures = [name for name in beats.values if name.endswith(".P") and name.count(".") == 1]
+    flows = [name for name in beats.values if name.endswith(".Q")]
+    if INFLOW not in beats.values:
+        other = f'; if {flows[0]} is that flow: --map "{flows[0]}={INFLOW}"' if flows else ""
+        raise InputError(
+            f"{beats.source}: a first model needs the flow into the root, {INFLOW}, beside a pressure there, and the "
+            f"record has {', '.join(beats.values)}; record it, or give a network file{other}."
+        )
+    if not pressures:
+        raise InputError(
+            f"{beats.source}: a first model needs a pressure at the root, such as Ao.P, beside {INFLOW}, and the "
+            f"record has {', '.join(beats.values)}; record it, or give a network file."
+        )
+    if "inlet.P" in pressures:
+        return "inlet.P"
+    begin = foot(smooth(beats, INFLOW), beats.T)
+    return min(pressures, key=lambda name: later(foot(smooth(beats, name), beats.T) - begin, beats.T))
+
+
+def resistance(beats: Beats, root: str, P_venous: float) -> Found:
+    """R = (mean P - P_venous)/mean Q [Pa·s/m³]. Raises ValueError where one of the two is not positive."""
+    P, Q = beats.mean(root).mean() - P_venous, beats.mean(INFLOW).mean()
+    if not (P > 0.0 and Q > 0.0):
+        (unit_P, mmHg), (unit_Q, mL) = of_signal("P"), of_signal("Q")
+        raise InputError(
+            f"{beats.source}: its mean pressure is {mmHg * P:.4g} {unit_P} above P_venous and its mean inflow "
+            f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} and the zero of "
+            f"{root}, or give --venous."
+        )
+    how = f"mean of {root} less P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
+    return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
+
+
+def compliances(beats: Beats, root: str, P_venous: float, R: float) -> tuple[Found, ...]:
+    """C [m³/Pa] in two ways, or in one where diastole shows no decay.
+
+    By the pulse: with C, a Windkessel of resistance R has the pulse of the root under its flow. It ignores Z_c and
+    comes out too small where tubes are long. By the decay in diastole: C ΔP = ∫ (P - P_venous)/R - Q dt, where P falls
+    by ΔP. Waves that run to and fro in diastole disturb it.
+    Sources: N. Stergiopulos et al., Ann. Biomed. Eng. 22 (1994) 392; Z. Liu et al., Am. J. Physiol. 251 (1986) H588.
+    """
+    P, Q = beats.mean(root), beats.mean(INFLOW)
+    X, omega = coefficients(Q), beats.omega * np.arange(beats.N // 2 + 1)
+
+    def excess(log_C: float) -> float:
+        return float(np.ptp(np.fft.irfft(X * R / (1.0 + 1j * omega * R * np.exp(log_C)), beats.N)) * beats.N - pulse)
+
+    pulse, usual = float(np.ptp(P)), np.log(beats.T / R)
+    if excess(usual - 10.0) < 0.0:
+        raise InputError(
+            f"{beats.source}: the pulse of {root} is larger than the resistance times that of {INFLOW}; check units."
+        )
+    C = float(np.exp(brentq(excess, usual - 10.0, usual + 10.0)))
+    decay = _decay(smooth(beats, root) - P_venous, smooth(beats, INFLOW), R, beats.T)
+    by_pulse = f"pulse of {root} of a Windkessel under {INFLOW}"
+    if decay is None:
+        return (Found(_C, C, "m^3/Pa", _ROUGH, f"{by_pulse}; diastole shows no decay"),)
+    by_decay, error = f"decay of {root} in diastole", _difference(C, decay)
+    shown, other = (f"{x * MMHG * 1e6:.3g} mL/mmHg" for x in (C, decay))
+    return (
+        Found(_C, C, "m^3/Pa", error, f"{by_pulse}; by the {by_decay}: {other}"),
+        Found(_C, decay, "m^3/Pa", error, f"{by_decay}; by the {by_pulse}: {shown}"),
+    )
+
+
+def impedance(beats: Beats, root: str) -> Found:
+    """Z_c [Pa·s/m³] at the root: geometric mean of that of the upstroke and of that of the high harmonics.
+
+    ΔP/ΔQ from the foot of the flow till half its rise (R. E. Dujardin and D. N. Stone, Med. Biol. Eng. Comput. 19
+    (1981) 565), and the median of |P_k/Q_k| from the third harmonic on (Nichols, O'Rourke & Vlachopoulos, McDonald's
+    Blood Flow in Arteries, 6th ed. 2011), for harmonics of both above their noise.
+    """
+    both = np.intersect1d(heard(beats, root), heard(beats, INFLOW))
+    if len(both) == 0:
+        raise InputError(
+            f"{beats.source}: no harmonic of both {root} and {INFLOW} is above its noise; record more beats."
+        )
+    high = both[both >= _HIGH[0]][: _HIGH[1]] if both[-1] >= _HIGH[0] else both[-1:]
+    Z = np.abs(coefficients(beats.mean(root))[high] / coefficients(beats.mean(INFLOW))[high])
+    by_harmonics = float(np.exp(np.median(np.log(Z))))
+    how = f"harmonics {high[0]} to {high[-1]} of {root} and {INFLOW}: {_shown(by_harmonics)}"
+    most = max(int(both[-1]), _HIGH[1])
+    P, Q = (_from_foot(smooth(beats, name, most), smooth(beats, INFLOW, most), beats.T) for name in (root, INFLOW))
+    early = max(2, int(np.argmax(Q > Q[0] + _EARLY * (Q.max() - Q[0]))) + 1)
+    by_upstroke = float(np.polyfit(Q[:early], P[:early], 1)[0])
+    if not by_upstroke > 0.0:
+        return Found("impedance Z_c", by_harmonics, "Pa.s/m^3", 2.0 * _ROUGH, f"{how}; P falls in the upstroke of Q")
+    Z_c = float(np.sqrt(by_upstroke * by_harmonics))
+    error = max(_LEAST, _difference(by_upstroke, by_harmonics) / 2.0)
+    return Found("impedance Z_c", Z_c, "Pa.s/m^3", error, f"{how}; upstroke: {_shown(by_upstroke)}")
+
+
+def delay(beats: Beats, root: str, site: str) -> Found:
+    """By how much the upstroke at a site is later than at the root [s], foot to foot: P to P, R to P, or Q to Q."""
+    letter = next(letter for letter in "PRQ" if f"{site}.{letter}" in beats.values)
+    pair = f"{site}.{letter}", INFLOW if letter == "Q" else root
+    waves = [smooth(beats, name) for name in pair]
+    found, other = (
+        later(method(waves[0], beats.T) - method(waves[1], beats.T), beats.T) for method in (foot, steepest_foot)
+    )
+    t = max(found, beats.T / beats.N)
+    how = f"foot to foot, {pair[1]} to {pair[0]}; by the steepest tangents {1e3 * other:.3g} ms"
+    if found < t:
+        how = f"no delay seen ({1e3 * found:.2g} ms), one sample is taken"
+    return Found(f"delay to {site}", t, "s", float(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0)), how)
+
+
+def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
+    """How long a wave goes to where it is reflected and back [s]: from the foot of the forward to that of the
+    backward wave, P_± = (P ± Z_c Q)/2. Source: N. Westerhof et al., Cardiovasc. Res. 6 (1972) 648."""
+    P, Q = (smooth(beats, name) for name in (root, INFLOW))
+    t = later(foot((P - Z_c * Q) / 2.0, beats.T) - foot((P + Z_c * Q) / 2.0, beats.T), beats.T)
+    how = f"feet of the forward and the backward wave of {root} and {INFLOW}"
+    if t < beats.T / beats.N:
+        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample is taken"
+    return Found("reflection time", float(t), "s", _ROUGH, how)
+
+
+def _decay(P: Array, Q: Array, R: float, T: float) -> float | None:
+    """C [m³/Pa] of the decay of P : (n,) [Pa] above the venous pressure in diastole, None where it does not fall."""
+    n = len(P)
+    P, Q = (np.roll(x, -round(foot(P, T) / T * n)) for x in (P, Q))
+    peak = int(np.argmax(Q[: n // 2]))
+    closed = peak + int(np.argmax(Q[peak:] < _CLOSED * Q.max()))
+    begin, end = (closed + int(part * (n - closed)) for part in _DECAY)
+    fall = P[begin] - P[end]
+    C = np.sum(P[begin:end] / R - Q[begin:end]) * T / n / fall if fall > 0.0 else 0.0
+    return float(C) if C > 0.0 else None
+
+
+def _from_foot(x: Array, Q: Array, T: float) -> Array:
+    """A beat from the foot of the flow on."""
+    return np.roll(x, -round(foot(Q, T) / T * len(Q)))
+
+
+def _difference(a: float, b: float) -> float:
+    return max(_LEAST, abs(float(np.log(a / b))))
+
+
+def _shown(Z: float) -> str:
+    return f"{Z / MMHG * 1e-6:.3g} mmHg·s/mL"

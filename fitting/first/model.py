@@ -1,0 +1,187 @@
+"""A first model of a recording: the smallest network that holds its sites, with numbers read off the recording.
+
+With the impedance Z_c at the root, the wave speed c and the time t through a tube that takes a share s of the flow,
+
+    A = ρ c s/Z_c,   L = c t,   E = 2 ρ c² (1 - η²) R0/h,   C_tube = A L/(ρ c²) = s t/Z_c
+
+so that junctions are matched, and what the tubes store depends on times and Z_c alone. A Windkessel at each end takes
+its share of the rest: R1 = Z_c/s, R1 + R2 = R/s less the friction of the tubes, C = s (C - Σ C_tube).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.files import loads
+from solver.linear import waveforms
+from solver.network import Fluid, Network
+from solver.units import INFLOW, MMHG
+
+from ..records.beats import Beats
+from ..records.spectral import coefficients, resample
+from . import text
+from .estimates import Found, compliances, delay, impedance, reflection_time, resistance, root_pressure, sites
+from .species import Typical, typical
+from .stretches import parents, stretches
+from .tubes import made, windkessel
+from .waves import heard
+
+Array = np.ndarray
+
+VENOUS = 5.0 * MMHG  # as in the bundled network human
+_MOST = 0.85  # of the compliance: what the tubes may have
+_RADIUS, _MEASURED, _SPEED = 0.25, 0.05, 0.3  # relative standard deviations: of a typical R, a measured R, a typical c
+_DISTANCE = 0.1  # the same of a length that is given
+_USUAL = (2.0, 20.0)  # wave speeds of arteries [m/s]
+_ABOVE = 1.005  # times the mean pressure at the root: more is said
+_FINEST = 1e-3  # of the largest harmonic of the inflow: smaller ones are left out of the file
+_SAMPLES = 200  # a beat, of the comparison
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A channel of the record beside that of the model: means, pulses and the rms of the difference [SI]."""
+
+    channel: str
+    mean: tuple[float, float]
+    pulse: tuple[float, float]
+    rms: float
+
+
+@dataclass(frozen=True)
+class FirstModel:
+    """network : as the file ``text`` describes it. found : the numbers it rests on. shown : record against model, small
+    waves about the mean pressure. notes : what is doubtful, one sentence each."""
+
+    network: Network
+    text: str
+    found: tuple[Found, ...]
+    shown: tuple[Shown, ...]
+    notes: tuple[str, ...]
+
+
+def first_model(
+    beats: Beats,
+    like: str = "human",
+    *,
+    mass: float | None = None,
+    P_venous: float = VENOUS,
+    distances: Mapping[str, float] | None = None,
+    paths: Sequence[str] = (),
+) -> FirstModel:
+    """The first model of a recording with inlet.Q and a pressure at the root, and P, Q or R at other sites.
+
+    like : species whose typical aorta stands for what is not measured, mass : of the body [kg]. P_venous [Pa].
+    distances : of sites from the root, along the vessels [m]; they give the wave speed. paths : "Ao,CA" and "Ao,FA",
+    which sites lie behind one another; by default all do, in the order of their delays. Of two ways to find C, that
+    counts with which the model comes nearer to the pressure at the root.
+    Raises ValueError, one sentence that says what is needed.
+    """
+    channel = root_pressure(beats)
+    root = channel.removesuffix(".P").replace("inlet", "")
+    R = resistance(beats, channel, P_venous)
+    Z = impedance(beats, channel)
+    delays = {site: delay(beats, channel, site) for site in sites(beats) if site != root}
+    usual = typical(like, mass)
+    c, area, radius = _speed_and_area(beats, root, Z, usual, delays, distances or {})
+    echo = reflection_time(beats, channel, Z.value)
+    times = {site: found.value for site, found in delays.items()}
+    tubes = stretches(beats, root, parents(paths, root, times), times, echo.value / 2.0, area)
+    P = float(beats.mean(channel).mean())
+    notes = [
+        f"the mean of {site}.P is {(there - P) / MMHG:.2g} mmHg above that of {channel}, against the flow: the zero "
+        "or the height of a sensor is off."
+        for site in delays
+        if f"{site}.P" in beats.values and (there := float(beats.mean(f"{site}.P").mean())) > _ABOVE * P
+    ]
+    if not _USUAL[0] <= c.value <= _USUAL[1]:
+        notes.append(
+            f"a wave speed of {c.value:.3g} m/s is not an artery's; give a distance, a radius or another species."
+        )
+    source = text.Source(
+        Path(beats.source).name, beats.sha256, like, usual.source, beats.T, P, P_venous, root, _inflow(beats)
+    )
+
+    def with_compliance(C: Found) -> FirstModel:
+        walls = [made(tube, c.value, area, usual) for tube in tubes]
+        stored, most, doubts = sum(wall.stretch.time / wall.Z for wall in walls), _MOST * C.value, list(notes)
+        if stored > most:
+            doubts.append(
+                f"by the times of the waves, tubes would store {stored / C.value:.0%} of the compliance; they are made "
+                f"shorter and store {_MOST:.0%}."
+            )
+            shorter = [replace(tube, time=tube.time * most / stored) for tube in tubes]
+            walls = [made(tube, c.value, area, usual) for tube in shorter]
+        rest = C.value - min(stored, most)
+        ends = {wall.stretch.name: windkessel(wall, walls, R.value, rest) for wall in walls if wall.stretch.end}
+        found = (R, C, Z, *delays.values(), echo, c, radius)
+        file = text.network_file(source, found, walls, ends, doubts)
+        network = loads(file, f"first model of {beats.source}")
+        return FirstModel(network, file, found, _shown(beats, network), tuple(doubts))
+
+    models = [with_compliance(C) for C in compliances(beats, channel, P_venous, R.value)]
+    return min(models, key=lambda model: next(row.rms for row in model.shown if row.channel == channel))
+
+
+def _speed_and_area(
+    beats: Beats, root: str, Z: Found, usual: Typical, delays: Mapping[str, Found], distances: Mapping[str, float]
+) -> tuple[Found, float, Found]:
+    """Wave speed c, area of a tube with all of the flow [m²], and its radius, with Z_c = ρ c/A.
+
+    From a distance and a delay follows c; from a measured radius, A; the other from Z_c. Without either, ln c and ln A
+    are moved from what is typical in proportion to their variances till they give Z_c.
+    """
+    unknown = sorted(set(distances) - set(delays))
+    if unknown:
+        raise InputError(
+            f"--distance: {unknown[0]} is no site beside the root; the record has {', '.join(delays) or 'none'}."
+        )
+    rho, measured = Fluid().rho, f"{root}.R"
+    if distances:
+        site = max(distances, key=lambda name: distances[name])
+        c = distances[site] / delays[site].value
+        error = float(np.hypot(_DISTANCE, delays[site].error))
+        speed = Found("wave speed c", c, "m/s", error, f"the distance to {site} over the delay")
+        how, R_error = "Z_c and c", float(np.hypot(error, Z.error)) / 2.0
+    elif measured in beats.values:
+        A = np.pi * float(beats.mean(measured).mean()) ** 2
+        error = float(np.hypot(Z.error, 2.0 * _MEASURED))
+        speed = Found("wave speed c", float(Z.value * A / rho), "m/s", error, f"Z_c and mean {measured}")
+        how, R_error = f"mean of {measured}", _MEASURED
+    else:
+        off = float(np.log(Z.value * np.pi * usual.R**2 / (rho * usual.c)))
+        part = _SPEED**2 / (_SPEED**2 + (2.0 * _RADIUS) ** 2)
+        speed = Found("wave speed c", usual.c * float(np.exp(part * off)), "m/s", _SPEED, "Z_c and a typical aorta")
+        how, R_error = f"Z_c and a typical aorta ({1e3 * usual.R:.3g} mm, {usual.c:.3g} m/s)", _RADIUS
+    area = rho * speed.value / Z.value
+    return speed, area, Found("radius at the mean pressure", float(np.sqrt(area / np.pi)), "m", R_error, how)
+
+
+def _inflow(beats: Beats) -> Array:
+    """Complex harmonics of the mean inflow that stand above its noise : (K+1,) [m³/s]."""
+    kept = heard(beats, INFLOW, _FINEST)
+    X = coefficients(beats.mean(INFLOW))[: kept[-1] + 1]
+    return np.where(np.isin(np.arange(len(X)), [0, *kept]), X, 0.0)
+
+
+def _shown(beats: Beats, network: Network) -> tuple[Shown, ...]:
+    """The channels but the inflow against the network under the measured inflow, linearised at its mean pressure."""
+    wave = waveforms(network, resample(beats.mean(INFLOW), _SAMPLES), beats.T)
+    rows = []
+    for name in beats.values:
+        if name in wave:
+            x, y = resample(beats.mean(name), _SAMPLES), wave[name]
+            rows.append(
+                Shown(
+                    name,
+                    (float(x.mean()), float(y.mean())),
+                    (float(np.ptp(x)), float(np.ptp(y))),
+                    float(np.sqrt(np.mean((x - y) ** 2))),
+                )
+            )
+    return tuple(rows)

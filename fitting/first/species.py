@@ -1,0 +1,58 @@
+"""Typical aortas, for what no pressure and flow tell: radius, thickness over radius, wave speed, viscosity over E."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.files import bundled, read_network
+
+WEST = "G. B. West, J. H. Brown, B. J. Enquist, Science 276 (1997) 122"
+_POWER = 3.0 / 8.0  # of the body mass, as the radius of the aorta; pressure and velocities know no size
+
+
+@dataclass(frozen=True)
+class Typical:
+    """An aorta at its root. R : radius [m]; h_R : h/R; c : wave speed [m/s]; relaxation : φ0/E [s]; source : of all."""
+
+    R: float
+    h_R: float
+    c: float
+    relaxation: float
+    source: str
+
+
+# of a bundled network its first artery, for the mass that the network is of [kg] and the usual one of the species; the
+# masses are our choice
+_SPECIES = {
+    "human": ("human", 70.0, 70.0),
+    "sheep": ("sheep", 30.0, 30.0),
+    "pig": ("human", 70.0, 40.0),
+    "dog": ("human", 70.0, 20.0),
+}
+NAMES = tuple(_SPECIES)
+
+
+def typical(species: str, mass: float | None = None) -> Typical:
+    """The aorta of a species at a body mass [kg], by default its usual one: R ∝ mass^(3/8), all else alike.
+
+    Source of the power: West, Brown and Enquist (1997). Raises ValueError for another species or a mass that no animal
+    of it has.
+    """
+    if species not in _SPECIES:
+        raise InputError(f"--like {species}: must be one of {', '.join(NAMES)}; take the one that is nearest in size.")
+    name, own, usual = _SPECIES[species]
+    mass = usual if mass is None else mass
+    if not 0.1 * usual <= mass <= 10.0 * usual:
+        raise InputError(
+            f"--mass = {mass:g} kg: a {species} has {0.1 * usual:g} to {10.0 * usual:g} kg; check its unit."
+        )
+    network = read_network(bundled(name))
+    aorta = network.segment(network.inlet.segment)
+    R = float(aorta.R0 * (mass / own) ** _POWER)
+    h_R = aorta.h / aorta.R0
+    c = float(np.sqrt(aorta.E * h_R / (2.0 * network.fluid.rho * (1.0 - network.eta**2))))
+    scaled = "" if mass == own else f", its radius scaled to {mass:g} kg by mass^(3/8) ({WEST})"
+    return Typical(R, h_R, c, aorta.phi0 / aorta.E, f"{aorta.name} of the bundled network {name}{scaled}")

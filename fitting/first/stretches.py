@@ -1,0 +1,116 @@
+"""Which stretch of artery leads to which site: a path in the order of the delays, or the paths that are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.units import INFLOW
+
+from ..records.beats import Beats
+
+_SIDE = 0.05  # of the flow: what is lost between two sites and is more than that leaves by a side branch
+_TRUNK = 0.5  # of the first delay: how much of it vessels have in common that fork at the root
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One tube, named after the site at its end, or at the root.
+
+    parent : name of the one upstream, "" at the root. site : at its end, "" if none. time : that a wave takes through
+    it [s]. share : of the inflow that enters it. end : whether a Windkessel is at its end.
+    """
+
+    name: str
+    parent: str
+    site: str
+    time: float
+    share: float
+    end: bool = True
+
+
+def parents(paths: Sequence[str], root: str, delays: Mapping[str, float]) -> dict[str, str]:
+    """The site upstream of each site, "" next to the root. paths : "Ao,CA", each from the root; none: by the delays.
+
+    Raises ValueError for a path with unknown sites, for two ways to a site and for a site on no path.
+    """
+    known = sorted(delays, key=lambda site: delays[site])
+    found: dict[str, str] = {}
+    for path in paths or [",".join(known)]:
+        sites = [site for site in path.replace(",", " ").split() if site not in (root, "inlet")]
+        for site, before in zip(sites, ["", *sites], strict=False):
+            if site not in delays or found.get(site, before) != before or delays.get(before, 0.0) > delays[site]:
+                others = ", ".join(known) or "none beside the root"
+                raise InputError(
+                    f'--path "{path}": {site} must be a site of the record ({others}), later than the one before it, '
+                    "and reached by one way; give each path from the root on."
+                )
+            found[site] = before
+    if set(found) != set(delays):
+        raise InputError(
+            f"--path: {', '.join(sorted(set(delays) - set(found)))} is on none of the paths; add it to one."
+        )
+    return found
+
+
+def stretches(
+    beats: Beats, root: str, upstream: Mapping[str, str], delays: Mapping[str, float], alone: float, area: float
+) -> list[Stretch]:
+    """The tubes, each after the one upstream of it.
+
+    upstream : as :func:`parents`. alone : time [s] through the one tube of a record without other sites. area : of a
+    tube with all of the flow [m²].
+
+    Flow is shared as it was measured, or as the measured areas are, or else equally; what is lost on the way leaves by
+    a side branch.
+    """
+    if not upstream:
+        return [Stretch(root or "root", "", "", alone, 1.0)]
+    first = [site for site, before in upstream.items() if not before]
+    trunk = _TRUNK * min(delays[site] for site in first)
+    shares = _shares(beats, upstream, area)
+    found: list[Stretch] = []
+    lost = 1.0 - sum(shares[site] for site in first)
+    if len(first) > 1 or lost > _SIDE:
+        found = [Stretch(root or "root", "", "", trunk, 1.0)]
+        found += _side(found[0], lost)
+    for site in sorted(upstream, key=lambda site: delays[site]):
+        before = upstream[site]
+        parent = next((s.name for s in found if s.site == before), "")
+        time = delays[site] - (delays[before] if before else trunk if found and found[0].site == "" else 0.0)
+        found.append(Stretch(site, parent, site, max(time, beats.T / beats.N), shares[site]))
+        children = [other for other in upstream if upstream[other] == site]
+        if children:
+            found += _side(found[-1], shares[site] - sum(shares[child] for child in children))
+    heads = {s.parent for s in found}
+    return [replace(s, end=s.name not in heads) for s in found]
+
+
+def _side(of: Stretch, lost: float) -> list[Stretch]:
+    """The branch at the end of a stretch for the flow that is lost there."""
+    return [Stretch(f"{of.name}_side", of.name, "", of.time, lost)] if lost > _SIDE else []
+
+
+def _shares(beats: Beats, upstream: Mapping[str, str], area: float) -> dict[str, float]:
+    """Of the mean inflow, what flows to each site: never more than arrives before it."""
+    whole = beats.mean(INFLOW).mean()
+    found: dict[str, float] = {"": 1.0}
+    waiting = list(upstream)
+    while waiting:
+        before = next(upstream[site] for site in waiting if upstream[site] in found)
+        here = [site for site in waiting if upstream[site] == before]
+        told = {s: np.pi * float(beats.mean(f"{s}.R").mean()) ** 2 / area for s in here if f"{s}.R" in beats.values}
+        told |= {s: float(beats.mean(f"{s}.Q").mean() / whole) for s in here if f"{s}.Q" in beats.values}
+        left, others = found[before] - sum(told.values()), len(here) - len(told)
+        mine = {s: told.get(s, max(left, _SIDE * found[before]) / max(others, 1)) for s in here}
+        total = sum(mine.values())
+        if min(mine.values()) <= 0.0:
+            raise InputError(
+                f"{beats.source}: the mean flow at {min(mine, key=lambda s: mine[s])} is not positive; check its sign."
+            )
+        found |= {s: x * min(1.0, found[before] / total) for s, x in mine.items()}
+        waiting = [site for site in waiting if site not in here]
+    return {site: share for site, share in found.items() if site}

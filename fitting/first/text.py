@@ -1,0 +1,131 @@
+"""The network file of a first model: values as a person would write them, each with where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver.network import Network, Segment
+from solver.outlets import Windkessel
+from solver.quantity import quantities
+from solver.text import quoted, typed_unit
+from solver.units import display_factor, display_units, readable
+
+from .estimates import Found
+from .tubes import Tube
+
+Array = np.ndarray
+
+_LARGE = 0.3  # relative standard deviations from here on are told as factors
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a first model is of: file name and hash of the record, species and source of its typical aorta, period [s],
+    mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
+    Q : (K+1,) [m³/s]."""
+
+    record: str
+    sha256: str
+    like: str
+    typical: str
+    T: float
+    P: float
+    P_venous: float
+    root: str
+    Q: Array
+
+
+def value(found: Found) -> str:
+    """The number in the unit that people read: "0.965 mmHg·s/mL"."""
+    unit, factor = readable(found.unit)
+    return f"{factor * found.value:.3g} {unit}".strip()
+
+
+def error(found: Found) -> str:
+    """Its standard deviation: "± 12 %", or a factor where it is large."""
+    return f"± {100.0 * found.error:.2g} %" if found.error < _LARGE else f"×/÷ {np.exp(found.error):.2g}"
+
+
+def network_file(
+    source: Source,
+    found: Iterable[Found],
+    tubes: Sequence[Tube],
+    windkessels: Mapping[str, tuple[float, float, float]],
+    notes: Iterable[str],
+) -> str:
+    """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]."""
+    lines = [
+        f"# A first model of {source.record}, to be edited: it is where a calibration begins, not its result.",
+        "# Found in the recording, with one standard deviation and the way:",
+        *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
+        f"# Not in it: thickness and viscosity of the walls, of {source.typical}.",
+        *(f"# Doubtful: {note}" for note in notes),
+        "",
+        'name = "first"',
+        f'species = "{source.like}"',
+        f'reference = "first model of {source.record}, sha256 {source.sha256[:16]}"',
+        "",
+        "[network]",
+        *_lines(
+            Network,
+            P_ref=(source.P, "mean pressure at the root: R0 and E are those of that pressure"),
+            P_0=(source.P, "start there"),
+        ),
+        "",
+        "[inlet]  # the mean beat of inlet.Q, by its harmonics [m^3/s]",
+        f'segment = "{tubes[0].stretch.name}"',
+        f'T = "{source.T!r} s"',
+        f"Q_mean = {source.Q[0].real:.5g}",
+        f"Q_cos = [{', '.join(f'{x:.4g}' for x in 2.0 * source.Q[1:].real)}]",
+        f"Q_sin = [{', '.join(f'{x:.4g}' for x in -2.0 * source.Q[1:].imag)}]",
+    ]
+    for tube in tubes:
+        s = tube.stretch
+        lines += [
+            "",
+            f"[segments.{s.name}]  # {s.share:.0%} of the flow, {1e3 * s.time:.3g} ms long",
+            *_lines(
+                Segment,
+                L=(tube.L, "wave speed times that time"),
+                R0=(tube.R0, "from c and Z_c over its part of the flow"),
+                h=(tube.h, "as typical a part of R0"),
+                E=(tube.E, "from c, R0 and h; only E h is told"),
+                phi0=(tube.phi0, "as typical a part of E"),
+            ),
+        ]
+    heads: dict[str, list[str]] = {}
+    for tube in tubes:
+        if tube.stretch.parent:
+            heads.setdefault(tube.stretch.parent, []).append(tube.stretch.name)
+    for parent, children in heads.items():
+        lines += ["", "[[junctions]]", f'in = ["{parent}"]', f"out = {quoted(tuple(children))}"]
+    for name, (R1, C, R2) in windkessels.items():
+        lines += [
+            "",
+            f"[outlets.{name}]",
+            *_lines(
+                Windkessel,
+                R1=(R1, "the impedance of the tube: no reflection of steep waves"),
+                C=(C, "its part of the compliance that is not in tubes"),
+                R2=(R2, "the rest of its part of the resistance"),
+                P_venous=(source.P_venous, "stated, not found"),
+            ),
+        ]
+    places = [(source.root, tubes[0].stretch.name, 0.0)] if source.root else []
+    places += [(tube.stretch.site, tube.stretch.name, 1.0) for tube in tubes if tube.stretch.site]
+    lines += ["", "[sites]"]
+    lines += [f'{site} = {{ segment = "{segment}", position = {at:g} }}' for site, segment, at in places]
+    return "\n".join(lines) + "\n"
+
+
+def _lines(kind: Any, **rows: tuple[float, str]) -> list[str]:
+    """Lines of a section of the file by key: a number [SI] in the unit that people read it in, and a comment."""
+    known, lines = quantities(kind), []
+    for key, (x, comment) in rows.items():
+        display = known[key].display or display_units(known[key].unit)[0]
+        lines.append(f'{key} = "{display_factor(display) * x:.4g} {typed_unit(display)}"  # {comment}')
+    return lines

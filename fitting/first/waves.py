@@ -1,0 +1,69 @@
+"""Mean beats as waves: the harmonics that stand above the noise, and the foot of the upstroke."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..records.beats import Beats
+from ..records.spectral import coefficients, derivative, resample, without_high
+
+Array = np.ndarray
+
+_POINTS = 2048  # a beat, so that a foot is told to less than a millisecond
+_HIGHEST = 40  # harmonic
+_NOISE, _SMALL = 3.0, 0.01  # standard deviations, and part of the largest harmonic: what is below does not count
+_BACK = 0.3  # of the period before the steepest rise: where the end of diastole is
+_EARLY = (0.1, 0.3)  # of the rise: the part that is drawn back to the foot
+
+
+def heard(beats: Beats, name: str, small: float = _SMALL) -> Array:
+    """Which harmonics k >= 1 of a channel's mean beat stand above its noise : (K,) of k.
+
+    small : part of the largest harmonic, below which one does not count.
+    """
+    size = np.abs(coefficients(beats.mean(name)))[: _HIGHEST + 1]
+    noise = np.zeros(len(size))
+    if beats.n_beats > 1:
+        noise = np.sqrt(beats.covariance((name,))[: _HIGHEST + 1, 0, 0].real)
+    loud = (size > _NOISE * noise) & (size > small * size[1:].max())
+    return np.flatnonzero(loud)[int(loud[0]) :]
+
+
+def smooth(beats: Beats, name: str, most: int | None = None) -> Array:
+    """The mean beat with the harmonics up to the last that is heard, or ``most``, on many points : (n,)."""
+    most = int(max(heard(beats, name), default=1)) if most is None else most
+    return without_high(resample(beats.mean(name), _POINTS), most)
+
+
+def foot(x: Array, T: float) -> float:
+    """When the upstroke begins [s]: the line through 10 to 30 % of the rise meets the level at the end of diastole.
+
+    x : (n,) one beat of period T [s]. It is the method of intersecting tangents (Y. C. Chiu et al., Am. Heart J. 121
+    (1991) 1460) with the tangent at the begin of the rise, which reflected waves have not reached.
+    """
+    rise, start = _rise(x, T)
+    first, last = (int(np.argmax(rise > part * rise.max())) for part in _EARLY)
+    t = np.arange(first, last + 1)
+    slope, at_start = np.polyfit(t, rise[t], 1) if len(t) > 1 else (rise[first] / max(first, 1), 0.0)
+    return float((start - at_start / slope) * T / len(x))
+
+
+def steepest_foot(x: Array, T: float) -> float:
+    """The same [s] with the tangent where the rise is steepest."""
+    rise, start = _rise(x, T)
+    slope = np.gradient(rise)
+    i = int(np.argmax(slope[: int(np.argmax(rise)) + 1]))
+    return float((start + i - rise[i] / slope[i]) * T / len(x))
+
+
+def later(t: float, T: float) -> float:
+    """A time difference [s] within half a period of 0."""
+    return (t + 0.5 * T) % T - 0.5 * T
+
+
+def _rise(x: Array, T: float) -> tuple[Array, int]:
+    """The beat from the end of diastole on, above the level there : (n,), and the sample where that is."""
+    steep = int(np.argmax(derivative(x, T)))
+    before = (steep - np.arange(int(_BACK * len(x)))) % len(x)
+    start = int(before[np.argmin(x[before])])
+    return np.roll(x, -start) - x[start], start
