@@ -31,7 +31,8 @@ from .weigh import promised
 
 Array = np.ndarray
 
-SIZES = (0.3, 1.0, 3.0)  # typical sizes at which a law may begin, beside its own starts
+TYPICAL = (1.0,)  # sizes at which a law is looked at first, and
+SIZES = (0.3, *TYPICAL, 3.0)  # at which it may begin, beside its own starts
 FARTHER = 5.0  # times the size that was tried, at most, where its linear promise lies farther
 
 
@@ -100,16 +101,18 @@ def _along(problem: NetworkProblem, term: Term, place: Place | None = None) -> l
     return [term, replace(moved, starts=tuple(starts))]
 
 
-def _nearest(problem: NetworkProblem, found: SourceMap, laws: Sequence[Term], runs: Runs) -> list[Begun]:
+def _nearest(
+    problem: NetworkProblem, found: SourceMap, laws: Sequence[Term], runs: Runs, sizes: Sequence[float] = SIZES
+) -> list[Begun]:
     """Laws at the size with which each promises to come nearest to the record, linear in the size and in the walls.
 
-    problem : with what acts beside them.
+    problem : with what acts beside them. sizes : that are tried.
     """
-    trials = [(t, x) for t in laws for x in _sizes(t)]
-    members = [_member(problem, found, [])] + [_member(problem, found, [each]) for each in trials]
-    none, *shown = problem.observe(members, runs)
+    trials = [(t, x) for t in laws for x in _sizes(t, sizes)]
+    (none,) = problem.observe([_member(problem, found, [])], runs)
     if none is None:
         return []
+    shown = problem.observe([_member(problem, found, [each]) for each in trials], runs)
     z0, J = problem.residual(none), problem.target.whiten(found.J)
     best: dict[int, Begun] = {}
     for (t, x), X in zip(trials, shown, strict=True):
@@ -137,18 +140,18 @@ def _promised(found: SourceMap, J: Array, z0: Array, z: Array, term: Term, x: Ar
     return Begun(term, begin, float(left @ left) + penalty(prior[:-1], found.x + step[:-1]))
 
 
-def _sizes(term: Term) -> list[Array]:
-    """Where the search of a law may begin: its own starts, and its size by decades, of either sign if it may be."""
+def _sizes(term: Term, sizes: Sequence[float]) -> list[Array]:
+    """Where the search of a law may begin: its own starts, and these sizes, of either sign if it may be."""
     low, high = bounds(term.unknowns)
     found = [np.array(start) for start in term.starts if len(start) == len(term.unknowns)]
     if effect_of(term).rewires:
         return [np.clip(x, low, high) for x in (*found, np.zeros(len(low)))]
     along = list(found) if term.moves_along else [np.zeros(len(term.unknowns))]
     for start in along:
-        for size in (sign * size for size in (SIZES if len(along) == 1 else SIZES[1:2]) for sign in (1.0, -1.0)):
-            for sizes in _which(term):
+        for size in (sign * size for size in (sizes if len(along) == 1 else TYPICAL) for sign in (1.0, -1.0)):
+            for which in _which(term):
                 x = start.copy()
-                x[sizes] = size
+                x[which] = size
                 found.append(x)
     inside = [x for x in found if np.all((x >= low) & (x <= high))]
     return inside or [np.clip(found[0], low, high)]
@@ -246,7 +249,7 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := exact(problem, fits, {}, terms, runs))
     columns = result.problem.columns(result.none.fit, result.sought, runs)
     yield (result := result.with_columns(columns))
-    if result.best.explains and not result.best.fit.terms:
+    if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
     if not result.best.explains:
         yield (result := _elsewhere(result, found, runs))
@@ -258,8 +261,8 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
 
 
 def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) -> Compared:
-    """With the laws that add evidence to the model without effect by their columns: weak ones that act everywhere are
-    no single place, and few sensors show none."""
+    """With the laws that add evidence to the model without effect by their columns, where that explains the record:
+    weak ones that act everywhere are no single place, and few sensors show none."""
     base, tried = result.none.fit, {n.label for n in result.ranked}
     best, gained = promised(base, result.sought, columns)
     chosen = [t for score, t in gained[: at.FEW] if score < best - at.FIRST and t.label not in tried]
@@ -285,7 +288,8 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
         for each in _along(problem, t)
         if each.moves_along or (t.label not in tried and t in result.sought)
     ]
-    chosen = _nearest(plain, walls, laws, runs)[: at.FEW]
+    likely = [b.term for b in _nearest(plain, walls, laws, runs, TYPICAL)[: 2 * at.FEW]]
+    chosen = _nearest(plain, walls, likely, runs)[: at.FEW]
     fits = refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)
     return result.joined_by(fits).polished(runs)
 

@@ -2,8 +2,8 @@
 
 The likelihood of a bench is written here once more, for many walls at once and by another derivative of the law. Priors
 are those of :mod:`fitting.inference.hierarchy` as densities: Student's t of nuisances, and of sizes of effects
-1/(signs max(|x|, sd) ln 1000) with the standard deviation ``sd`` that the record has for them, so far as their range
-goes.
+1/(signs max(|x|, sd) (1 + x²) ln 1000) with the standard deviation ``sd`` that the record has for them, so far as
+their range goes; the factor 1/(1 + x²) is taken with the likelihood.
 """
 
 from __future__ import annotations
@@ -128,7 +128,12 @@ def log_evidence(problem: Forward, fit: Fit, seed: int = 0) -> tuple[float, floa
         x = np.stack([at(q[..., i]) for i, (at, _) in enumerate(priors)], axis=-1)
         return np.clip(x, low, high)
 
-    sampler = Sampler(unit_to_x, lambda x: log_likelihood(problem, fit, x), n_dim=len(fit.x), n_live=_LIVE,
+    sizes = np.array([u.of_size for u in fit.unknowns])
+
+    def weighed(x: Array) -> Array:
+        return log_likelihood(problem, fit, x) - np.log1p(x[:, sizes] ** 2).sum(axis=1)
+
+    sampler = Sampler(unit_to_x, weighed, n_dim=len(fit.x), n_live=_LIVE,
                       n_networks=0, n_batch=_BATCH, vectorized=True, pass_dict=False, seed=seed)  # fmt: skip
     sampler.run(n_eff=_SAMPLES, discard_exploration=False)
     return float(sampler.log_z) + sum(whole for _, whole in priors), float(sampler.n_eff) ** -0.5
