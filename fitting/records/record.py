@@ -34,7 +34,7 @@ from .sensors import (
 )
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
-from .time_axis import uniform
+from .time_axis import time_axis
 
 Array = np.ndarray
 
@@ -45,7 +45,8 @@ class Record:
 
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
-    told : what was said of the columns, as ``Reading.told``. scales : of each channel, SI over the unit that was read.
+    told : what was said of the columns, as ``Reading.told``, and what was done to the samples; said : the same for people.
+    scales : of each channel, SI over the unit that was read.
     """
 
     path: str
@@ -55,6 +56,7 @@ class Record:
     resting: Mapping[str, float] = field(default_factory=dict)
     told: Mapping[str, Any] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
 
     @property
     def dt(self) -> float:
@@ -100,7 +102,7 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         clock, chosen = choose(table, reading)
         sha256 = digest.result()
     place = table.place
-    time = uniform(clock.column.values, clock.factor, clock.column.title, place)
+    axis = time_axis(clock.column.values, clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
     scales = {each.name: each.scale for each in chosen}
     channels: dict[str, Array] = {}
@@ -121,7 +123,8 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
             resting[name] = constant
         else:
             refuse_constant(name, constant, title, place)
-    return Record(str(path), sha256, time, channels, resting, reading.told, scales)
+    channels = {name: axis.of(values) for name, values in channels.items()}
+    return Record(str(path), sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, axis.said)
 
 
 def write_record(
