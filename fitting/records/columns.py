@@ -15,6 +15,7 @@ from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
 
+_EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -22,8 +23,8 @@ CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 class Reading:
     """How a file is to be read. decimal : comma or point, by default found.
 
-    names : title of a column -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]"; "" leaves the column
-    out. If any is given, all columns that neither it nor the variables' names mention are left out.
+    names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]"; ""
+    leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left out.
     """
 
     decimal: str | None = None
@@ -70,6 +71,8 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     Raises ValueError, one sentence with the column and the option that helps.
     """
     place, columns = table.place, list(table.columns)
+    if not (table.titled or reading.names):
+        _ask_numbers(columns, place)
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
@@ -122,8 +125,10 @@ def _targets(
     for title, variable in reading.names.items():
         there = [i for i, column in enumerate(columns) if column.title == title]
         there = there or [i for i, column in enumerate(columns) if name_and_unit(column.title)[0] == title]
+        if not there and title.isdecimal() and 0 < int(title) <= len(columns):
+            there = [int(title) - 1]
         if len(there) != 1 and strict:
-            what = "no column has this title" if not there else f"{len(there)} columns have this title"
+            what = "no column has this title or number" if not there else f"{len(there)} columns have this title"
             raise InputError(
                 f'{place}: --map "{title}={variable}": {what}; the columns are '
                 f"{', '.join(repr(column.title) for column in columns)}."
@@ -217,6 +222,13 @@ def _ask(kind: Kind, name: str, title: str, place: Place) -> NoReturn:
     bare = re.sub(r"\s*\[\s*\]$", "", name)
     why = f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
     refuse(place, None, title, why)
+
+
+def _ask_numbers(columns: Sequence[Column], place: Place) -> NoReturn:
+    """What the columns of a file without a header are."""
+    row = ", ".join(f"{column.values[0]:g}" for column in columns)
+    maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
+    raise InputError(f"{place}: it has no header, and its first row is {row}; say which column is which: {maps}.")
 
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:

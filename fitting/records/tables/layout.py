@@ -31,7 +31,7 @@ _GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
 class Layout:
     """titles and units of the columns, "" where the title has the unit; header and first : lines of both, from 1.
 
-    clocks : whether each column is a time as clocks show it.
+    Without a header, its line is 0 and the titles are the columns' numbers, from 1. clocks : whether each column is a time as clocks show it.
     """
 
     separator: str
@@ -45,9 +45,8 @@ class Layout:
 
     def __str__(self) -> str:
         mark = {",": "comma", ".": "point"}[self.mark]
-        return (
-            f"{_SEPARATORS.get(self.separator, 'spaces')} between fields, decimal {mark}, header in line {self.header}"
-        )
+        header = f"header in line {self.header}" if self.header else "no header"
+        return f"{_SEPARATORS.get(self.separator, 'spaces')} between fields, decimal {mark}, {header}"
 
 
 def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
@@ -62,7 +61,8 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     width = len(_fields(lines[start], separator)) if start < len(lines) else None
     rows = [_fields(line, separator, width) for line in lines]
     header = _header(rows, start, lines)
-    titles = _titles(lines[header], separator, source, header, width)
+    untitled = [str(i + 1) for i in range(width or 0)]
+    titles = untitled if header < 0 else _titles(lines[header], separator, source, header, width)
     if chart := labchart(rows[:start]):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
@@ -131,7 +131,7 @@ def _is_sample(line: str, separator: str) -> bool:
 def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> int:
     """The line of the titles, from 0: the last before the numbers that names a time, else the last with as many fields.
 
-    A line of units below it is none.
+    A line of units below it is none. -1: there are numbers, and nothing above that could be titles.
     """
     above = [i for i in range(min(start, len(rows))) if len(rows[i]) > 1]
     if start < len(rows):
@@ -143,7 +143,7 @@ def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> 
     plain = [i for i in named if not lines[i].startswith(COMMENT)]
     if plain or named:
         return (plain or named)[-1]
-    return next(i for i, line in enumerate(lines) if line.strip())
+    return -1 if start < len(rows) else next(i for i, line in enumerate(lines) if line.strip())
 
 
 def _titles(line: str, separator: str, source: str, at: int, width: int | None) -> list[str]:
@@ -155,11 +155,6 @@ def _titles(line: str, separator: str, source: str, at: int, width: int | None) 
         raise InputError(
             f"{source}: line {at + 1}: not a CSV header ({error}); write time [s],AA.P [mmHg], ..."
         ) from None
-    if _is_sample(line, separator):
-        raise InputError(
-            f"{source}: line {at + 1}: numbers where the columns should be named; put a line above them, such as "
-            "time [s],AA.P [mmHg]."
-        )
     return [title.strip() for title in found]
 
 
