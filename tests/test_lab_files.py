@@ -171,6 +171,32 @@ def test_clock_times(tmp_path: Path, separator: str, mark: str, title: str) -> N
     assert record.time[0] == pytest.approx(86398.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("day", "after", "zone", "start"),
+    [
+        ("2024-05-01T", "2024-05-02T", "", 19844 * 86400.0 + 86398.0),
+        ("2024-05-01 ", "2024-05-02 ", "Z", 19844 * 86400.0 + 86398.0),
+        ("01.05.2024 ", "02.05.2024 ", "", 86398.0),
+        ("5/1/2024 ", "5/2/2024 ", "+02:00", 86398.0),
+    ],
+)
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), ("\t", "."), (",", ".")])
+def test_dates_before_the_clock(
+    tmp_path: Path, separator: str, mark: str, day: str, after: str, zone: str, start: float
+) -> None:
+    """ISO dates count from 1970, others may have the day or the month first and count as times of day; past midnight:
+    dt to doubles. A column of dates alone is left out by a map."""
+    lines = [[f"{day if t < 2.0 else after}{clock(86398.0, t, mark)}{zone}", f"{p:.8f}".replace(".", mark),
+              f"{r:.8f}".replace(".", mark)] for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]  # fmt: skip
+    titles = ["Stamp", "AA.P [mmHg]", "AA.R [mm]"]
+    record = read(tmp_path, "\n".join(map(separator.join, [titles, *lines])))
+    assert record.dt == pytest.approx(DT, rel=1e-7)  # doubles of times since 1970 are 0.2 µs apart
+    assert record.time[0] == pytest.approx(start, abs=1e-6)
+    np.testing.assert_allclose(record.channels["AA.P"], PLAIN["AA.P"], rtol=1e-8)
+    apart = [[first[: len(day) - 1], first[len(day) :], *rest] for first, *rest in lines]
+    check(read(tmp_path, "\n".join(map(separator.join, [["Day", *titles], *apart])), names={"Day": ""}))
+
+
 def test_clock_beside_a_time(tmp_path: Path) -> None:
     """Two times are asked; one is left out, or the clock is what the map says."""
     rows_ = [f"{clock(0.0, t, '.')},{t:.3f},{p:.8f},{r:.8f}" for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]

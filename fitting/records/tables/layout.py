@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from solver.errors import InputError
 
-from .clock import is_clock
+from .clock import is_clock, is_date
 from .numbers import COMMENT
 from .titles import is_time, is_unit, name_and_unit
 
@@ -125,7 +125,7 @@ def _is_sample(line: str, separator: str) -> bool:
         return False
     cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
     there = [cell for cell in cells if cell]
-    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) or is_clock(cell) for cell in cells)
+    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) or is_clock(cell) or is_date(cell) for cell in cells)
 
 
 def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> int:
@@ -172,7 +172,7 @@ def _beside(row: Sequence[str], line: str) -> bool:
 
 def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int) -> str:
     """The decimal mark of the numbers; raises ValueError where it may as well group thousands."""
-    cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip())]
+    cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip()) and not is_date(cell)]
     commas = [cell for cell in cells if "," in cell and "." not in cell]
     points = [cell for cell in cells if "." in cell and "," not in cell]
     if separator == "," and not commas:
