@@ -102,7 +102,7 @@ def discover(
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
-    _check_folder(folder, [record, model, prior])
+    _check_folder(folder, [record, *(reading.beside if reading else ()), model, prior])
     journal = None
     try:
         if isinstance(measured, UnusableRecord):

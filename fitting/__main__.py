@@ -28,7 +28,7 @@ from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
 from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json, write_set
-from .record_options import AsMeasured, Columns, Decimal, Mapped
+from .record_options import AsMeasured, Beside, Columns, Decimal, Mapped
 from .records.align import align
 from .records.beats import Beats
 from .records.columns import Reading
@@ -72,6 +72,7 @@ def fit_command(
         Path | None, typer.Option(help="Draw the loop, measured against linear and chosen model.")
     ] = None,
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
@@ -83,7 +84,7 @@ def fit_command(
     """Fit the wall of one site from its pressure and radius."""
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, figure, bench, parameters=out, given=[record])
+        _check_destinations(out, figure, bench, parameters=out, given=[record, *(beside or ())])
         if figure is not None and figure.suffix.lower() != ".png":
             raise InputError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
@@ -95,7 +96,7 @@ def fit_command(
             "lag_free": lag,
         }
         thickness = typed_quantity(h, "m", "--h")
-        measured = read_record(record, Reading.asked(mapped, decimal))
+        measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, {site: Artery(options["R0"], thickness)})
         beats = align(measured, _seconds(period, "--period"))
@@ -217,6 +218,7 @@ def calibrate_command(
     jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
@@ -231,11 +233,11 @@ def calibrate_command(
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, parameters=out, given=[record, network, start])
+        _check_destinations(out, parameters=out, given=[record, *(beside or ()), network, start])
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
-        measured = read_record(record, Reading.asked(mapped, decimal))
+        measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, arteries(described))
         beats = align(measured, _seconds(period, "--period"))
@@ -268,6 +270,7 @@ def check_command(
         Path, typer.Argument(is_eager=True, help="File: a network record, or P and R of the bench's site.")
     ],
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
@@ -281,11 +284,13 @@ def check_command(
     from .pages.check_page import FILES, write_check  # matplotlib takes a second
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        check_destinations(*(out / file for file in FILES), given=[parameters, fmu, record], folders=True)
+        check_destinations(
+            *(out / file for file in FILES), given=[parameters, fmu, record, *(beside or ())], folders=True
+        )
         report = check(
             read_set(parameters),
             fmu,
-            read_record(record, Reading.asked(mapped, decimal)),
+            read_record(record, Reading.asked(mapped, decimal, beside)),
             period=_seconds(period, "--period"),
             as_measured=as_measured,
             progress=lambda what: progress(0.0, what),

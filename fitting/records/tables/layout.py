@@ -125,7 +125,11 @@ def _is_sample(line: str, separator: str) -> bool:
         return False
     cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
     there = [cell for cell in cells if cell]
-    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) or is_clock(cell) or is_date(cell) for cell in cells)
+    return (
+        len(there) > 1
+        and bool(cells[0])
+        and all(_NUMBER.fullmatch(cell) or is_clock(cell) or is_date(cell) for cell in cells)
+    )
 
 
 def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> int:
