@@ -28,10 +28,11 @@ from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
 from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json, write_set
-from .record_options import AsMeasured, Beside, Columns, Decimal, Mapped
+from .record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped
 from .records.align import align
 from .records.beats import Beats
 from .records.columns import Reading
+from .records.filters import with_filters
 from .records.plausible import Artery, arteries, check_plausible
 from .records.record import read_record
 from .wall import bootstrap, fit
@@ -222,6 +223,7 @@ def calibrate_command(
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
+    filters: Filters = None,
     period: Period = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -237,6 +239,7 @@ def calibrate_command(
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
+        described = with_filters(described, filters or ())
         measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, arteries(described))
@@ -249,6 +252,8 @@ def calibrate_command(
         found = network_indices(result, described, beats)
         parameters = result.parameter_set(complete=start is not None)
         parameters = _with_indices(parameters, {site: plain(each) for site, each in found.items()})
+        if filters:
+            parameters = replace(parameters, provenance={**parameters.provenance, "filters": list(filters)})
         if starts > 1:
             parameters = replace(parameters, provenance={**parameters.provenance, "starts": tried.plain()})
         if out is not None:
@@ -276,6 +281,7 @@ def check_command(
     as_measured: AsMeasured = False,
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: Period = None,
+    filters: Filters = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -292,6 +298,7 @@ def check_command(
             fmu,
             read_record(record, Reading.asked(mapped, decimal, beside)),
             period=_seconds(period, "--period"),
+            filters=filters or (),
             as_measured=as_measured,
             progress=lambda what: progress(0.0, what),
         )

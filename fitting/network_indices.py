@@ -59,7 +59,7 @@ def indices_at(
     """The indices of ``indices.OF_LAW`` at every site for unknowns x : (B, p) -> (B, n_sites, 7), in one batch."""
     settings = settings or Settings()
     parameters = parameter_values(calibration.unknowns, network, x)
-    drive = inflow(beats, settings.dt)
+    drive = inflow(beats, settings.dt, network)
     beat = simulate_periodic(network, drive, beats.T, parameters=parameters, settings=settings, tolerance=_TOLERANCE)
     P, R = (np.stack([beat[f"{s.name}.{kind}"][:, :-1] for s in network.sites], axis=1) for kind in "PR")
     names = [segment.name for segment in network.segments]

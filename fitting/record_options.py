@@ -24,7 +24,7 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
         how = Reading.asked(given["mapped"], given["decimal"], given.get("beside"))
         looks = [preview(file, how) for file in (path, *how.beside)]
     if given["as_json"]:
-        put(looks if how.beside else looks[0])
+        put(looks[0] if not how.beside else {"files": looks})
     else:
         for found in looks:
             show(preview_table(found))
@@ -52,6 +52,14 @@ Beside = Annotated[
         metavar="FILE",
         is_eager=True,
         help="A further file of the same recording, repeatable: aligned by the times in the files.",
+    ),
+]
+Filters = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--filter",
+        metavar="CHANNEL=FILTER",
+        help='A known filter of the recorder, repeatable: "inlet.Q=lowpass 10 Hz", "AA.P=lowpass 55 Hz order 2".',
     ),
 ]
 Decimal = Annotated[

@@ -297,7 +297,7 @@ def test_map_that_is_none() -> None:
 @pytest.mark.parametrize("above", ["", "# loop\n\n"])
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
 def test_columns_by_number(tmp_path: Path, separator: str, above: str) -> None:
-    """No line names the columns: asked with the first row and an example, then read by number; a title by number, too."""
+    """No line names the columns: asked with the first row and an example, then read by number; titled ones, too."""
     content = above + "\n".join(rows(separator, "."))
     said = refused(tmp_path, content)
     assert f"it has no header, and its first row is 0, {P_MMHG[0]:g}, {R_MM[0]:g}; say which column is which: " in said

@@ -107,8 +107,11 @@ def test_files_of_two_times(tmp_path: Path) -> None:
 
 
 def test_commands_take_further_files(tmp_path: Path) -> None:
-    """--columns shows each file; with --json, a list."""
+    """--columns shows each file; with --json, too."""
     P, Q = files(tmp_path, (200.0, 200.0))
     done = CliRunner().invoke(fitting.__main__.app, ["calibrate", str(P), "--with", str(Q), "--columns", "--json"])
     assert done.exit_code == 0, done.output
-    assert [each["columns"][1]["read_as"] for each in json.loads(done.stdout)] == ["C.P, a pressure", "inlet.Q, a flow"]
+    assert [each["columns"][1]["read_as"] for each in json.loads(done.stdout)["files"]] == [
+        "C.P, a pressure",
+        "inlet.Q, a flow",
+    ]

@@ -25,9 +25,9 @@ CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 class Reading:
     """How a file is to be read. decimal : comma or point, by default found.
 
-    names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]"; ""
-    leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left out.
-    "Q.csv:2" is of the file of that name alone. beside : further files of the same recording.
+    names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
+    "" leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left
+    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording.
     """
 
     decimal: str | None = None
@@ -48,7 +48,7 @@ class Reading:
             if title in names:
                 raise InputError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
             names[title] = variable
-        return Reading(decimal, names, tuple(map(os.fspath, beside or ())))
+        return Reading(decimal, names, tuple(os.fspath(file) for file in beside or ()))
 
     def each(self, tables: Sequence[Table]) -> list[Reading]:
         """The reading of each file of a recording, whose names are of its columns alone.

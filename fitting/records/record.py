@@ -46,7 +46,7 @@ class Record:
 
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
-    told : what was said of the columns, as ``Reading.told``, and what was done to the samples; said : the same for people.
+    told : what was said of the columns, as ``Reading.told``, and what was done to the samples; said : that for people.
     scales : of each channel, SI over the unit that was read.
     """
 

@@ -33,8 +33,8 @@ def is_date(cell: str) -> bool:
 
 
 def in_seconds(lines: Iterable[str], separator: str, mark: str) -> list[str]:
-    """Lines with such fields as seconds, digit for digit, and without dates that stand alone; what separates fields does
-    not separate their decimals."""
+    """Lines with such fields as seconds, digit for digit, and without dates that stand alone; what separates fields
+    does not separate their decimals."""
     field = re.compile(rf"(?<![\d:]){_clock('.' if separator == ',' else '.,')}(?![\d:])|(?<![\d.]){_DATE}(?![\d.:])")
     return [field.sub(lambda found: _seconds(found[0], mark), line) if ":" in line else line for line in lines]
 

@@ -31,7 +31,8 @@ _GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
 class Layout:
     """titles and units of the columns, "" where the title has the unit; header and first : lines of both, from 1.
 
-    Without a header, its line is 0 and the titles are the columns' numbers, from 1. clocks : whether each column is a time as clocks show it.
+    Without a header, its line is 0 and the titles are the columns' numbers, from 1.
+    clocks : whether each column is a time as clocks show it.
     """
 
     separator: str
