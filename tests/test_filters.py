@@ -13,6 +13,7 @@ import pytest
 from forked import CHANNELS, NETWORK, N, T, exact, record
 from scipy.signal import butter, freqs
 
+from discrepancy.workflow import discover
 from fitting.calibrate import calibrate
 from fitting.inference.bench import bench
 from fitting.inference.network import NetworkProblem
@@ -21,6 +22,7 @@ from fitting.inference.terms import candidates
 from fitting.parameter_set import read_set
 from fitting.records.beats import Beats
 from fitting.records.filters import with_filters
+from fitting.records.record import write_record
 from fitting.records.virtual import jarvik_pressure, pressure_at, solve_radius, table_wall
 from solver import beat_harmonics, load
 from solver.files import read_network, write_network
@@ -141,6 +143,23 @@ def test_a_bench_knows_the_filters() -> None:
         found.append((fit.chi2, *fit.x[:2]))
     np.testing.assert_allclose(found[1][1:], found[0][1:], atol=0.01)
     assert found[1][0] == pytest.approx(found[0][0], rel=0.4) and found[2][0] > 10.0 * found[1][0]
+
+
+@pytest.mark.slow
+def test_discovery_knows_the_filters(tmp_path: Path) -> None:
+    """Nothing is missing, and the FMU's free run through the filters leaves noise; a stenosis of K = 20 in A is named,
+    with K in its interval, and the new network has filters and stenosis."""
+    write_network(NETWORK, tmp_path / "fork.toml")
+    for verdict, network in (("none", NETWORK), ("effect", NETWORK.with_terms({"A.K": 20.0}))):
+        channels = {name: beats.ravel() for name, beats in recorded(network, 3).values.items()}
+        write_record(tmp_path / "r.csv", np.arange(15 * N) * T / N, channels)
+        out = tmp_path / verdict
+        found = discover(tmp_path / "r.csv", tmp_path / "fork.toml", out, filters=FILTERS, as_measured=True)
+        assert found.verdict == verdict
+        assert found.provenance["asked"]["filters"] == list(FILTERS)
+    (parameter,) = found.effects[0].parameters.values()
+    assert parameter.ci95[0] < 20.0 < parameter.ci95[1]
+    assert read_network(out / "model.toml").channels == with_filters(NETWORK, FILTERS).channels
 
 
 def test_no_filter_changes_nothing() -> None:

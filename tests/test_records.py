@@ -142,7 +142,7 @@ def test_late_times_hide_no_lost_sample(
     assert record.dt == pytest.approx(DT, rel=float(np.spacing(start + 5.0)) / 5.0)
     assert tuple(np.flatnonzero(np.isnan(record.channels["AA.P"]))) == lost
     assert record.told == ({"sampling": ANY} if lost else {})
-    assert not lost or f"{len(lost)} samples of {N} are lost" in record.said[0]
+    assert not lost or f"of {N} samples {len(lost)} lost, which became gaps" in record.said[0]
 
 
 @pytest.mark.parametrize(("rate", "clock"), [(700.0, 1e-3), (200.0, 1.0)])
@@ -159,6 +159,15 @@ def test_stamps_coarser_than_the_samples(tmp_path: Path, rate: float, clock: flo
     if clock == 1.0:
         with pytest.raises(ValueError, match="over 4 s leave the rate open by 38%, and 10% is allowed"):
             read_record(save(tmp_path, "\n".join(lines[: 1 + round(5.0 * rate)])))
+
+
+def test_a_stamp_for_each_packet(tmp_path: Path) -> None:
+    """200 Hz, ten samples at a time with one stamp of a microsecond: the line gives the rate, to 1.5 packets of 5 s."""
+    time = np.repeat(TIME[::10] + 1.234567, 10)
+    record = read_record(save(tmp_path, text(bench(time=time), 6)))
+    assert record.dt == pytest.approx(DT, rel=1.5 * 0.05 / 5.0)
+    np.testing.assert_allclose(record.channels["AA.P"], P_MMHG * MMHG, rtol=1e-7)
+    assert "in steps of 0.05 s" in record.said[0]
 
 
 @pytest.mark.parametrize("lost", [False, True])
@@ -187,7 +196,8 @@ def test_what_beats_say_of_the_stamps(tmp_path: Path) -> None:
     del lines[500]
     beats = align(read_record(save(tmp_path, "\n".join(lines))))
     assert beats.T == pytest.approx(T, rel=1e-9)
-    assert "is uneven: 200 Hz, jitter" in beats.warnings[0] and "no sample was moved" in beats.warnings[0]
+    assert "is uneven: 200 Hz; of 1000 samples 1 lost" in beats.warnings[0]
+    assert "no sample was moved" in beats.warnings[0]
     assert beats.told["sampling"]["lost"] == 1 and not beats.told["sampling"]["resampled"]
 
 

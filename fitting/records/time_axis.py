@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -71,7 +71,8 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     off by half of one, cut off by a whole one, and a product such as 7 * 0.005 may lie on either side of a digit. Or by
     the rounding of single precision, if all are such numbers. Where one step is 1.5 times the usual one, by a quarter
     of an interval at most: a lost sample bends the line by half of one. But where q is half an interval or more and
-    wide steps are many, they are of the rounding: 700 Hz in milliseconds has steps of 1 and 2.
+    wide steps are many, they are of the rounding: 700 Hz in milliseconds has steps of 1 and 2. Where most stamps repeat
+    the one before, as those of packets do, q is the time between those that differ.
     Raises ValueError, one sentence, for stamps that are missing, go back, or have no rate.
     """
     _check(given, factor, title, place)
@@ -80,14 +81,15 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     dt, off = _line(t, np.arange(n))
     q = _resolution(given, dt, float(np.abs(off).max()))
     worst, usual = float(np.abs(off).max()), float(np.median(step))
+    if usual == 0.0:
+        q = max(q, float(np.median(step[step > 0.0])))  # a stamp for a packet of samples
     coarse = q >= 0.5 * dt and (usual == 0.0 or np.mean(step >= _WIDE * usual) > _FEW)
     if dt > 0.0 and worst <= (q if coarse or step.max() < _WIDE * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
         return Axis((given[0] + t - off) * factor, given * factor, said=said)
     bad = np.flatnonzero(step <= 0.0)
     if len(bad):
-        why = f"the time does not increase ({given[bad[0]]:g} to {given[bad[0] + 1]:g})"
-        refuse(place, int(bad[0]) + 1, title, why)
+        _refuse_order(given, int(bad[0]), title, place)
     number = _numbered(t, q)
     dt, off = _line(t, number)
     lost = int(number[-1]) + 1 - n
@@ -114,8 +116,12 @@ def _check(given: Array, factor: float, title: str, place: Place) -> None:
     if not longest < _LATEST:
         refuse(place, 0, title, f"times beyond {_LATEST:g} s; check the unit, or start the record at zero")
     if len(back) or not given[-1] > given[0]:
-        at = int(back[0]) if len(back) else 0
-        refuse(place, at + 1, title, f"the time does not increase ({given[at]:g} to {given[at + 1]:g})")
+        _refuse_order(given, int(back[0]) if len(back) else 0, title, place)
+
+
+def _refuse_order(given: Array, at: int, title: str, place: Place) -> NoReturn:
+    why = f"the time does not increase ({given[at]:g} to {given[at + 1]:g}); correct the line, or begin the file there"
+    refuse(place, at + 1, title, why)
 
 
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
@@ -189,11 +195,9 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
 
 def _told(place: Place, rate: float, rms: float, worst: float, lost: int, n: int, moved: bool) -> str:
     done = "the channels were resampled once onto the line through the times" if moved else "no sample was moved"
-    gaps = f"; {lost} samples of {n + lost} are lost and became gaps" if lost else ""
-    return (
-        f"the sampling of {place} is uneven: {rate:.6g} Hz, jitter {1e3 * rms:.2g} ms rms, {1e3 * worst:.2g} ms at "
-        f"most{gaps}; {done}."
-    )
+    gaps = f"; of {n + lost} samples {lost} lost, which became gaps" if lost else ""
+    jitter = f", jitter {1e3 * rms:.3g} ms rms and {1e3 * worst:.3g} ms at most" if moved else ""
+    return f"the sampling of {place} is uneven: {rate:.6g} Hz{jitter}{gaps}; {done}."
 
 
 # --- the resolution of printed times ------------------------------------------------------------------------------
