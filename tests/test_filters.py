@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forked import CHANNELS, NETWORK, N, T, exact, record
+from forked import CHANNELS, NETWORK, N, T, exact, inflow, record
 from scipy.signal import butter, freqs
 
 from discrepancy.workflow import discover
@@ -20,16 +20,18 @@ from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
 from fitting.inference.terms import candidates
 from fitting.parameter_set import read_set
+from fitting.records.align import align
 from fitting.records.beats import Beats
 from fitting.records.filters import with_filters
-from fitting.records.record import write_record
+from fitting.records.record import Record, write_record
 from fitting.records.virtual import jarvik_pressure, pressure_at, solve_radius, table_wall
-from solver import beat_harmonics, load
+from solver import Settings, beat_harmonics, load, simulate
 from solver.files import read_network, write_network
 from solver.sensors import LowPass
 
 FILTERS = ("inlet.Q=lowpass 6 Hz order 2", "A.P=lowpass 15 Hz", "C.R=lowpass 12 Hz order 3")
 STIFFER = NETWORK.with_parameters({"B.E": 1.2 * NETWORK.segment("B").E})
+LAID = (("inlet.Q", 2, 6.0), ("A.P", 1, 15.0), ("C.R", 3, 12.0))
 SHOWN = ("A.P", "B.P", "C.P", "C.Q", "C.R")
 
 
@@ -40,7 +42,7 @@ def butterworth(order: int, cutoff: float, f: np.ndarray) -> np.ndarray:
 def filtered(waves: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Waves (N,) of the period T as the filters show them."""
     f, found = np.arange(N // 2 + 1) / T, dict(waves)
-    for channel, order, cutoff in (("inlet.Q", 2, 6.0), ("A.P", 1, 15.0), ("C.R", 3, 12.0)):
+    for channel, order, cutoff in LAID:
         found[channel] = np.fft.irfft(np.fft.rfft(waves[channel]) * butterworth(order, cutoff, f), N)
     return found
 
@@ -87,7 +89,7 @@ def test_filters_that_are_none(text: str, expected: str) -> None:
 
 def test_a_filtered_record_is_explained() -> None:
     """The true network under its filters: χ² within 95 % of chance, where without them it is 60 000 times as large. The
-    inflow that all channels tell is the true one to 0.2 % of its norm, that of the meter to 0.3 %; as shown it is 54 %
+    inflow that all channels tell is the true one to 0.2 % of its norm, that of the meter to 0.4 %; as shown it is 54 %
     off."""
     beats = recorded()
     known, blind = (network_problem(beats, n, SHOWN) for n in (with_filters(NETWORK, FILTERS), NETWORK))
@@ -98,7 +100,7 @@ def test_a_filtered_record_is_explained() -> None:
     Q = exact()["inlet.Q"]
     size = np.linalg.norm(Q)
     assert np.linalg.norm(known.wave(beats, fit) - Q) < 0.002 * size
-    assert np.linalg.norm(known.measured_wave(beats) - Q) < 0.003 * size
+    assert np.linalg.norm(known.measured_wave(beats) - Q) < 0.004 * size
     assert np.linalg.norm(blind.measured_wave(beats) - Q) > 0.5 * size
 
 
@@ -110,6 +112,29 @@ def test_a_calibration_knows_the_filters() -> None:
     assert known.chi2 < 1.3 * known.dof
     blind = calibrate(beats, NETWORK, ["B.E"], channels=SHOWN)
     assert blind.values["B.E"] < 0.75 * truth and blind.chi2 > 1e3 * blind.dof
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_beats_that_differ(known: bool) -> None:
+    """Strokes that swing by 10 % over 5.3 beats, run in time: χ² of chance with the filters, 0.7 of the data as without
+    any; 1000 times that where they are not known."""
+
+    def drive(t: np.ndarray) -> np.ndarray:
+        return (1.0 + 0.1 * np.sin(2.0 * np.pi * t / (5.3 * T))) * inflow(t)
+
+    run = simulate(NETWORK, drive, 34 * T, settings=Settings(dt=T / 200))
+    waves = {name: run[name][:6800] for name in SHOWN} | {"inlet.Q": drive(run.time[:6800])}
+    for name, order, cutoff in LAID:
+        X = np.fft.rfft(waves[name])
+        waves[name] = np.fft.irfft(X * butterworth(order, cutoff, np.arange(len(X)) / (34 * T)), 6800)
+    rng = np.random.default_rng(0)
+    channels = {name: x[1200::4] + 0.01 * x.std() * rng.standard_normal(1400) for name, x in waves.items()}
+    beats = align(Record("synthetic.csv", "", np.arange(1400) * T / N, channels))
+    assert beats.whole is not None
+    problem = network_problem(beats, with_filters(NETWORK, FILTERS) if known else NETWORK, SHOWN)
+    (fit,) = problem.refit([()])
+    assert fit is not None
+    assert fit.chi2 < 1.3 * len(fit.z) if known else fit.chi2 > 100.0 * len(fit.z)
 
 
 def test_harmonics_below_the_meter_noise_are_weighed_down() -> None:

@@ -18,7 +18,7 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.felt import Felt
-from ..records.inflow import flowed, inflow, undoable
+from ..records.inflow import flowed, inflow, undone
 from ..records.noise import (
     Target,
     degrees_of_freedom,
@@ -116,9 +116,7 @@ class NetworkProblem(Forward):
             return self.measured_wave(beats)
         gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
         S = inflow_noise(beats, self.signals, self.response, self.felt)
-        drive = self.simulator.drive
-        known = undoable(self.network, INFLOW, drive.omega)[: self.K + 1]
-        gain = gain * np.where(drive.shown[: len(known)], known, 1.0)
+        gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
         full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
