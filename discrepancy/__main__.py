@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import discrepancy
-from fitting.record_options import AsMeasured, Columns, Decimal, Mapped
+from fitting.record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped
 from fitting.records.columns import Reading
 from solver import NonPhysicalState, NotPeriodic
 from solver.console import complain, faults, put, say, say_notes, say_written, sentences, show
@@ -65,7 +65,9 @@ def discover_command(
             "the runs of the FMUs after it come on top."
         ),
     ] = "5 min",
+    filters: Filters = None,
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
@@ -93,8 +95,8 @@ def discover_command(
         progress(0.0, "reading")
         outcome = discover(
             record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit,
-            jobs=cores() if jobs is None else jobs, reading=Reading.asked(mapped, decimal), as_measured=as_measured,
-            progress=progress,
+            jobs=cores() if jobs is None else jobs, reading=Reading.asked(mapped, decimal, beside),
+            filters=filters or (), as_measured=as_measured, progress=progress,
         )  # fmt: skip
     if as_json:
         put(json_text(verdict_json(outcome)))

@@ -24,13 +24,14 @@ TIME_LIMIT = 300.0  # s
 class Asked:
     """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
     probable. prior : a calibration's file. time_limit : of naming and of every refit after it [s]. jobs : processes
-    that simulate."""
+    that simulate. filters : known, of channels."""
 
     period: float | None = None
     walls: str | None = None
     prior: str | os.PathLike[str] | None = None
     time_limit: float = TIME_LIMIT
     jobs: int = 1
+    filters: tuple[str, ...] = ()
 
     def check(self) -> None:
         """Raise ValueError, one sentence, for what cannot be asked."""
@@ -76,6 +77,7 @@ class Asked:
             "walls": self.walls or "by evidence",
             "period": "found" if self.period is None else {"value": self.period, "unit": "s"},
             "time_limit": {"value": self.time_limit, "unit": "s"},
+            **({"filters": list(self.filters)} if self.filters else {}),
         }
         if self.prior is None:
             return found

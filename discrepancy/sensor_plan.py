@@ -22,6 +22,7 @@ from fitting.records.beats import Beats
 from fitting.records.virtual import measured
 from fitting.threads import single_threaded
 from solver import simulate_periodic
+from solver.catalogue import filtered
 from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
@@ -138,7 +139,9 @@ def _virtual(network: Network, names: Sequence[str], dB: float, n_beats: int) ->
     rng = np.random.default_rng(_SEED)
     values = {}
     for name in (INFLOW, *names):
-        clean = np.fft.irfft(np.fft.rfft(beat[name][:-1], norm="forward"), _SAMPLES, norm="forward")
+        X = np.fft.rfft(beat[name][:-1], norm="forward")
+        X *= filtered(network, name, 2.0 * np.pi / T * np.arange(len(X)))
+        clean = np.fft.irfft(X, _SAMPLES, norm="forward")
         values[name] = measured(np.tile(clean, n_beats), rng, dB).reshape(n_beats, _SAMPLES)
     return Beats("virtual record", "", T, values, np.zeros(n_beats))
 

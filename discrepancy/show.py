@@ -16,6 +16,7 @@ import numpy as np
 from fitting.fmu_run import fourier, periodic_answer, read_fmu, steps_per_beat
 from fitting.inference.fit import Fit
 from fitting.inference.observation import mean_wander, sense
+from fitting.inference.simulator import filters
 from fitting.records.beats import Beats
 from fitting.records.noise import check_flow_driven
 from fitting.records.spectral import shift
@@ -130,8 +131,9 @@ def _weights(K: int) -> Array:
 
 
 def sensed(study: Study, fit: Fit, X: Array) -> Array:
-    """What the measurement chain of a hypothesis makes of the coefficients."""
-    return sense(fit.member, study.problem.signals, X, study.fitted.T)
+    """What the measurement chain of a hypothesis makes of the coefficients, through the filters that are known."""
+    names, T = study.problem.signals, study.fitted.T
+    return sense(fit.member, names, X * filters(study.problem.network, names, T, len(X) - 1), T)
 
 
 def parity(network: Network, study: Study, wave: Array, run: Run, settings: Settings) -> float:
@@ -144,9 +146,9 @@ def parity(network: Network, study: Study, wave: Array, run: Run, settings: Sett
         return np.asarray((np.exp(2j * np.pi * np.mod(np.asarray(t) / T, 1.0)[..., None] * k) @ amplitude).real)
 
     beat = simulate_periodic(network, inflow, T, settings=settings, tolerance=1e-5)
-    worst = 0.0
+    worst, shown = 0.0, filters(study.problem.network, names, T, len(run.X) - 1)
     for i, name in enumerate(names):
-        X = np.fft.rfft(beat[name][:-1], norm="forward")[: len(run.X)]
+        X = np.fft.rfft(beat[name][:-1], norm="forward")[: len(run.X)] * shown[:, i]
         worst = max(worst, float(np.abs(X - run.X[:, i])[1:].max() / np.ptp(beat[name])))
     return worst
 

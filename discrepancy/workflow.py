@@ -28,6 +28,7 @@ from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.records.columns import Reading
+from fitting.records.filters import with_filters
 from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record, read_record
 from fitting.records.sensors import UnusableRecord
@@ -76,13 +77,15 @@ def discover(
     time_limit: float = TIME_LIMIT,
     jobs: int = 1,
     reading: Reading | None = None,
+    filters: Iterable[str] = (),
     as_measured: bool = False,
     progress: Progress = lambda fraction, label: None,
 ) -> Outcome:
     """Find, name, add and show; writes verdict.json, report.html and figures into ``out``, and where an effect was
     added model.toml and model.fmu.
 
-    record : a file, and ``reading`` which of its columns is what. as_measured : values that no artery has are taken as
+    record : a file, and ``reading`` which of its columns is what. filters : of its channels, "inlet.Q=lowpass 10 Hz",
+    beside those of the model. as_measured : values that no artery has are taken as
     they are.
     model : a network file, the name of a bundled network, or an FMU; None: a first one is made of the record and
     written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
@@ -97,7 +100,7 @@ def discover(
     record that can be read and not be used is a verdict, which replaces no study of another record.
     """
     started, folder = time.perf_counter(), Path(out)
-    asked = Asked(period, walls, prior, time_limit, jobs)
+    asked = Asked(period, walls, prior, time_limit, jobs, tuple(filters))
     asked.check()
     described = None if model is None else read_model(model)
     measured = _read(record, reading)
@@ -105,11 +108,11 @@ def discover(
     if model is None:
         _check_folder(folder, [record, prior])
         model, *said = first_of(measured, folder, period)
-    network = described or read_model(model)
+    network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
-    _check_folder(folder, [record, model, prior])
+    _check_folder(folder, [record, *(reading.beside if reading else ()), model, prior])
     journal = None
     try:
         if isinstance(measured, UnusableRecord):

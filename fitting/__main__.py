@@ -29,10 +29,11 @@ from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
 from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json, write_set
-from .record_options import AsMeasured, Columns, Decimal, Mapped
+from .record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped
 from .records.align import align
 from .records.beats import Beats
 from .records.columns import Reading
+from .records.filters import with_filters
 from .records.plausible import Artery, arteries, check_plausible
 from .records.record import read_record
 from .wall import bootstrap, fit
@@ -73,6 +74,7 @@ def fit_command(
         Path | None, typer.Option(help="Draw the loop, measured against linear and chosen model.")
     ] = None,
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
@@ -84,7 +86,7 @@ def fit_command(
     """Fit the wall of one site from its pressure and radius."""
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, figure, bench, parameters=out, given=[record])
+        _check_destinations(out, figure, bench, parameters=out, given=[record, *(beside or ())])
         if figure is not None and figure.suffix.lower() != ".png":
             raise InputError(f"{figure}: a figure is a .png file; rename it.")
         if replicates < 0:
@@ -96,7 +98,7 @@ def fit_command(
             "lag_free": lag,
         }
         thickness = typed_quantity(h, "m", "--h")
-        measured = read_record(record, Reading.asked(mapped, decimal))
+        measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, {site: Artery(options["R0"], thickness)})
         beats = align(measured, _seconds(period, "--period"))
@@ -221,9 +223,11 @@ def calibrate_command(
     jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
+    filters: Filters = None,
     period: Period = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -235,11 +239,12 @@ def calibrate_command(
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        _check_destinations(out, parameters=out, given=[record, network, start])
+        _check_destinations(out, parameters=out, given=[record, *(beside or ()), network, start])
         described = read_network(find_network(network))
         if start is not None:
             described = read_set(start).apply(described)
-        measured = read_record(record, Reading.asked(mapped, decimal))
+        described = with_filters(described, filters or ())
+        measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, arteries(described))
         beats = align(measured, _seconds(period, "--period"))
@@ -251,6 +256,8 @@ def calibrate_command(
         found = network_indices(result, described, beats)
         parameters = result.parameter_set(complete=start is not None)
         parameters = _with_indices(parameters, {site: plain(each) for site, each in found.items()})
+        if filters:
+            parameters = replace(parameters, provenance={**parameters.provenance, "filters": list(filters)})
         if starts > 1:
             parameters = replace(parameters, provenance={**parameters.provenance, "starts": tried.plain()})
         if out is not None:
@@ -272,11 +279,13 @@ def check_command(
         Path, typer.Argument(is_eager=True, help="File: a network record, or P and R of the bench's site.")
     ],
     mapped: Mapped = None,
+    beside: Beside = None,
     decimal: Decimal = None,
     columns: Columns = False,
     as_measured: AsMeasured = False,
     out: Annotated[Path, typer.Option(help="Folder for check.html and check.json.")] = Path("check"),
     period: Period = None,
+    filters: Filters = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -285,12 +294,15 @@ def check_command(
     from .pages.check_page import FILES, write_check  # matplotlib takes a second
 
     with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        check_destinations(*(out / file for file in FILES), given=[parameters, fmu, record], folders=True)
+        check_destinations(
+            *(out / file for file in FILES), given=[parameters, fmu, record, *(beside or ())], folders=True
+        )
         report = check(
             read_set(parameters),
             fmu,
-            read_record(record, Reading.asked(mapped, decimal)),
+            read_record(record, Reading.asked(mapped, decimal, beside)),
             period=_seconds(period, "--period"),
+            filters=filters or (),
             as_measured=as_measured,
             progress=lambda what: progress(0.0, what),
         )

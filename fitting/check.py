@@ -2,7 +2,8 @@
 
 Network: the record's mean inflow drives the FMU until its beat repeats, and every channel that both have is compared.
 Bench: there is no inflow; the measured pressure of one site drives the FMU of one short segment, and the radius is
-compared. The simulated beat has the record's phase because what drives it has.
+compared. The simulated beat has the record's phase because what drives it has. Filters that the FMU's network file or
+the user says of channels are undone in what drives (:mod:`fitting.records.inflow`), and laid over what is compared.
 
 Residuals are *whitened*: the harmonics of measured less simulated mean beat over the standard deviation that the noise
 alone gives them. To that belongs the noise of what drives the FMU: a second run, with a slightly different beat, tells
@@ -13,13 +14,17 @@ not what drove the artery; the solver's own error is not in the noise.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver.catalogue import filtered
 from solver.errors import InputError
+from solver.files import read_network
+from solver.network import Network
 from solver.units import INFLOW
 
 from .agreement import Agreement, LoopArea, Waveform, compare_channel, compare_loops, is_noisy
@@ -28,6 +33,8 @@ from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer,
 from .parameter_set import ParameterSet
 from .records.align import align
 from .records.beats import Beats
+from .records.filters import with_filters
+from .records.inflow import flowed, undoable
 from .records.plausible import Artery, check_plausible
 from .records.record import Record
 from .records.spectral import coefficients
@@ -106,12 +113,14 @@ def check(
     record: Record,
     *,
     period: float | None = None,
+    filters: Iterable[str] = (),
     as_measured: bool = False,
     progress: Progress | None = None,
 ) -> CheckReport:
     """Run the FMU with the set as start values, driven by the record, and compare every channel that both have.
 
-    period : of the beat [s], by default found. as_measured : values that no artery has are taken as they are.
+    period : of the beat [s], by default found. filters : of channels, "inlet.Q=lowpass 10 Hz". as_measured : values
+    that no artery has are taken as they are.
     progress : told what is being done.
     Raises ValueError, one sentence, if set, FMU and record do not belong together; RunFailed with the FMU's sentence.
     """
@@ -123,9 +132,10 @@ def check(
         numbers = {s: [float(described.starts[f"{s}.{key}"]) for key in ("R0", "h")] for s in sites}
         check_plausible(record, {site: Artery(*each) for site, each in numbers.items()})
     mode, driver, source, compared, starts = _plan(parameters, described, record)
+    network = with_filters(read_network(Path(fmu)), filters)
     tell("aligning the beats")
     beats = align(record, period)
-    drive = beats.mean(source)
+    drive = flowed(beats, network, source)
     if mode == "bench":
         starts = {**starts, "network.P_0": float(drive[0])}
     tell("running the FMU")
@@ -140,12 +150,14 @@ def check(
     if noisy:
         tell("running the FMU with a slightly different beat")
         response = _response(described, driver, drive, beats, starts, answer, noisy, K)
+        own = undoable(network, source, (omega := beats.omega * np.arange(K + 1)))
+        response = {name: H * filtered(network, name, omega) / own for name, H in response.items()}
     waveforms = {
-        name: Waveform(beats.mean(name), fourier(answer.values[name], beats.N), beats.scatter(name))
+        name: Waveform(beats.mean(name), _shown(network, name, answer.values[name], beats), beats.scatter(name))
         for name in compared
     }
     channels = tuple(compare_channel(name, waveforms[name], noise[name], response.get(name)) for name in compared)
-    waveforms[source] = Waveform(drive, drive, beats.scatter(source))
+    waveforms[source] = Waveform(beats.mean(source), beats.mean(source), beats.scatter(source))
     return CheckReport(
         mode,
         source,
@@ -270,6 +282,12 @@ def _warnings(
 
 
 # --- comparing ----------------------------------------------------------------------------------------------------
+
+
+def _shown(network: Network, name: str, values: Array, beats: Beats) -> Array:
+    """(N,) a simulated beat as the filter of its channel shows it."""
+    X = np.fft.rfft(fourier(values, beats.N))
+    return np.fft.irfft(X * filtered(network, name, beats.omega * np.arange(len(X))), beats.N)
 
 
 def _response(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from solver import Settings
@@ -63,9 +65,10 @@ def indices_at(
     settings = settings or Settings()
     parameters = parameter_values(calibration.unknowns, network, x)
     outputs = tuple(f"{site.name}.{kind}" for kind in "PR" for site in network.sites)
-    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, outputs, MAX_HARMONICS, settings,
+    alone = replace(network, channels=())  # the arteries', as no sensor shows them
+    simulator = Simulator(alone, inflow(beats, settings.dt, network), beats.T, outputs, MAX_HARMONICS, settings,
                           tolerance=_TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
-    X = simulator.coefficients(network, parameters, Runs(), alike=True)
+    X = simulator.coefficients(alone, parameters, Runs(), alike=True)
     waves = np.fft.irfft(X, _SAMPLES, axis=1, norm="forward").swapaxes(1, 2)
     P, R = np.split(waves, 2, axis=1)
     names = [segment.name for segment in network.segments]

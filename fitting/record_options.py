@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -20,13 +21,15 @@ def _look(ctx: typer.Context, wanted: bool) -> None:
     given: dict[str, Any] = ctx.params
     with sentences():
         path = given["record"] if "record" in given else read_cohort(given["cohort"])[0].record
-        found = preview(path, Reading.asked(given["mapped"], given["decimal"]))
+        how = Reading.asked(given["mapped"], given["decimal"], given.get("beside"))
+        looks = [preview(file, how) for file in (path, *how.beside)]
     if given["as_json"]:
-        put(found)
+        put(looks[0] if not how.beside else {"files": looks})
     else:
-        show(preview_table(found))
-        for question in preview_questions(found):
-            say(question)
+        for found in looks:
+            show(preview_table(found))
+            for question in preview_questions(found):
+                say(question)
     raise typer.Exit
 
 
@@ -38,7 +41,25 @@ Mapped = Annotated[
         "--map",
         metavar="TITLE=VARIABLE",
         is_eager=True,
-        help='Which column is what, repeatable: "Pressure (mmHg)=AA.P", "p=AA.P [mmHg]"; "ECG=" leaves one out.',
+        help='Which column is what, by title or number, repeatable: "Druck=AA.P [mmHg]", "2=inlet.Q [mL/s]", '
+        '"Q.csv:2=…" of one file of several; "ECG=" leaves one out.',
+    ),
+]
+Beside = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--with",
+        metavar="FILE",
+        is_eager=True,
+        help="A further file of the same recording, repeatable: aligned by the times in the files.",
+    ),
+]
+Filters = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--filter",
+        metavar="CHANNEL=FILTER",
+        help='A known filter of the recorder, repeatable: "inlet.Q=lowpass 10 Hz", "AA.P=lowpass 55 Hz order 2".',
     ),
 ]
 Decimal = Annotated[

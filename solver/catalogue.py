@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from . import effects
-from .effect import Array, check_known
+from .effect import Array, Described, check_known
 from .errors import InputError
 from .quantity import Quantity, quantities
 from .sensors import Sensor
@@ -58,6 +58,21 @@ def observe(terms: Mapping[str, Any], X: Array, omega: Array) -> Array:
         if isinstance(effect, Sensor) and any(key in terms for key in effect.terms):
             X = effect.observe(dict(effect.neutral) | dict(terms), X, omega)
     return X
+
+
+def filtered(network: Described, channel: str, omega: Array) -> Array:
+    """H : (n,) of the filters that a network says a channel has, at omega : (n,) [rad/s].
+
+    They are those sensors of the catalogue that no search is for; all else that it says of a channel was found, or is
+    to be.
+    """
+    H = np.ones(np.shape(omega), complex)
+    for own in (c for c in network.channels if c.name == channel):
+        for effect in effects.ALL:
+            if isinstance(effect, Sensor) and not effect.searched(channel):
+                values = {**effect.neutral, **own.terms}
+                H = H * effect.transfer({key: np.asarray(value) for key, value in values.items()}, omega)
+    return H
 
 
 # --- documentation ------------------------------------------------------------------------------------------------

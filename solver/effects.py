@@ -33,7 +33,7 @@ from .errors import InputError
 from .outlets import Reflection, Windkessel
 from .partial import SideBranch, Stenosis, WallStiffness
 from .quantity import Quantity, quantities
-from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset
+from .sensors import CatheterResonance, ChannelGain, ChannelLag, ChannelOffset, LowPass
 from .springpot import FractionalViscosity
 from .wall import Wall
 
@@ -362,5 +362,6 @@ ALL: tuple[Effect, ...] = (
     ChannelGain(),
     ChannelOffset(),
     CatheterResonance(),
+    LowPass(),
 )
 BY_NAME: dict[str, Effect] = {effect.name: effect for effect in ALL}

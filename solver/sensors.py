@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
@@ -58,6 +59,10 @@ class Sensor(Effect):
         damping that rings at √3/π = 0.55 of the sampling rate.
         """
         return 0.0
+
+    def said(self, words: str) -> Mapping[str, str] | None:
+        """Its terms as texts, if these are words for one that is known."""
+        return None
 
     def as_terms(self, values: Mapping[str, float]) -> dict[str, float]:
         """The catalogue's numbers of those of a search."""
@@ -178,3 +183,42 @@ class CatheterResonance(Sensor):
         natural = 2.0 * np.pi * np.asarray(terms["f_n"], float)
         per = np.divide(1.0, natural, out=np.zeros_like(natural), where=natural > 0.0)
         return {"slow": 2.0 * np.asarray(terms["zeta"]) * per, "resonance": per * per}
+
+
+_HIGHEST_ORDER = 8
+
+
+class LowPass(Sensor):
+    """A filter that is known from the amplifier's settings, and never searched for: Butterworth, causal.
+
+    Source: S. Butterworth, On the theory of filter amplifiers, Wireless Engineer 7 (1930) 536–541.
+    """
+
+    name = "low_pass"
+    equation = "Y/X = Π 1/(1 - i f/(f_c p_k)), p_k = e^{iπ(2k + n - 1)/(2n)}, k = 1 … n; f_c = 0 means none"
+    how = ("low_pass_order",)
+    terms = {
+        "low_pass": Quantity("Hz", "cut-off frequency f_c of the channel's known filter (0: none)", 0.0, 1e5),
+        "low_pass_order": Quantity("1", "order n of that filter, a whole number", 1.0, _HIGHEST_ORDER),
+    }
+    neutral = {"low_pass": 0.0, "low_pass_order": 1.0}
+    signature = "one channel only: high harmonics are damped and late"
+    confusable = ("catheter_resonance", "channel_lag")
+    separator = "settings of the amplifier"
+
+    def searched(self, channel: str) -> Mapping[str, Quantity]:
+        return {}
+
+    def said(self, words: str) -> Mapping[str, str] | None:
+        """lowpass FREQUENCY, of first order, or of that behind it: order 2."""
+        match = re.fullmatch(r"low-?pass\s+(.+?)(?:\s+order\s+(\d+))?", words, re.IGNORECASE)
+        return match and dict(zip(self.terms, (match[1], match[2] or "1"), strict=True))
+
+    def transfer(self, values: Values, omega: Array) -> Array:
+        cutoff, order = (np.asarray(values[key], float) for key in self.terms)
+        none = cutoff <= 0.0
+        s, H = 1j * omega / (2.0 * np.pi * np.where(none, 1.0, cutoff)), np.ones(np.shape(omega), complex)
+        for k in range(1, _HIGHEST_ORDER + 1):
+            pole = np.exp(0.5j * np.pi * (2 * k + order - 1.0) / order)
+            H = H * np.where(none | (k > np.rint(order)), 1.0, 1.0 / (1.0 - s / pole))
+        return H

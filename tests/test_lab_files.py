@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import discrepancy.__main__
 import fitting.__main__
+from fitting.records.align import align
 from fitting.records.columns import Reading
 from fitting.records.record import Record, read_record
 from fitting.records.tables.titles import name_and_unit
@@ -170,6 +171,32 @@ def test_clock_times(tmp_path: Path, separator: str, mark: str, title: str) -> N
     assert record.time[0] == pytest.approx(86398.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("day", "after", "zone", "start"),
+    [
+        ("2024-05-01T", "2024-05-02T", "", 19844 * 86400.0 + 86398.0),
+        ("2024-05-01 ", "2024-05-02 ", "Z", 19844 * 86400.0 + 86398.0),
+        ("01.05.2024 ", "02.05.2024 ", "", 86398.0),
+        ("5/1/2024 ", "5/2/2024 ", "+02:00", 86398.0),
+    ],
+)
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), ("\t", "."), (",", ".")])
+def test_dates_before_the_clock(
+    tmp_path: Path, separator: str, mark: str, day: str, after: str, zone: str, start: float
+) -> None:
+    """ISO dates count from 1970, others may have the day or the month first and count as times of day; past midnight:
+    dt to doubles. A column of dates alone is left out by a map."""
+    lines = [[f"{day if t < 2.0 else after}{clock(86398.0, t, mark)}{zone}", f"{p:.8f}".replace(".", mark),
+              f"{r:.8f}".replace(".", mark)] for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]  # fmt: skip
+    titles = ["Stamp", "AA.P [mmHg]", "AA.R [mm]"]
+    record = read(tmp_path, "\n".join(map(separator.join, [titles, *lines])))
+    assert record.dt == pytest.approx(DT, rel=1e-7)  # doubles of times since 1970 are 0.2 µs apart
+    assert record.time[0] == pytest.approx(start, abs=1e-6)
+    np.testing.assert_allclose(record.channels["AA.P"], PLAIN["AA.P"], rtol=1e-8)
+    apart = [[first[: len(day) - 1], first[len(day) :], *rest] for first, *rest in lines]
+    check(read(tmp_path, "\n".join(map(separator.join, [["Day", *titles], *apart])), names={"Day": ""}))
+
+
 def test_clock_beside_a_time(tmp_path: Path) -> None:
     """Two times are asked; one is left out, or the clock is what the map says."""
     rows_ = [f"{clock(0.0, t, '.')},{t:.3f},{p:.8f},{r:.8f}" for t, p, r in zip(TIME, P_MMHG, R_MM, strict=True)]
@@ -250,7 +277,7 @@ def test_map(tmp_path: Path) -> None:
             {"Time": "time [s]", "Radius": "AA.R"},
             "column 'Radius': it has no unit; say which: --map \"Radius=AA.R [mm]\"",
         ),
-        ({"Flow": "AA.Q"}, "--map \"Flow=AA.Q\": no column has this title; the columns are 'Time', 'ECG'"),
+        ({"Flow": "AA.Q"}, "--map \"Flow=AA.Q\": no column has this title or number; the columns are 'Time', 'ECG'"),
         ({"Time": "time [s]", "Radius": "AA.X"}, "'AA.X' is no variable of a network; allowed are <site>.P"),
         ({"Time": "time [s]"}, "there is no channel beside the time"),
     ],
@@ -265,6 +292,40 @@ def test_map_that_is_none() -> None:
     for pair in ("Pressure", "=AA.P"):
         with pytest.raises(ValueError, match="must be TITLE=VARIABLE, such as"):
             Reading.asked([pair], None)
+
+
+@pytest.mark.parametrize("above", ["", "# loop\n\n"])
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+def test_columns_by_number(tmp_path: Path, separator: str, above: str) -> None:
+    """No line names the columns: asked with the first row and an example, then read by number; titled ones, too."""
+    content = above + "\n".join(rows(separator, "."))
+    said = refused(tmp_path, content)
+    assert f"it has no header, and its first row is 0, {P_MMHG[0]:g}, {R_MM[0]:g}; say which column is which: " in said
+    assert said.endswith('--map "1=time [s]" --map "2=inlet.Q [mL/s]" --map "3=AA.P [mmHg]".')
+    names = {"1": "time [s]", "2": "AA.P [mmHg]", "3": "AA.R [mm]"}
+    check(read(tmp_path, content, names=names))
+    check(read(tmp_path, separator.join(["a", "b", "c"]) + "\n" + "\n".join(rows(separator, ".")), names=names))
+    assert '"4=AA.Q": no column has this title or number' in refused(tmp_path, content, names={**names, "4": "AA.Q"})
+    assert '"1=time [s]"' in refused(tmp_path, content, names={**names, "1": "time"})
+
+
+@pytest.mark.parametrize("respired", [0.0, 0.1])
+def test_a_mock_loop_is_cut_into_beats(tmp_path: Path, respired: float) -> None:
+    """As a mock circulation writes it: no header, 1 kHz, steps of 0.1 mL/s and 0.1 mmHg, beats of 0.8 s, strokes that
+    swing by 10 % with 12 breaths a minute or not: all whole beats, the period to 1e-4."""
+    time = np.arange(24_000) * 1e-3
+    phase = 2.0 * np.pi * time / 0.8
+    swing = 1.0 + respired * np.sin(2.0 * np.pi * 0.2 * time)
+    Q = swing * 70.0 * (1.0 + np.sin(phase) + 0.3 * np.sin(2.0 * phase))
+    P = 80.0 + swing * (20.0 * np.sin(phase - 0.5) + 8.0 * np.sin(2.0 * phase - 1.0))
+    noise = np.random.default_rng(0).normal(0.0, 0.05, len(time))
+    table = zip(time, Q, P, P + noise, strict=True)
+    lines = [f"{t:g},{q:.1f},{p:.1f},{r:.1f}" for t, q, p, r in table]
+    names = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "C.P [mmHg]", "4": "R.P [mmHg]"}
+    beats = align(read(tmp_path, "\n".join(lines), names=names))
+    assert beats.T == pytest.approx(0.8, rel=1e-4)
+    assert beats.n_beats == (30 if beats.whole is None else 28)  # varying ones begin at the end of diastole
+    assert set(beats.values) == {"inlet.Q", "C.P", "R.P"} and not beats.told.get("sampling")
 
 
 # --- other kinds of file ------------------------------------------------------------------------------------------

@@ -37,7 +37,7 @@ DOCUMENTS = {
     "docs/python.md": (3, 0),
     "docs/studies.md": (1, 1),
     "docs/fitting.md": (3, 3),
-    "docs/lab-files.md": (1, 1),
+    "docs/lab-files.md": (2, 2),
     "docs/discrepancy.md": (3, 3),
     "docs/tutorial-fmu.md": (1, 2),
     "docs/tutorial-lab.md": (0, 3),

@@ -7,14 +7,17 @@ import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from record_files import DT, P_MMHG, R_MM, TIME, WAVE, N, bench, refusal, save, text
+from record_files import DT, P_MMHG, R_MM, TIME, WAVE, N, T, bench, save, text
 
+from fitting.records.align import align
 from fitting.records.record import read_record, write_record
+from solver.units import MMHG
 
 # --- what is read -------------------------------------------------------------------------------------------------
 
@@ -93,29 +96,34 @@ def test_printed_time_may_be_rounded(tmp_path: Path, decimals: int) -> None:
 @pytest.mark.parametrize("rate", [200.0, 250.0, 300.0, 400.0])
 @pytest.mark.parametrize("start", [0.0, 0.0123456])
 def test_printed_time_may_be_cut_off(tmp_path: Path, rate: float, start: float) -> None:
-    """Milliseconds cut off, not rounded: 1.010 s as a product of doubles may become 1.009 s. dt as above; with a sample
-    lost at a third, or with another rate after two thirds (1 %), the file is refused."""
+    """Milliseconds cut off, not rounded: 1.010 s as a product of doubles may become 1.009 s. dt as above; a sample lost
+    at a third is a gap; with another rate after two thirds (1 %) the samples are moved, to 5e-3 of the pulse."""
     time = np.floor((start + np.arange(N) / rate) * 1e3) / 1e3
     lines = ["time [s],AA.P [mmHg]", *(f"{t:.3f},{p:.6f}" for t, p in zip(time, P_MMHG, strict=True))]
-    assert read_record(save(tmp_path, "\n".join(lines))).dt == pytest.approx(1.0 / rate, rel=1e-3 * rate / N**1.5 * 2)
-    lost = lines[: N // 3] + lines[N // 3 + 1 :]
-    assert "the sampling is not uniform" in refusal(tmp_path, "\n".join(lost))
+    slope = 1e-3 * rate / N**1.5 * 2
+    assert read_record(save(tmp_path, "\n".join(lines))).dt == pytest.approx(1.0 / rate, rel=slope)
+    record = read_record(save(tmp_path, "\n".join(lines[: N // 3] + lines[N // 3 + 1 :])))
+    assert record.dt == pytest.approx(1.0 / rate, rel=slope)
+    assert np.flatnonzero(np.isnan(record.channels["AA.P"])).tolist() == [N // 3 - 1]
     slower = start + np.cumsum(np.where(np.arange(N) < 2 * N // 3, 1.0, 1.01)) / rate
-    lines[1:] = [f"{np.floor(t * 1e3) / 1e3:.3f},{p:.6f}" for t, p in zip(slower, P_MMHG, strict=True)]
-    assert "the sampling is not uniform" in refusal(tmp_path, "\n".join(lines))
+    pulse = np.sin(2.0 * np.pi * slower)
+    lines[1:] = [f"{np.floor(t * 1e3) / 1e3:.3f},{85.0 + 15.0 * p:.6f}" for t, p in zip(slower, pulse, strict=True)]
+    record = read_record(save(tmp_path, "\n".join(lines)))
+    assert "the channels were resampled once" in record.said[0]
+    error = record.channels["AA.P"] / MMHG - 85.0 - 15.0 * np.sin(2.0 * np.pi * (record.time + 5e-4))  # cut off
+    assert np.nanmax(np.abs(error)) < 5e-3 * 30.0
 
 
 @pytest.mark.parametrize("shortest", [False, True], ids=["all digits", "shortest"])
 def test_time_in_single_precision(tmp_path: Path, shortest: bool) -> None:
-    """Steps of 5 ms at 700 s, in units of 61 µs, printed exactly or as NumPy does: dt to 1e-6, no lost sample."""
+    """Steps of 5 ms at 700 s, in units of 61 µs, printed exactly or as NumPy does: dt to 1e-6, a lost sample a gap."""
     time = (700.0 + TIME).astype(np.float32)
     lines = [f"{t if shortest else float(t)!s},{p:.6f}" for t, p in zip(time, P_MMHG, strict=True)]
     header = "time [s],AA.P [mmHg]"
     assert read_record(save(tmp_path, "\n".join([header, *lines]))).dt == pytest.approx(DT, rel=1e-6)
     del lines[400]
-    assert "line 402, column 'time [s]': the sampling is not uniform: a step of 0.0" in refusal(
-        tmp_path, "\n".join([header, *lines])
-    )
+    record = read_record(save(tmp_path, "\n".join([header, *lines])))
+    assert np.flatnonzero(np.isnan(record.channels["AA.P"])).tolist() == [400]
 
 
 @pytest.mark.parametrize("lost", [(), (1,), (500,), (N - 2,), tuple(range(300, 400))], ids=lambda lost: f"{len(lost)}")
@@ -126,22 +134,71 @@ def test_late_times_hide_no_lost_sample(
 ) -> None:
     """Seconds since midnight or since 1970, printed with 3 or 6 decimals or all digits: dt to the rounding of doubles.
 
-    A sample lost anywhere, or 100, is named with its line; a tolerance that grows with the time would let it pass.
+    A sample lost anywhere, or 100, are gaps where they are; a tolerance that grows with the time would not see them.
     """
     times = [f"{t:.{decimals}f}" if decimals else repr(float(t)) for t in start + TIME]
     lines = [f"{t},{p:.6f}" for i, (t, p) in enumerate(zip(times, P_MMHG, strict=True)) if i not in lost]
-    content = "\n".join(["time [s],AA.P [mmHg]", *lines])
-    if lost:
-        assert f"line {lost[0] + 2}, column 'time [s]': the sampling is not uniform" in refusal(tmp_path, content)
-    else:
-        rounding = float(np.spacing(start + 5.0)) / 5.0
-        assert read_record(save(tmp_path, content)).dt == pytest.approx(DT, rel=rounding)
+    record = read_record(save(tmp_path, "\n".join(["time [s],AA.P [mmHg]", *lines])))
+    assert record.dt == pytest.approx(DT, rel=float(np.spacing(start + 5.0)) / 5.0)
+    assert tuple(np.flatnonzero(np.isnan(record.channels["AA.P"]))) == lost
+    assert record.told == ({"sampling": ANY} if lost else {})
+    assert not lost or f"of {N} samples {len(lost)} lost, which became gaps" in record.said[0]
 
 
-def test_a_rate_that_the_printed_time_cannot_show(tmp_path: Path) -> None:
-    """700 Hz at three decimals looks like 1000 Hz with lost samples: refused, and told to print more decimals."""
-    lines = ["time [s],AA.P [mmHg]", *(f"{i / 700:.3f},{p:.6f}" for i, p in enumerate(P_MMHG))]
-    assert "print the time with more decimals, resample" in refusal(tmp_path, "\n".join(lines))
+@pytest.mark.parametrize(("rate", "clock"), [(700.0, 1e-3), (200.0, 1.0)])
+def test_stamps_coarser_than_the_samples(tmp_path: Path, rate: float, clock: float) -> None:
+    """700 Hz in milliseconds has steps of 1 and 2 ms; 200 Hz in seconds repeats its stamps: the line gives the rate, to
+    the bound 1.5 q/T that is said, and nothing is moved. Over five such steps that is too vague."""
+    n = round(40.0 * rate)
+    time, P = np.floor(np.arange(n) / rate / clock) * clock, np.resize(P_MMHG, n)
+    lines = ["time [s],AA.P [mmHg]", *(f"{t:.3f},{p:.6f}" for t, p in zip(time, P, strict=True))]
+    record = read_record(save(tmp_path, "\n".join(lines)))
+    assert record.dt == pytest.approx(1.0 / rate, rel=1.5 * clock / 40.0)
+    np.testing.assert_allclose(record.channels["AA.P"], P * MMHG, rtol=1e-7)
+    assert "a lost sample would not be seen" in record.said[0]
+    if clock == 1.0:
+        with pytest.raises(ValueError, match="over 4 s leave the rate open by 38%, and 10% is allowed"):
+            read_record(save(tmp_path, "\n".join(lines[: 1 + round(5.0 * rate)])))
+
+
+def test_a_stamp_for_each_packet(tmp_path: Path) -> None:
+    """200 Hz, ten samples at a time with one stamp of a microsecond: the line gives the rate, to 1.5 packets of 5 s."""
+    time = np.repeat(TIME[::10] + 1.234567, 10)
+    record = read_record(save(tmp_path, text(bench(time=time), 6)))
+    assert record.dt == pytest.approx(DT, rel=1.5 * 0.05 / 5.0)
+    np.testing.assert_allclose(record.channels["AA.P"], P_MMHG * MMHG, rtol=1e-7)
+    assert "in steps of 0.05 s" in record.said[0]
+
+
+@pytest.mark.parametrize("lost", [False, True])
+@pytest.mark.parametrize("decimals", [3, 6])
+def test_jitter_is_resampled_once(tmp_path: Path, decimals: int, lost: bool) -> None:
+    """200 Hz, stamps 0.5 ms rms off in steps of 4, 5 and 6 ms, with 1 % of the samples lost or none: dt to 1e-6,
+    jitter as it is to 15 %, the pulse to what rounding of the stamps does to it, 0.3 ms rms of its slope."""
+    rng = np.random.default_rng(3)
+    time = TIME + 5e-4 * rng.standard_normal(N)
+    P = 85.0 + 15.0 * (np.sin(2 * np.pi * time / T) + 0.3 * np.sin(4 * np.pi * time / T + 1.0))
+    kept = np.sort(rng.permutation(np.arange(1, N - 1))[: N - 12]) if lost else np.arange(N)
+    lines = [f"{time[i]:.{decimals}f},{P[i]:.6f}" for i in kept]
+    record = read_record(save(tmp_path, "\n".join(["time [s],AA.P [mmHg]", *lines])))
+    found, there = record.channels["AA.P"] / MMHG, ~np.isnan(record.channels["AA.P"])
+    assert record.dt == pytest.approx(DT, rel=2e-5)
+    assert kept[0] + np.flatnonzero(there) == pytest.approx(kept)
+    assert record.told["sampling"]["jitter_rms"]["value"] == pytest.approx(5e-4, rel=0.2)
+    at = record.time[there]
+    wave = np.sin(2 * np.pi * at / T) + 0.3 * np.sin(4 * np.pi * at / T + 1.0)
+    assert np.std(found[there] - 85.0 - 15.0 * wave) < (0.08 if decimals == 3 else 0.01)
+
+
+def test_what_beats_say_of_the_stamps(tmp_path: Path) -> None:
+    """The sentence comes with the beats, and so with every result; what was done is plain beside the map."""
+    lines = text(bench()).splitlines()
+    del lines[500]
+    beats = align(read_record(save(tmp_path, "\n".join(lines))))
+    assert beats.T == pytest.approx(T, rel=1e-9)
+    assert "is uneven: 200 Hz; of 1000 samples 1 lost" in beats.warnings[0]
+    assert "no sample was moved" in beats.warnings[0]
+    assert beats.told["sampling"]["lost"] == 1 and not beats.told["sampling"]["resampled"]
 
 
 @settings(max_examples=60)

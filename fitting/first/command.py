@@ -17,7 +17,7 @@ from solver.text import typed_quantity
 from solver.units import of_signal
 from solver.writing import check_destinations, check_new, write_whole
 
-from ..record_options import RECORD_HELP, AsMeasured, Columns, Decimal, Mapped
+from ..record_options import RECORD_HELP, AsMeasured, Beside, Columns, Decimal, Mapped
 from ..records.align import align
 from ..records.columns import Reading
 from ..records.plausible import check_plausible
@@ -41,6 +41,7 @@ def first_command(
         typer.Option(help='Sites behind one another, repeatable: "Ao,CA"; default: all, in the order of their delays.'),
     ] = None,
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
+    beside: Beside = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
     columns: Columns = False,
@@ -53,7 +54,7 @@ def first_command(
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
         check_destinations(out, given=[record])
-        measured = read_record(record, Reading.asked(mapped, decimal))
+        measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, {})
         found = first_model(

@@ -16,12 +16,13 @@ from functools import cached_property, partial
 import numpy as np
 
 from solver import loop as law
-from solver.catalogue import neutral_value, terms_of
+from solver.catalogue import filtered, neutral_value, terms_of
 from solver.network import Network
 
 from ..bench import on_bench
 from ..records import spectral
 from ..records.beats import Beats
+from ..records.inflow import undoable
 from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
@@ -43,6 +44,7 @@ _ABOVE_NOISE = 4.0  # standard deviations
 _RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard deviation moves no verdict
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
+_LEAST = 0.1  # of the radius that its filter must leave of a harmonic: the law undoes it, and its noise
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
 
 
@@ -181,8 +183,10 @@ class Bench(Forward):
         return on_bench(network, self.site)
 
     def measured_wave(self, beats: Beats) -> Array:
-        """(N,) [Pa] the mean pressure."""
-        return self.loop.P
+        """(N,) [Pa] the mean pressure, before its filter."""
+        X = np.fft.rfft(self.loop.P)
+        X[: self.K + 1] /= undoable(self.network, self.signals[0], beats.omega * np.arange(self.K + 1))
+        return np.fft.irfft(X, self.loop.N)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [Pa] the true pressure at the site that P and R together make most probable under a hypothesis."""
@@ -203,7 +207,10 @@ class Bench(Forward):
         moved = values(member.unknowns, x, present)
         wall = law.wall_of(self.artery, self.site, {n: v for n, v in moved.items() if n in present})
         omega = 2.0 * np.pi / self.loop.T * np.arange(self.loop.N // 2 + 1)
-        return Seen(wall, self.loop.T, *(chain(moved, name, omega) for name in self.signals))
+        (P, o_P), (R, o_R) = (chain(moved, name, omega) for name in self.signals)
+        to_P, to_R = (filtered(self.network, name, omega) for name in self.signals)
+        to_R[self.K + 1 :] = 1.0  # noise alone, which the law would undo a filter of
+        return Seen(wall, self.loop.T, (P * to_P, o_P), (R * to_R, o_R))
 
     @property
     def noise(self) -> Array:
@@ -226,7 +233,8 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
         above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
         highest.append(int(above[-1]) if len(above) else 1)
     # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
-    K = min(_MOST_HARMONICS, max(1, min(highest)))
+    usable = np.flatnonzero(np.abs(filtered(network, signals[1], beats.omega * np.arange(len(own)))) >= _LEAST)
+    K = min(_MOST_HARMONICS, max(1, min(*highest, int(usable[-1]))))
     return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats, highest=0.5 * beats.N / beats.T)
 
 

@@ -18,10 +18,10 @@ from solver.simulate import BROKEN
 
 from ..records.beats import Beats
 from ..records.inflow import inflow
-from ..records.noise import NEIGHBOURS, Target, response, target
+from ..records.noise import Target, target
 from .gauss_newton import Point, Trial
 from .identify import Determined, determined
-from .simulator import HARMONICS_BEYOND, Meter, Runs, Simulator, varying
+from .simulator import HARMONICS_BEYOND, Meter, Runs, Simulator, linear_response, varying
 from .unknown import Unknown, bounds, finite_steps, parameter_values
 
 Array = np.ndarray
@@ -69,7 +69,7 @@ class Problem:
         """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
         s = self.simulator
         at = {name: float(value) for name, value in parameter_values(self.unknowns, s.network, x).items()}
-        H = response(s.network, s.names, s.T, s.K + NEIGHBOURS, at)
+        H = linear_response(s.network, s.names, s.T, s.K, at)
         felt = varying(self.beats, s.network, s.names, s.K, at)
         return replace(self, target=target(self.beats, s.names, H, error, felt))
 
@@ -108,6 +108,6 @@ def problem_of(
     meter: Meter,
 ) -> Problem:  # fmt: skip
     """The problem of a record; its beats are found by harmonic balance."""
-    simulator = Simulator(network, inflow(beats, settings.dt), beats.T, tuple(names), K, settings,
+    simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
                           tolerance=TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
     return Problem(beats, unknowns, simulator, meter)

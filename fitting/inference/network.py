@@ -18,7 +18,7 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.felt import Felt
-from ..records.inflow import inflow
+from ..records.inflow import flowed, inflow, undone
 from ..records.noise import (
     Target,
     degrees_of_freedom,
@@ -87,7 +87,7 @@ class NetworkProblem(Forward):
         return finer(self.network, term, sizes_of(fit, term))
 
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
-        drive = inflow(beats, self.simulator.settings.dt)
+        drive = inflow(beats, self.simulator.settings.dt, self.network)
         felt = varying(beats, self.network, self.signals, self.K)
         other = of_other_beats(self.exact or self.target, self.error, beats, fitted, felt)
         found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
@@ -105,18 +105,19 @@ class NetworkProblem(Forward):
         return leave_one_site_out(self.target, fit)
 
     def measured_wave(self, beats: Beats) -> Array:
-        """(N,) [m³/s] the mean inflow."""
-        return beats.mean(INFLOW)
+        """(N,) [m³/s] the mean inflow, before the meter's filter."""
+        return flowed(beats, self.network)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) [m³/s] the inflow given all channels: the measured one less E[q | x] = -S_q H† C⁻¹ x for the residual
         x = n - H q + e of a hypothesis, through its flow meter; as measured where that breaks down."""
-        Q, (X,) = beats.mean(INFLOW), self.observe([fit.member])
+        (X,) = self.observe([fit.member])
         if X is None:
-            return Q
+            return self.measured_wave(beats)
         gain, offset = meter(fit.member, self.K + 1, self.simulator.T)
         S = inflow_noise(beats, self.signals, self.response, self.felt)
-        full = np.fft.rfft(Q, norm="forward")
+        gain = gain * undone(self.network, INFLOW, self.simulator.drive)[: self.K + 1]
+        full = np.fft.rfft(beats.mean(INFLOW), norm="forward")
         weighted = np.einsum("kij,kj->ki", np.linalg.inv(self.target.covariance), self.target.X - X)
         full[: self.K + 1] += S * np.einsum("ki,ki->k", self.response.conj(), weighted)
         full[0] -= offset

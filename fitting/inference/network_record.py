@@ -44,7 +44,7 @@ def network_problem(
     chosen = tuple(names or (n for n in beats.values if n != INFLOW and n in known))
     K = harmonics_above_noise(beats, chosen, min(MAX_HARMONICS, (beats.N - 1) // 2))
     settings = Settings(dt=min(STEP_DT, beats.T / max(_FEWEST, 4 * K)), tolerance=3e-5)
-    drive = inflow(beats, settings.dt)
+    drive = inflow(beats, settings.dt, network)
     time = beats.T * np.arange(200) / 200.0
     start = float(time[np.argmin(np.abs(drive(time)))])
     simulator = Simulator(network, drive, beats.T, chosen, K, settings, start, resolved=_REPEATS * settings.tolerance,

@@ -22,7 +22,7 @@ from .fit import Member
 from .hierarchy import Linear
 from .network import NetworkProblem
 from .places import Place, places
-from .simulator import Forced, Runs
+from .simulator import Forced, Runs, filters
 from .source_evidence import PRICE, Law, Normal
 from .terms import Term, rewired
 from .unknown import Unknown, bounds, finite_steps, parameter_values, precisions
@@ -127,7 +127,7 @@ class PlaceModel:
         G = np.zeros((p.K + 1, len(p.signals), len(self.units)), complex)
         found = source_responses(network, p.signals, p.K, sources, self.units[physical], s.drive, s.T,
                                  parameters=at, settings=s.settings)  # fmt: skip
-        G[:, :, physical] = np.moveaxis(found, 0, -1)
+        G[:, :, physical] = np.moveaxis(found * filters(network, p.signals, s.T, p.K), 0, -1)
         for place in self.places:
             if place.channel is not None and not place.sources:
                 column = self.columns[place.key][0]

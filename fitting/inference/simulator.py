@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from solver import NonPhysicalState, NotPeriodic, Settings, beat_harmonics, repeating_beat
+from solver.catalogue import filtered
 from solver.errors import InputError
 from solver.network import Network
 from solver.sources import Source
@@ -17,7 +18,7 @@ from solver.units import INFLOW
 
 from ..records.beats import Beats
 from ..records.felt import Felt, felt
-from ..records.inflow import Inflow
+from ..records.inflow import Inflow, undoable
 from ..records.noise import NEIGHBOURS, response
 from ..workers import Workers
 
@@ -122,7 +123,8 @@ class Simulator:
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
         alike: bool = False,
     ) -> Array:  # fmt: skip
-        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps.
+        """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
+        through the filters that the network says its channels have.
 
         alike : all of a batch are found in the same way, so that their small differences are derivatives.
         Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline. Where some of a
@@ -132,17 +134,16 @@ class Simulator:
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
         X = self._balanced(network, parameters, runs, inflow, B)
         left = np.isnan(X).any(axis=(1, 2))
-        if self.forced is not None:
-            X = X + self.forced.signals
-        elif left.all() or (alike and left.any()):
+        if self.forced is None and (left.all() or (alike and left.any())):
             X = self._in_time(network, parameters, runs, inflow)
-        else:
+        elif self.forced is None:
             for i in np.flatnonzero(left):
                 one = {name: np.broadcast_to(value, B)[i : i + 1] for name, value in parameters.items()}
                 with suppress(NonPhysicalState, NotPeriodic):
                     X[i] = self._in_time(network, one, runs, inflow.members(slice(i, i + 1)))[0]
         runs.meter.add(B)
-        return X
+        X = X * filters(network, self.names, self.T, self.K)
+        return X if self.forced is None else X + self.forced.signals
 
     def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, B: int) -> Array:
         """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
@@ -181,15 +182,26 @@ def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
     return simulator, simulator.coefficients(simulator.network, {}, runs)[0]
 
 
+def filters(network: Network, names: Sequence[str], T: float, K: int) -> Array:
+    """H : (K+1, m) of the filters that a network says its channels have."""
+    return np.stack([filtered(network, name, _omega(T, K)) for name in names], axis=1)
+
+
+def _omega(T: float, K: int) -> Array:
+    return 2.0 * np.pi / T * np.arange(K + 1)
+
+
 def linear_response(network: Network, names: Sequence[str], T: float, K: int, parameters: Mapping[str, float]) -> Array:
-    """The linearised response (K + 1 + neighbours, m) to the inflow; where the linear solver lacks a term of a wall,
-    that of the walls without terms."""
+    """The linearised response (K + 1 + neighbours, m) to the inflow, both as their filters show them; where the linear
+    solver lacks a term of a wall, that of the walls without terms."""
+    K += NEIGHBOURS
+    shown = filters(network, names, T, K) / undoable(network, INFLOW, _omega(T, K))[:, None]
     try:
-        return response(network, names, T, K + NEIGHBOURS, parameters)
+        return shown * response(network, names, T, K, parameters)
     except InputError:
         plain = replace(network, segments=tuple(replace(s, terms={}) for s in network.segments))
         known = {n: v for n, v in parameters.items() if n in plain.parameters()}
-        return response(plain, names, T, K + NEIGHBOURS, known)
+        return shown * response(plain, names, T, K, known)
 
 
 def varying(

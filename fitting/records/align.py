@@ -56,7 +56,8 @@ def align(record: Record, period: float | None = None) -> Beats:
     else:
         T, values, shifts = whole.T, {name: whole.of(each) for name, each in channels.items()}, np.zeros(len(samples))
         whole = replace(whole, channels={name: without_gaps(each) for name, each in channels.items()})
-    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, whole, record.told, said)
+    beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, whole, record.told,
+                  (*record.said, *said))  # fmt: skip
     if beats.unsteadiness > _UNSTEADY:
         raise InputError(
             f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "

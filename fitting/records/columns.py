@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -15,6 +17,7 @@ from .sensors import KINDS, TIME, Kind
 from .tables.table import Column, Place, Table, refuse
 from .tables.titles import factor, is_time, name_and_unit
 
+_EXAMPLES = ("time [s]", "inlet.Q [mL/s]", "AA.P [mmHg]")
 CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 
 
@@ -22,16 +25,21 @@ CHANNELS = "<site>.P, <site>.Q, <site>.R or <site>.D (a diameter)"
 class Reading:
     """How a file is to be read. decimal : comma or point, by default found.
 
-    names : title of a column -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]"; "" leaves the column
-    out. If any is given, all columns that neither it nor the variables' names mention are left out.
+    names : title of a column, or its number from 1 -> variable, "AA.P" or with its unit "AA.P [mmHg]", or "time [s]";
+    "" leaves the column out. If any is given, all columns that neither it nor the variables' names mention are left
+    out. "Q.csv:2" is of the file of that name alone. beside : further files of the same recording.
     """
 
     decimal: str | None = None
     names: Mapping[str, str] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
 
     @staticmethod
-    def asked(pairs: Iterable[str] | None, decimal: str | None) -> Reading:
-        """Of the options ``--map TITLE=VARIABLE`` and ``--decimal``. Raises ValueError for a pair that is none."""
+    def asked(
+        pairs: Iterable[str] | None, decimal: str | None, beside: Iterable[str | os.PathLike[str]] | None = None
+    ) -> Reading:
+        """Of the options ``--map TITLE=VARIABLE``, ``--decimal`` and ``--with``. Raises ValueError for a pair that is
+        none."""
         names: dict[str, str] = {}
         for pair in pairs or ():
             title, equals, variable = (part.strip() for part in pair.rpartition("="))
@@ -40,7 +48,26 @@ class Reading:
             if title in names:
                 raise InputError(f'--map "{pair}": the column {title!r} is given twice; keep one.')
             names[title] = variable
-        return Reading(decimal, names)
+        return Reading(decimal, names, tuple(os.fspath(file) for file in beside or ()))
+
+    def each(self, tables: Sequence[Table]) -> list[Reading]:
+        """The reading of each file of a recording, whose names are of its columns alone.
+
+        Raises ValueError for a name that no file has.
+        """
+        files = [Path(table.place.source).name for table in tables]
+        if len(set(files)) < len(files):
+            raise InputError(
+                f"{tables[0].place}: files of one recording need names that differ, not {', '.join(files)}."
+            )
+        found: list[dict[str, str]] = [{} for _ in tables]
+        for title, variable in self.names.items():
+            of = [title.removeprefix(f"{file}:") for file in files]
+            there = [i for i, own in enumerate(of) if own != title] or range(len(tables))
+            there = [i for i in there if _columns(tables[i].columns, of[i])] or [there[0]]  # which refuses it
+            for i in there:
+                found[i][of[i]] = variable
+        return [replace(self, names=names) for names in found]
 
     @property
     def told(self) -> dict[str, Any]:
@@ -70,6 +97,8 @@ def choose(table: Table, reading: Reading) -> tuple[Chosen, list[Chosen]]:
     Raises ValueError, one sentence with the column and the option that helps.
     """
     place, columns = table.place, list(table.columns)
+    if not (table.titled or reading.names):
+        _ask_numbers(columns, place)
     targets = _targets(columns, reading, place)
     wanted = [(column, target) for column, target in zip(columns, targets, strict=True) if target is not None]
     times = [(column, target) for column, target in wanted if target[0] == "time"]
@@ -120,10 +149,9 @@ def _targets(
     """Variable and unit of each column, None where it is left out; strict: every name of the reading must be there."""
     given: dict[int, str] = {}
     for title, variable in reading.names.items():
-        there = [i for i, column in enumerate(columns) if column.title == title]
-        there = there or [i for i, column in enumerate(columns) if name_and_unit(column.title)[0] == title]
+        there = _columns(columns, title)
         if len(there) != 1 and strict:
-            what = "no column has this title" if not there else f"{len(there)} columns have this title"
+            what = "no column has this title or number" if not there else f"{len(there)} columns have this title"
             raise InputError(
                 f'{place}: --map "{title}={variable}": {what}; the columns are '
                 f"{', '.join(repr(column.title) for column in columns)}."
@@ -132,6 +160,14 @@ def _targets(
             given[i] = variable
     said = {name_and_unit(variable)[0] for variable in given.values()}
     return [_target(column, given.get(i), said, bool(reading.names)) for i, column in enumerate(columns)]
+
+
+def _columns(columns: Sequence[Column], title: str) -> list[int]:
+    """Columns of this title, with its unit or without, or else of this number, from 1."""
+    there = [i for i, column in enumerate(columns) if column.title == title]
+    there = there or [i for i, column in enumerate(columns) if name_and_unit(column.title)[0] == title]
+    by_number = not there and title.isdecimal() and 0 < int(title) <= len(columns)
+    return [int(title) - 1] if by_number else there
 
 
 def _target(column: Column, given: str | None, said: set[str], named: bool) -> tuple[str, str] | None:
@@ -217,6 +253,13 @@ def _ask(kind: Kind, name: str, title: str, place: Place) -> NoReturn:
     bare = re.sub(r"\s*\[\s*\]$", "", name)
     why = f'it has no unit; say which: --map "{title}={bare} [{kind.example}]", or write it behind the name in the file'
     refuse(place, None, title, why)
+
+
+def _ask_numbers(columns: Sequence[Column], place: Place) -> NoReturn:
+    """What the columns of a file without a header are."""
+    row = ", ".join(f"{column.values[0]:g}" for column in columns)
+    maps = " ".join(f'--map "{i}={each}"' for i, each in enumerate(_EXAMPLES[: len(columns)], start=1))
+    raise InputError(f"{place}: it has no header, and its first row is {row}; say which column is which: {maps}.")
 
 
 def _ask_time(columns: Sequence[Column], place: Place) -> NoReturn:

@@ -1,4 +1,10 @@
-"""The inflow that drives a simulation: what the flow meter shows, or what flowed if that is not quite true."""
+"""The inflow that drives a simulation: what the flow meter shows, or what flowed if that is not quite true.
+
+A filter H of the meter that the network's file knows is undone, Q = q/H, at the harmonics of which it leaves a tenth or
+more, and at those of q that stand above the scatter of beats; the others, which 1/H would make of noise, stay as they
+are shown. What the inflow may have there all the same is in the weights: the channels' response to the noise of the
+meter is divided by H, too.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver.catalogue import filtered
+from solver.network import Network
 from solver.units import INFLOW
 
 from .beats import Beats
@@ -14,6 +22,8 @@ from .spectral import coefficients
 Array = np.ndarray
 
 _ABOVE_NOISE = 3.0  # standard deviations of the mean beat's harmonic
+_SAFE = 0.1  # of a harmonic: to undo that makes ten times its noise, which the weights know
+_LEAST = 1e-4  # a filter that leaves less is not undone: any flow is then within the noise over H
 
 
 @dataclass(frozen=True)
@@ -52,13 +62,40 @@ class Inflow:
         return replace(self, X=(self.X - np.where(first, offset, 0.0)) / np.where(self.shown, H, 1.0))
 
 
-def inflow(beats: Beats, dt: float) -> Inflow:
-    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic."""
-    X = coefficients(beats.mean(INFLOW))
+def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str = INFLOW) -> Inflow:
+    """Q(t) [m³/s] of the mean beat by Fourier interpolation, with what steps of dt [s] can follow; periodic.
+
+    network : says what filter the channel has; None: it has none.
+    """
+    X = coefficients(beats.mean(channel))
     if beats.N % 2 == 0:
         X[-1] *= 0.5  # the Nyquist coefficient is its own conjugate
     shown = np.ones(len(X), bool)
     if beats.n_beats > 1:
-        shown[1:] = np.abs(X[1:]) > _ABOVE_NOISE * np.sqrt(beats.covariance((INFLOW,))[1:, 0, 0].real)
+        shown[1:] = np.abs(X[1:]) > _ABOVE_NOISE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
     kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
-    return Inflow(beats.T, X[:kept], shown[:kept])
+    found = Inflow(beats.T, X[:kept], shown[:kept])
+    return found if network is None else replace(found, X=found.X / undone(network, channel, found))
+
+
+def undoable(network: Network, channel: str, omega: Array) -> Array:
+    """The filter of a channel that can be divided by : (n,) at omega : (n,) [rad/s]."""
+    H = filtered(network, channel, omega)
+    return np.asarray(H / np.minimum(1.0, np.abs(H) / _LEAST))
+
+
+def undone(network: Network, channel: str, shown: Inflow) -> Array:
+    """The filter that is divided by : (n,), :func:`undoable` or 1.
+
+    What is shown is signal above 3 standard deviations of the mean of beats. Of beats that differ these are wide, and
+    all harmonics that the filter leaves a tenth of are taken for signal, too.
+    """
+    H = undoable(network, channel, shown.omega)
+    return np.asarray(np.where(shown.shown | (np.abs(H) >= _SAFE), H, 1.0))
+
+
+def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:
+    """(N,) what the mean beat of a channel was before its filter."""
+    if np.all(filtered(network, channel, np.array([beats.omega])) == 1.0):
+        return beats.mean(channel)
+    return inflow(beats, 0.5 * beats.T / beats.N, network, channel)(beats.time)

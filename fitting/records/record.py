@@ -1,4 +1,4 @@
-"""Record files: measured channels in one file, sampled uniformly. Units are read here, once; inside everything is SI.
+"""Record files: measured channels, sampled uniformly. Units are read here, once; inside everything is SI.
 
 ``tables`` reads the file, ``columns`` says which column is which variable: a time, and ``<site>.<P|Q|R|D> [unit]`` in
 the FMU's names; an empty cell or NaN is a gap. A diameter D is halved and becomes R. Channels that no fit can use
@@ -12,7 +12,7 @@ import io
 import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,18 +34,20 @@ from .sensors import (
 )
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
-from .time_axis import uniform
+from .time_axis import time_axis
+from .together import Part, together
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Record:
-    """One CSV file: ``time`` : (n,) [s], uniform; ``channels`` : name -> (n,) in SI, NaN in gaps.
+    """One recording: ``time`` : (n,) [s], uniform; ``channels`` : name -> (n,) in SI, NaN in gaps.
 
     path as given; sha256 of the file's bytes. Names end in .P [Pa], .Q [m³/s] or .R [m]. resting : flows that do not
     pulsate, such as that of a closed outlet, and their value; nothing can be fitted to them, so they are no channels.
-    told : what was said of the columns, as ``Reading.told``. scales : of each channel, SI over the unit that was read.
+    told : what was said of the columns, as ``Reading.told``, and what was done to the samples; said : that for people.
+    scales : of each channel, SI over the unit that was read.
     """
 
     path: str
@@ -55,6 +57,7 @@ class Record:
     resting: Mapping[str, float] = field(default_factory=dict)
     told: Mapping[str, Any] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
 
     @property
     def dt(self) -> float:
@@ -88,19 +91,42 @@ def require(available: Iterable[str], names: Iterable[str], source: str) -> None
 
 
 def read_record(path: str | os.PathLike[str], reading: Reading | None = None) -> Record:
-    """The record in a file; reading : which column is what, where their titles do not say it.
+    """The record in a file, and in those beside it; reading : which column is what, where their titles do not say it.
 
-    Raises ValueError, one sentence with file, line and column, if the file cannot be read, and UnusableRecord, which is
+    Raises ValueError, one sentence with file, line and column, if a file cannot be read, and UnusableRecord, which is
     one, if it can be and no fit can use what it holds.
     """
     reading = reading or Reading()
+    files = (path, *reading.beside)
     with ThreadPoolExecutor(1) as pool:
-        digest = pool.submit(_digest, path)  # of half a gigabyte it takes as long as the numbers: beside them
-        table = read_table(path, reading.decimal)
-        clock, chosen = choose(table, reading)
-        sha256 = digest.result()
+        digests = [
+            pool.submit(_digest, file) for file in files
+        ]  # of half a gigabyte as long as the numbers: beside them
+        tables = [read_table(file, reading.decimal) for file in files]
+        each = reading.each(tables) if reading.beside else [reading]
+        records = [_one(tables.pop(0), own, digest.result()) for own, digest in zip(each, digests, strict=True)]
+    first, *others = records
+    if not others:
+        return first
+    time, channels, said = together([Part(r.path, r.time, r.channels) for r in records])
+    told = {**reading.told, "with": {r.path: r.sha256 for r in others}}
+    sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
+    return replace(
+        first,
+        time=time,
+        channels=channels,
+        resting={name: value for r in records for name, value in r.resting.items()},
+        told=told | ({"sampling": sampling} if sampling else {}),
+        scales={name: scale for r in records for name, scale in r.scales.items()},
+        said=(*(text for r in records for text in r.said), said),
+    )
+
+
+def _one(table: Table, reading: Reading, sha256: str) -> Record:
+    """The record in one file."""
+    clock, chosen = choose(table, reading)
     place = table.place
-    time = uniform(clock.column.values, clock.factor, clock.column.title, place)
+    axis = time_axis(clock.column.values, clock.factor, clock.column.title, place)
     titles = {each.name: each.column.title for each in chosen}
     scales = {each.name: each.scale for each in chosen}
     channels: dict[str, Array] = {}
@@ -121,7 +147,8 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
             resting[name] = constant
         else:
             refuse_constant(name, constant, title, place)
-    return Record(str(path), sha256, time, channels, resting, reading.told, scales)
+    channels = {name: axis.of(values) for name, values in channels.items()}
+    return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, axis.said)
 
 
 def write_record(

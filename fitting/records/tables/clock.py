@@ -1,27 +1,41 @@
-"""Times as a clock shows them, 12:03:04.250, as seconds since midnight."""
+"""Times as a clock shows them, 12:03:04.250 or 2024-05-01T12:03:04.250, as seconds since midnight or since 1970."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from datetime import date
 
 import numpy as np
 
 from .table import Array
 
 _DAY = 86400.0  # s
-_PLAIN = r"\d{{1,2}}:[0-5]\d:[0-5]\d(?:[{}]\d+)?"  # hours, minutes and seconds; two of them may be either
-_CELL = re.compile(_PLAIN.format(".,"))
+_ISO = r"[12]\d{3}-(?:0[1-9]|1[0-2])-[0-3]\d"
+# of other dates the order of day and month differs between countries: times of day, which midnight adds a day to
+_DATE = rf"(?:{_ISO}|\d{{4}}/\d{{1,2}}/\d{{1,2}}|\d{{1,2}}[./-]\d{{1,2}}[./-]\d{{4}})"
+_ZONE = r"(?:Z|[+-]\d\d:?\d\d)?"  # left aside: it is the same throughout a record
+
+
+def _clock(marks: str) -> str:
+    """Hours, minutes and seconds, a date before them or none; two of the three numbers may be either."""
+    return rf"(?:{_DATE}[T ]+)?\d{{1,2}}:[0-5]\d:[0-5]\d(?:[{marks}]\d+)?{_ZONE}"
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a field is hours:minutes:seconds."""
-    return _CELL.fullmatch(cell.strip()) is not None
+    """Whether a field is hours:minutes:seconds, perhaps with a date before them."""
+    return re.fullmatch(_clock(".,"), cell.strip()) is not None
+
+
+def is_date(cell: str) -> bool:
+    """Whether a field is a date alone."""
+    return re.fullmatch(_DATE, cell.strip()) is not None
 
 
 def in_seconds(lines: Iterable[str], separator: str, mark: str) -> list[str]:
-    """Lines with such fields as seconds, digit for digit; what separates fields does not separate their decimals."""
-    field = re.compile(rf"(?<![\d:]){_PLAIN.format('.' if separator == ',' else '.,')}(?![\d:])")
+    """Lines with such fields as seconds, digit for digit, and without dates that stand alone; what separates fields
+    does not separate their decimals."""
+    field = re.compile(rf"(?<![\d:]){_clock('.' if separator == ',' else '.,')}(?![\d:])|(?<![\d.]){_DATE}(?![\d.:])")
     return [field.sub(lambda found: _seconds(found[0], mark), line) if ":" in line else line for line in lines]
 
 
@@ -32,6 +46,13 @@ def past_midnight(seconds: Array) -> Array:
 
 
 def _seconds(text: str, mark: str) -> str:
-    hours, minutes, rest = text.replace(",", ".").split(":")
+    if ":" not in text:
+        return ""
+    day, _, clock = re.sub(rf"{_ZONE}$", "", text).replace("T", " ").rpartition(" ")
+    hours, minutes, rest = clock.replace(",", ".").split(":")
     whole, point, decimals = rest.partition(".")
-    return f"{3600 * int(hours) + 60 * int(minutes) + int(whole)}{mark if point else ''}{decimals}"
+    seconds = 3600 * int(hours) + 60 * int(minutes) + int(whole)
+    if re.fullmatch(_ISO, day.strip()):
+        year, month, number = map(int, day.split("-"))
+        seconds += 86400 * (date(year, month, 1).toordinal() + number - 1 - date(1970, 1, 1).toordinal())
+    return f"{seconds}{mark if point else ''}{decimals}"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from solver.errors import InputError
 
-from .clock import is_clock
+from .clock import is_clock, is_date
 from .numbers import COMMENT
 from .titles import is_time, is_unit, name_and_unit
 
@@ -31,6 +31,7 @@ _GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:\{}\d{{3}})+"  # may be thousands
 class Layout:
     """titles and units of the columns, "" where the title has the unit; header and first : lines of both, from 1.
 
+    Without a header, its line is 0 and the titles are the columns' numbers, from 1.
     clocks : whether each column is a time as clocks show it.
     """
 
@@ -45,9 +46,8 @@ class Layout:
 
     def __str__(self) -> str:
         mark = {",": "comma", ".": "point"}[self.mark]
-        return (
-            f"{_SEPARATORS.get(self.separator, 'spaces')} between fields, decimal {mark}, header in line {self.header}"
-        )
+        header = f"header in line {self.header}" if self.header else "no header"
+        return f"{_SEPARATORS.get(self.separator, 'spaces')} between fields, decimal {mark}, {header}"
 
 
 def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
@@ -62,7 +62,8 @@ def layout(lines: Sequence[str], source: str, decimal: str | None) -> Layout:
     width = len(_fields(lines[start], separator)) if start < len(lines) else None
     rows = [_fields(line, separator, width) for line in lines]
     header = _header(rows, start, lines)
-    titles = _titles(lines[header], separator, source, header, width)
+    untitled = [str(i + 1) for i in range(width or 0)]
+    titles = untitled if header < 0 else _titles(lines[header], separator, source, header, width)
     if chart := labchart(rows[:start]):
         header = next(i for i, row in enumerate(rows) if row and row[0].strip() == "ChannelTitle=")
         titles, units = chart
@@ -125,13 +126,17 @@ def _is_sample(line: str, separator: str) -> bool:
         return False
     cells = [cell.strip() for cell in _fields(line.partition("#")[0], separator)]
     there = [cell for cell in cells if cell]
-    return len(there) > 1 and bool(cells[0]) and all(_NUMBER.fullmatch(cell) or is_clock(cell) for cell in cells)
+    return (
+        len(there) > 1
+        and bool(cells[0])
+        and all(_NUMBER.fullmatch(cell) or is_clock(cell) or is_date(cell) for cell in cells)
+    )
 
 
 def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> int:
     """The line of the titles, from 0: the last before the numbers that names a time, else the last with as many fields.
 
-    A line of units below it is none.
+    A line of units below it is none. -1: there are numbers, and nothing above that could be titles.
     """
     above = [i for i in range(min(start, len(rows))) if len(rows[i]) > 1]
     if start < len(rows):
@@ -143,7 +148,7 @@ def _header(rows: Sequence[Sequence[str]], start: int, lines: Sequence[str]) -> 
     plain = [i for i in named if not lines[i].startswith(COMMENT)]
     if plain or named:
         return (plain or named)[-1]
-    return next(i for i, line in enumerate(lines) if line.strip())
+    return -1 if start < len(rows) else next(i for i, line in enumerate(lines) if line.strip())
 
 
 def _titles(line: str, separator: str, source: str, at: int, width: int | None) -> list[str]:
@@ -155,11 +160,6 @@ def _titles(line: str, separator: str, source: str, at: int, width: int | None) 
         raise InputError(
             f"{source}: line {at + 1}: not a CSV header ({error}); write time [s],AA.P [mmHg], ..."
         ) from None
-    if _is_sample(line, separator):
-        raise InputError(
-            f"{source}: line {at + 1}: numbers where the columns should be named; put a line above them, such as "
-            "time [s],AA.P [mmHg]."
-        )
     return [title.strip() for title in found]
 
 
@@ -177,7 +177,7 @@ def _beside(row: Sequence[str], line: str) -> bool:
 
 def _mark(rows: Sequence[Sequence[str]], separator: str, source: str, first: int) -> str:
     """The decimal mark of the numbers; raises ValueError where it may as well group thousands."""
-    cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip())]
+    cells = [cell.strip() for row in rows for cell in row if _NUMBER.fullmatch(cell.strip()) and not is_date(cell)]
     commas = [cell for cell in cells if "," in cell and "." not in cell]
     points = [cell for cell in cells if "." in cell and "," not in cell]
     if separator == "," and not commas:

@@ -50,11 +50,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """The columns of a file, in its order; found : how the file was understood, for people."""
+    """The columns of a file, in its order; found : how the file was understood, for people.
+
+    titled : whether the file names its columns; else their titles are their numbers, from 1.
+    """
 
     place: Place
     columns: Sequence[Column]
     found: str = ""
+    titled: bool = True
 
 
 def said(place: Place, sample: int | None, title: str, reason: str) -> str:

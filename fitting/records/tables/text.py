@@ -33,19 +33,20 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
             f"{source}: line {form.header}: there is no channel beside the time; add one, such as 'AA.P [mmHg]'."
         )
     numbers = None
-    plain = (form.header, form.first) == (1, 2) and encoding.startswith("utf-8") and not _to_prepare(form)
+    plain = form.header == form.first - 1 < 2 and encoding.startswith("utf-8") and not _to_prepare(form)
     lines: list[str] = []
     if plain and form.mark == ".":
-        numbers = quickly(path, 1, len(titles), form.separator, form.mark)
+        numbers = quickly(path, form.header, len(titles), form.separator, form.mark)
     if numbers is None:
         lines = _prepared(_lines(path.read_bytes().decode(encoding, "replace")), form)
         data = "\n".join(lines[form.first - 1 :]).rstrip("\n").encode() + b"\n"
         if not plain or form.mark != ".":
             numbers = quickly(data, 0, len(titles), form.separator, form.mark)
-    place = Place(source, form.header, range(form.first, _ENDLESS))
+    header = form.header or None
+    place = Place(source, header, range(form.first, _ENDLESS))
     if numbers is None:
         numbers, where = slowly(lines, place, titles, form.separator, form.mark, form.grouped)
-        place = Place(source, form.header, where)
+        place = Place(source, header, where)
     columns = [
         Column(title or f"column {i}", past_midnight(values) if clock else values, unit, clock=clock)
         for i, (title, values, unit, clock) in enumerate(
@@ -53,7 +54,7 @@ def read_text_table(path: Path, decimal: str | None) -> Table:
         )
         if title or not np.isnan(values).all()  # a separator at the end of every line makes a column of nothing
     ]
-    return Table(place, columns, str(form))
+    return Table(place, columns, str(form), header is not None)
 
 
 def _to_prepare(form: Layout) -> bool:
