@@ -40,7 +40,7 @@ def met_only_with(odd: Mapping[str, float]) -> str:
 
 
 def _borne_out(study: Study, naming: Naming, before: Run, after: Run | None) -> Naming:
-    """The naming, if the runs bear it out."""
+    """The naming, if the runs bear it out: the gap falls by more than chance, and of a part by most of it."""
     if naming.verdict not in (*ADDED, "unknown"):
         return naming
     left = before.gap.total[1]
@@ -51,13 +51,14 @@ def _borne_out(study: Study, naming: Naming, before: Run, after: Run | None) -> 
     if after is None:
         return naming
     fallen, sd = fall(study, before, after)
-    if fallen > at.FALL * sd:
-        return naming
-    reason = (
-        f"{naming.best.label} comes nearest, but with it the gap of the FMU to held-out beats "
-        f"{change(before.gap, after.gap)} times the noise (chi2 falls by {fallen:.3g} ± {sd:.2g}), no more than chance"
-    )
-    return _without(naming, "unknown", reason)
+    nearest = f"{naming.best.label} comes nearest, but with it the gap of the FMU to held-out beats"
+    falls = f"{nearest} {change(before.gap, after.gap)} times the noise"
+    if fallen <= at.FALL * sd:
+        reason = f"{falls} (chi2 falls by {fallen:.3g} ± {sd:.2g}), no more than chance"
+        return _without(naming, "unknown", reason)
+    if naming.verdict == "partial" and after.gap.total[1] > (1.0 - at.PART_CLOSED) * left:
+        return _without(naming, "unknown", f"{falls}: most of it remains")
+    return naming
 
 
 def change(before: Gap, after: Gap) -> str:

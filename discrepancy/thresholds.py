@@ -32,7 +32,8 @@ RELIABILITY = {"bench": (2.5, 0.23, 0.96), "network": (4.5, 0.0, 1.0), "partial"
 FIRST = 6.0  # price of a first effect: -2 ln of its odds beforehand, beside those of its name and place
 SECOND = 10.0  # price of a second effect
 ELSE = 8.0  # price of an error of the model: something that is not in the catalogue
-PART_CLOSED = 0.5  # of the gap to the fitted beats that an effect must close to be named where more than noise remains
+# of the gap that an effect must close to be named where more than noise remains: in the fit, and to held-out beats
+PART_CLOSED = 0.5
 INCOMPLETE = 0.5  # confidence where not all could be compared, at most
 CLASS_ODDS = 100.0  # candidates, and places of the map, whose odds against the best are worse than this are ruled out
 RULED_OUT = 2.0 * math.log(CLASS_ODDS)  # of -2 ln evidence

@@ -65,6 +65,16 @@ def test_the_fall_is_that_of_the_gaps() -> None:
     assert fall(s, before, after)[0] == pytest.approx(expected, rel=1e-9)
 
 
+def test_a_part_that_leaves_most_of_the_gap_is_no_name() -> None:
+    """A partial answer whose gap to held-out beats falls to 0.9 of itself is unknown, with the numbers; one whose gap
+    falls to 0.3 stands."""
+    s = study()
+    before = stiffer(s, 1.0)
+    kept = confirmed(s, named("partial"), before, stiffer(s, 0.9))
+    assert kept.verdict == "unknown" and kept.reason is not None and "most of it remains" in kept.reason
+    assert confirmed(s, named("partial"), before, stiffer(s, 0.3)).verdict == "partial"
+
+
 def test_how_often_a_fall_is_chance() -> None:
     """Two models as far from the truth on either side: χ² falls by nothing on average.
 

@@ -127,7 +127,7 @@ class Linear:
         # -2 ln of the priors 1/(2 |x| (1 + x²) ln range) of effects, less ln 2π of each; |x| not below its sd
         x, sd = -left[:, ends, 0], np.sqrt(left[:, ends, 1 + np.arange(len(ends))])
         size = np.maximum(np.abs(x), sd) / _share(x, sd, self.low[ends], self.high[ends])
-        sizes = 2.0 * np.log(self.signs[ends] * size * (1.0 + x**2) * LOG_RANGE).sum(axis=1)
+        sizes = 2.0 * np.log(self.signs[ends] * size * (1.0 + x**2 + sd**2) * LOG_RANGE).sum(axis=1)
         return np.asarray(value + sizes - len(ends) * math.log(2.0 * math.pi))
 
     def inferred(self) -> Widths:
