@@ -70,8 +70,9 @@ def test_size_of_an_effect_is_integrated_over_its_logarithm(size: float) -> None
 
 @pytest.mark.parametrize("d", [4.0, 1.0, 0.1, -0.1, -1.0, -4.0])
 def test_a_size_of_one_sign_is_integrated_over_its_range(d: float) -> None:
-    """x >= 0 where the data ask for d standard deviations: ∫ N(z) dx/(max(x, sd) (1 + x²) ln 1000) over the range, to 0.3
-    in ln (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, and 2.4 at -4."""
+    """x >= 0 where the data ask for d standard deviations: ∫ N(z) dx/(max(x, sd) (1 + x²) ln 1000) over the range, to
+    0.3 in ln (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, and 2.4
+    at -4."""
     size = replace(unknown("size", of_size=True), low=0.0)
     J, y = np.array([[50.0]]), np.array([-d])
     x = max(d, 0.0) / 50.0
