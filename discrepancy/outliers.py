@@ -27,6 +27,7 @@ Array = np.ndarray
 _MOST = 3  # one number in so many of a kind may stand out
 _FEWEST = 3  # others that tell a spread
 _TRIED = 3  # effects in place of each
+_SAME = 0.01  # of what a number does, that an effect of that number may not do: derivatives are good to 1e-3
 
 
 def standing_out(unknowns: Sequence[Unknown], x: Array) -> dict[str, float]:
@@ -62,25 +63,35 @@ def implausible(fit: Fit) -> dict[str, float]:
 
 def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     """Where the animal without effect is the best, with what stands out in it held, and then with the effects that do
-    most nearly what those numbers do."""
+    most nearly what those numbers do. A number that is none of any effect's stays as it is: no effect is that animal
+    by another name."""
     none = found.best.fit
     limits = {} if none.terms else standing_out(none.unknowns, none.x)
+    if not limits:
+        return
+    odd = _odd(none, limits)
+    asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
+    columns = found.problem.columns(none, asked, runs)
+    instead = {i: _instead(none, i, asked, columns) for i in odd}
+    limits = {name: x for i, (name, x) in _named(none, limits).items() if instead[i] and instead[i][0][0] < _SAME}
     if not limits:
         return
     kinds = {u.group: limits[u.name] for u in none.unknowns if u.name in limits}
     held = _held(none, kinds)
     kept = [n.fit for n in found.every if not (n.individual and _beyond(n.fit, kinds))]
     yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
-    odd = _odd(none, limits)
-    asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
-    columns = found.problem.columns(none, asked, runs)
-    instead = [_instead(none, i, asked, columns) for i in odd]
-    hypotheses = [[one] for some in instead for one in some]
-    if len(instead) > 1 and all(instead[:2]):
-        hypotheses.append([instead[0][0], instead[1][0]])
+    effects = [[each for _, each in instead[i][:_TRIED]] for i in odd if none.unknowns[i].group in kinds]
+    hypotheses = [[one] for some in effects for one in some]
+    if len(effects) > 1 and all(effects[:2]):
+        hypotheses.append([effects[0][0], effects[1][0]])
     base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
     new = [settled(held) if base is None else base, *(f for f in fits if f is not None)]
     yield Compared.of(found.problem, [*kept, *new], found.columns, found.terms)
+
+
+def _named(none: Fit, limits: Mapping[str, float]) -> dict[int, tuple[str, float]]:
+    """The numbers that stand out, with their limits, by the index of their unknown."""
+    return {i: (u.name, limits[u.name]) for i, u in enumerate(none.unknowns) if u.name in limits}
 
 
 def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
@@ -115,8 +126,9 @@ def animal_without(problem: Forward, fit: Fit, none: Fit) -> Fit | None:
 Instead = tuple[Term, int, Array]  # an effect, the number that it stands for, and where its search begins
 
 
-def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[Instead]:
-    """The effects that do most nearly what the unknown i does, each as large as that is."""
+def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[tuple[float, Instead]]:
+    """The effects that do most nearly what the unknown i does, each as large as that is, with the part of it that they
+    do not do; nearest first."""
     found = []
     moved = none.J[:, i] * none.x[i]
     for t in terms:
@@ -124,9 +136,9 @@ def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Arr
             t.unknowns
         ):
             x = np.linalg.lstsq(columns[t.label], moved, rcond=None)[0]
-            left = float(np.linalg.norm(moved - columns[t.label] @ x))
+            left = float(np.linalg.norm(moved - columns[t.label] @ x) / np.linalg.norm(moved))
             found.append((left, (t, i, np.clip(x, *bounds(t.unknowns)))))
-    return [each for _, each in sorted(found, key=lambda f: f[0])[:_TRIED]]
+    return sorted(found, key=lambda f: f[0])
 
 
 def _with(held: Fit, effects: Sequence[Instead]) -> list[Fit]:

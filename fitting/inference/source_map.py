@@ -171,7 +171,19 @@ class _Search:
                         point = self.advanced(point, error, False)
                 point = self.settled(point, error)
             point = self.settled(self.advanced(point, 0.0, True), 0.0)
-            point = self.pruned(point)
+            point = self.pruned(self.improved(point))
+        return point
+
+    def improved(self, point: Point) -> Point:
+        """With moves that are worth it only now that θ has settled, while each makes the record more probable."""
+        for _ in range(MOST):
+            moved = self.moved(point, 0.0)
+            if moved is None:
+                break
+            there = self.settled(self.advanced(moved, 0.0, True), 0.0)
+            if there.score > point.score - SETTLED:
+                break
+            point = there
         return point
 
     def settled(self, point: Point, error: float) -> Point:
