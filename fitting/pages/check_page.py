@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
-from solver.legible import DASH, interval, number, rounded, shown_in, signed
+from solver.legible import DASH, NOT_DETERMINED, endless, interval, number, rounded, shown_in, signed
 from solver.notebook.style import STYLE
 from solver.units import of_signal, readable
 from solver.writing import write_folder
@@ -97,6 +97,8 @@ def _loop_row(loop: LoopArea) -> dict[str, str]:
 def _value_row(name: str, value: Mapping[str, Any]) -> dict[str, str]:
     """A value of the parameter set, with its interval if it has one."""
     unit, factor = shown_in(quantity_of(name))
+    if endless(value["value"], value["ci95"]):
+        return {"name": name, "value": number(factor * value["value"]), "interval": NOT_DETERMINED, "unit": unit}
     low, high = (factor * end for end in value["ci95"] or (value["value"],) * 2)
     ends = interval(low, high) if value["ci95"] else DASH
     return {"name": name, "value": rounded(factor * value["value"], 0.5 * (high - low)), "interval": ends, "unit": unit}
