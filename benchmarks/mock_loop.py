@@ -1,15 +1,15 @@
 """How far one tube with a Windkessel goes on a real mock circulation: the tables of docs/real-recordings.md.
 
-    python benchmarks/mock_loop.py FOLDER [--fit 2,10,20] [--judge 6,14,18] [--json FILE]
+    python benchmarks/mock_loop.py FOLDER [--network FILE --free NUMBER …] [--fit 2,10,20] [--judge 6,14,18]
 
 FOLDER holds files of the "Mock Circulatory Loop Generated Database for Dynamic Characterization of Pressure-based
 Cardiac Output Monitoring Systems" (U.S. Food and Drug Administration, 2024, RST24CV01.01; CC0 1.0), as they are: time
 [s], flow [mL/s], central and peripheral pressure [mmHg], without a header, named ``NV_step10_COresolution.csv``. Three
 of them, 10 s long, are in examples/data/mock-loop.
 
-Every file is read and cut into beats, gets a first model, and that is calibrated. Then each calibration of a step of
-``--fit`` drives the network of that step with the flow of every step of ``--judge``, with no number changed. RMS is over
-the mean beat, model less measured; pulsation: the same without the means. Nothing is asserted.
+Every file is read and cut into beats, gets a first model, and that is calibrated (--network, --free: another one). Then
+each calibration of a step of ``--fit`` is driven by the flow of every step of ``--judge``, with no number changed. RMS
+is over the mean beat, model less measured; pulsation: the same without the means. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from fitting.records.filters import with_filters
 from fitting.records.inflow import inflow
 from fitting.records.record import read_record
 from solver import Settings
-from solver.files import write_whole
+from solver.files import read_network, write_whole
 from solver.legible import number
 from solver.network import Network
 from solver.units import MMHG
@@ -114,22 +114,24 @@ def left(beats: Beats, network: Network) -> tuple[Pair, Pair, Pair]:
     return rms, pulsation, mean
 
 
-def measured(path: Path) -> tuple[Row, Beats, Network]:
-    """A file, its beats, and the network calibrated with it."""
+def measured(path: Path, given: Network | None, free: Sequence[str]) -> tuple[Row, Beats, Network]:
+    """A file, its beats, and its first model, or the network that is given, calibrated with it."""
     clock = Clock()
     beats = align(read_record(path, Reading(names=COLUMNS)))
     read = clock.lap()
-    network = with_filters(first_model(beats).network, FILTERS)
+    network = with_filters(given or first_model(beats).network, FILTERS)
     first = clock.lap()
     first_rms = left(beats, network)[0]
     clock.lap()
-    result: Calibration = calibrate(beats, network, FREE)
+    result: Calibration = calibrate(beats, network, free)
     calibrated = clock.lap()
     found = result.parameter_set().apply(network)
     rms, pulsation, _ = left(beats, found)
-    p, q = (float(beats.scatter(name).mean() / np.sqrt(beats.n_beats) / MMHG) for name in CHANNELS)
-    row = Row(path.stem, beats.n_beats, beats.T, read, first, first_rms, calibrated, result.converged,
-              dict(result.values), tuple(sorted(result.undetermined)), result.chi2 / result.dof, rms, pulsation, (p, q))  # fmt: skip
+    scatter = [float(beats.scatter(name).mean() / np.sqrt(beats.n_beats) / MMHG) for name in CHANNELS]
+    row = Row(
+        path.stem, beats.n_beats, beats.T, read, first, first_rms, calibrated, result.converged, dict(result.values),
+        tuple(sorted(result.undetermined)), result.chi2 / result.dof, rms, pulsation, (scatter[0], scatter[1]),
+    )  # fmt: skip
     return row, beats, found
 
 
@@ -146,8 +148,8 @@ def both(pair: Pair) -> str:
 def show(rows: Sequence[Row], judged: Sequence[Judged], console: Console) -> None:
     """Both tables."""
     table = Table(title=f"rms of {' / '.join(CHANNELS)} in mmHg; CPU seconds")
-    for column in ("file", "beats", "read, s", "first, s", "rms of first", "calibrated, s", "χ²/dof", "rms", "pulsation",
-                   "of the mean beat", "not determined"):  # fmt: skip
+    for column in ("file", "beats", "read, s", "first, s", "rms of first", "calibrated, s", "χ²/dof", "rms",
+                   "pulsation", "of the mean beat", "not determined"):  # fmt: skip
         table.add_column(column, justify="left" if column == "file" else "right")
     for r in rows:
         table.add_row(
@@ -166,6 +168,8 @@ def show(rows: Sequence[Row], judged: Sequence[Judged], console: Console) -> Non
 
 def main(
     folder: Annotated[Path, typer.Argument(help="Folder of the CSV files.")],
+    network: Annotated[Path | None, typer.Option(help="Network file in place of first models.")] = None,
+    free: Annotated[list[str] | None, typer.Option(help="What is calibrated, as for arterial-fmu calibrate.")] = None,
     fit: Annotated[str, typer.Option(help="Normovolemic steps whose calibrations are judged.")] = "2,10,20",
     judge: Annotated[str, typer.Option(help="Normovolemic steps that they are judged on.")] = "6,14,18",
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
@@ -175,7 +179,8 @@ def main(
     if not paths:
         typer.echo(f"{folder}: no CSV file; the docstring of this script says which database it is for.", err=True)
         raise typer.Exit(2)
-    found = [measured(path) for path in paths]
+    given = None if network is None else read_network(network)
+    found = [measured(path, given, free or FREE) for path in paths]
     steady = {step(path): each for path, each in zip(paths, found, strict=True)
               if path.stem.startswith("NV_") and "SVV" not in path.stem}  # fmt: skip
     pairs = [(steady[int(a)], steady[int(b)]) for a in fit.split(",") for b in judge.split(",")
