@@ -66,8 +66,9 @@ class Calibration:
     values, ci95 : SI, by FMU variable name. shrinkage : posterior over prior standard deviation, None without a prior.
     chi2, dof : of the data; where chi2/dof > 1 the data's covariance is multiplied by it. channels : whitened RMS per
     channel (1 = noise); rms : the same over the beat [SI]. singular_values : of the whitened Jacobian in prior units,
-    largest first, 0 where its own error is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
-    or not explained, one sentence each. history : cost after each iteration of both searches. harmonics : K.
+    largest first, 0 where its own error is as large; directions : its right singular vectors, (p, p), by row. report :
+    what is not determined, at a bound, or not explained, one sentence each. history : cost after each iteration of both
+    searches. harmonics : K.
     simulations : parameter sets that were simulated. others : the network's parameters that did not move [SI].
     beats : in the record; intervals are Student's t with 4 (beats - 1) degrees of freedom, what is known of the noise.
     """

@@ -60,7 +60,7 @@ class Sensor(Effect):
         """
         return 0.0
 
-    def delay(self, values: Values) -> float | None:
+    def delay(self, values: Mapping[str, float]) -> float | None:
         """By how much [s] the channel is late, of a sensor that does nothing else; ``values`` as the catalogue's."""
         return None
 
@@ -97,8 +97,8 @@ class ChannelLag(Sensor):
         found = super().coordinates(network, place, bench)
         return tuple(replace(c, low=0.0) for c in found) if bench else found
 
-    def delay(self, values: Values) -> float | None:
-        return float(values["lag"])
+    def delay(self, values: Mapping[str, float]) -> float | None:
+        return values["lag"]
 
     def transfer(self, values: Values, omega: Array) -> Array:
         return np.exp(-1j * omega * values["lag"])
