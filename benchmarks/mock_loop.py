@@ -9,7 +9,8 @@ of them, 10 s long, are in examples/data/mock-loop.
 
 Every file is read and cut into beats, gets a first model, and that is calibrated (--network, --free: another one). Then
 each calibration of a step of ``--fit`` is driven by the flow of every step of ``--judge``, with no number changed. RMS
-is over the mean beat, model less measured; pulsation: the same without the means. Nothing is asserted.
+is over the mean beat, model less measured; pulsation: the same without the means. Beside it stands what no model is
+needed for, the ratios P/Q of the harmonics 1 to 16 of the fitted step times the flow of the other. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -46,12 +47,13 @@ from solver import Settings
 from solver.files import read_network, write_whole
 from solver.legible import number
 from solver.network import Network
-from solver.units import MMHG
+from solver.units import INFLOW, MMHG
 
 COLUMNS = {"1": "time [s]", "2": "inlet.Q [mL/s]", "3": "Ao.P [mmHg]", "4": "Pe.P [mmHg]"}
 FILTERS = ("inlet.Q=lowpass 10 Hz", "Ao.P=lowpass 55 Hz", "Pe.P=lowpass 55 Hz")  # as the database says
 CHANNELS = ("Ao.P", "Pe.P")
 FREE = ("all.E:1", "all.L:1", "all.R0:1", "all.outlet.C:1", "all.outlet.R1:1", "all.outlet.R2:1")
+RATIOS = 16  # harmonics that ratios of P and Q are taken of
 K = 30  # harmonics that are compared: a beat of 0.8 s, up to 37 Hz
 
 Pair = tuple[float, float]  # of CHANNELS
@@ -79,13 +81,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Judged:
-    """A calibration under the flow of another file: rms and pulsation [mmHg], error of the mean [mmHg]."""
+    """A calibration under the flow of another file [mmHg]: rms, pulsation, error of the mean, and the pulsation that is
+    left by the ratios of the harmonics."""
 
     fitted: str
     file: str
     rms: Pair
     pulsation: Pair
     mean: Pair
+    ratios: Pair
 
 
 @dataclass
@@ -112,6 +116,16 @@ def left(beats: Beats, network: Network) -> tuple[Pair, Pair, Pair]:
         found.append((np.sqrt(np.mean(difference**2)), np.std(difference), np.mean(difference)))
     rms, pulsation, mean = ((float(a), float(b)) for a, b in zip(*found, strict=True))
     return rms, pulsation, mean
+
+
+def by_ratios(fitted: Beats, judged: Beats) -> Pair:
+    """Pulsation [mmHg] that is left where the harmonics of P are those of Q times their ratio in another record."""
+    k = np.arange(1, RATIOS + 1)
+    found = []
+    for name in CHANNELS:
+        (Q, P), (q, p) = ([np.fft.rfft(b.mean(n), norm="forward")[k] for n in (INFLOW, name)] for b in (fitted, judged))
+        found.append(float(np.sqrt(2.0 * (np.abs(P / Q * q - p) ** 2).sum())) / MMHG)
+    return found[0], found[1]
 
 
 def measured(path: Path, given: Network | None, free: Sequence[str]) -> tuple[Row, Beats, Network]:
@@ -159,10 +173,10 @@ def show(rows: Sequence[Row], judged: Sequence[Judged], console: Console) -> Non
         )  # fmt: skip
     console.print(table)
     table = Table(title="fitted to one step, judged on another: mmHg")
-    for column in ("fitted", "judged on", "rms", "pulsation", "error of the mean"):
+    for column in ("fitted", "judged on", "rms", "pulsation", "by ratios P/Q", "error of the mean"):
         table.add_column(column, justify="right")
     for j in judged:
-        table.add_row(j.fitted, j.file, both(j.rms), both(j.pulsation), both(j.mean))
+        table.add_row(j.fitted, j.file, both(j.rms), both(j.pulsation), both(j.ratios), both(j.mean))
     console.print(table)
 
 
@@ -185,7 +199,7 @@ def main(
               if path.stem.startswith("NV_") and "SVV" not in path.stem}  # fmt: skip
     pairs = [(steady[int(a)], steady[int(b)]) for a in fit.split(",") for b in judge.split(",")
              if int(a) in steady and int(b) in steady]  # fmt: skip
-    judged = [Judged(a[0].file, b[0].file, *left(b[1], a[2])) for a, b in pairs]
+    judged = [Judged(a[0].file, b[0].file, *left(b[1], a[2]), by_ratios(a[1], b[1])) for a, b in pairs]
     rows = [row for row, _, _ in found]
     show(rows, judged, Console(width=190))
     if json_file is not None:

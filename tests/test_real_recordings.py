@@ -94,5 +94,6 @@ def test_sizes_of_channels() -> None:
     """By the unit of the channel, to two digits; the loudest four of many."""
     assert sizes({"Ao.P": 173.3, "CA.Q": 2.13e-6}) == "1.3 mmHg of Ao.P, 2.1 mL/s of CA.Q"
     assert changes({"Ao.P": 173.3}, {"Ao.P": 66.7}) == "Ao.P from 1.3 to 0.5 mmHg"
+    assert changes({"Ao.P": 173.3}, {"Ao.P": 173.2}) == "Ao.P still 1.3 mmHg"
     many = {f"S{i}.P": 133.322 for i in range(6)}
     assert sizes(many, {name: float(i) for i, name in enumerate(many)}).endswith("1 mmHg of S5.P and 2 more")

@@ -17,11 +17,12 @@ def sizes(rms: Mapping[str, float], loud: Mapping[str, float] | None = None) -> 
 
 
 def changes(before: Mapping[str, float], after: Mapping[str, float], loud: Mapping[str, float] | None = None) -> str:
-    """ "Ao.P from 1.3 to 0.9 mmHg, Pe.P from 2.1 to 1.2 mmHg"."""
-    shown = [
-        f"{name} from {size_text(name, before[name], unit=False)} to {size_text(name, after[name])}"
-        for name in loudest(before, loud)
-    ]
+    """ "Ao.P from 1.3 to 0.9 mmHg, Pe.P still 2.1 mmHg"."""
+    shown = []
+    for name in loudest(before, loud):
+        first, last = size_text(name, before[name]), size_text(name, after[name])
+        number_alone = size_text(name, before[name], unit=False)
+        shown.append(f"{name} still {last}" if first == last else f"{name} from {number_alone} to {last}")
     return ", ".join(shown) + (f" and {rest} more" if (rest := len(before) - len(shown)) else "")
 
 
