@@ -26,7 +26,7 @@ from solver.balance import NoSteadyState
 from solver.errors import InputError
 from solver.legible import endless
 from solver.network import Network
-from solver.units import INFLOW
+from solver.units import INFLOW, SIGNAL_UNITS
 
 from .inference.asked import parse_unknowns
 from .inference.calibration import DERIVATIVE_ERROR, Problem, problem_of
@@ -143,7 +143,7 @@ class Calibration:
             "covariance": self.covariance.tolist(),
             "chi2_over_dof": self.chi2 / self.dof,
             "channels": dict(self.channels),
-            "rms": dict(self.rms),
+            "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
             "undetermined": sorted(self.undetermined),
             "report": list(self.report),
             "software": software(),

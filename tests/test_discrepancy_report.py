@@ -553,7 +553,7 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     content = json.loads(json.dumps(verdict_json(outcome), allow_nan=False))
     assert content["gap"]["after"] == {"fit": 1.0, "held_out": None}
     said = content["gap"]["channels"]["AA.P"]
-    assert (said["before"], said["after"], said["rms_before"], said["unit"]) == (None, 1.04, None, "Pa")
+    assert (said["before"], said["after"], said["unit"]) == (None, 1.04, "Pa") and said["rms_before"] > 0.0
     assert rows(outcome, "Candidates")[0][6] == rows(outcome, "Gap of every channel")[0][3] == "–"
 
 

@@ -59,7 +59,7 @@ def test_what_is_left_is_said_in_mmHg() -> None:
     assert found.rms[name] == pytest.approx(3.0 * MMHG, rel=0.05)
     (said,) = (text for text in found.report if "rms of what is left" in text)
     assert re.search(rf"rms of what is left: .*{number_of(found.rms[name])} mmHg of {re.escape(name)}", said)
-    assert set(found.parameter_set().provenance["rms"]) == set(CHANNELS)
+    assert found.parameter_set().provenance["rms"][name] == {"value": found.rms[name], "unit": "Pa"}
 
 
 def number_of(rms: float) -> str:
