@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from rich.table import Column, Table
 
+from fitting.records.amounts import changes, sizes
 from solver.console import right
 from solver.legible import DASH, number
 
@@ -18,6 +19,7 @@ from .tables import class_texts, estimate_text, gap_unit, percent, spread_text
 from .tables import gap_text as gap_pair
 from .wording import of_fit, why_walls
 
+_RMS = ("rms_before", "rms_after")
 _MOST_GAINS = 3
 _MOST_NAMED = 3
 
@@ -44,7 +46,17 @@ def gap_text(outcome: Outcome) -> str:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
     fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones\n  {gap_unit(outcome)}"
+    rms = _rms_text(outcome)
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones{rms}\n  {gap_unit(outcome)}"
+
+
+def _rms_text(outcome: Outcome) -> str:
+    """The same of the channels over the held-out beats, in their units."""
+    before, after = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
+    loud = {c.name: c.gap_before[1] for c in outcome.channels}
+    if not before:
+        return ""
+    return f"; rms {changes(before, after, loud) if set(after) == set(before) else sizes(before, loud)}"
 
 
 def statements(outcome: Outcome) -> Iterator[str]:

@@ -11,12 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.inference.fit import Fit
-from solver.legible import number
 
 from . import thresholds as at
+from .gap_words import changed
 from .outcome import ADDED, Agreement
 from .outliers import implausible
-from .show import Gap, Run, fall, gap
+from .places import label_text
+from .show import Run, fall, gap
 from .study import Study
 from .verdict import Naming
 
@@ -45,28 +46,26 @@ def _borne_out(study: Study, naming: Naming, before: Run, after: Run | None) -> 
         return naming
     left = before.gap.total[1]
     if left <= at.NO_GAP:
-        found = f"{naming.best.label} was found but not named" if after else "no effect was named"
+        found = f"{label_text(naming.best.label)} was found but not named" if after else "no effect was named"
         reason = f"{found}: without it the gap to held-out beats is {left:.3g} times the noise, no more than noise"
         return _without(naming, "none", reason)
     if after is None:
         return naming
     fallen, sd = fall(study, before, after)
-    nearest = f"{naming.best.label} comes nearest, but with it the gap of the FMU to held-out beats"
-    falls = f"{nearest} {change(before.gap, after.gap)} times the noise"
+    nearest = f"{label_text(naming.best.label)} comes nearest, but with it the gap of the FMU to held-out beats"
+    changes = f"{nearest} {changed(before.gap, after.gap)}"
     if fallen <= at.FALL * sd:
-        reason = f"{falls} (chi2 falls by {fallen:.3g} ± {sd:.2g}), no more than chance"
-        return _without(naming, "unknown", reason)
+        return _without(naming, "unknown", f"{changes}: {_no_fall(fallen, sd)}")
     if naming.verdict == "partial" and after.gap.total[1] > (1.0 - at.PART_CLOSED) * left:
-        return _without(naming, "unknown", f"{falls}: most of it remains")
+        return _without(naming, "unknown", f"{changes}: most of it remains")
     return naming
 
 
-def change(before: Gap, after: Gap) -> str:
-    """How the gap to held-out beats changes, in words that follow the numbers."""
-    first, last = (number(each.total[1]) for each in (before, after))
-    if first == last:
-        return f"stays at {first}"
-    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
+def _no_fall(fallen: float, sd: float) -> str:
+    """What χ² of the held-out beats does, with its standard deviation, where it does not fall by more than chance."""
+    if fallen < -at.FALL * sd:
+        return f"chi2 rises by {-fallen:.3g} ± {sd:.2g}"
+    return f"chi2 {'rises' if fallen < 0.0 else 'falls'} by {abs(fallen):.3g} ± {sd:.2g}, no more than chance"
 
 
 def _without(naming: Naming, verdict: str, reason: str) -> Naming:

@@ -12,6 +12,7 @@ from fitting.estimate import Estimate
 from fitting.result_files import plain
 from solver.network import Network
 from solver.notebook.shown import Shown
+from solver.units import SIGNAL_UNITS
 
 from . import thresholds
 from .shown_map import SourceMapShown, map_json
@@ -139,7 +140,8 @@ class Walls:
 class ChannelBeats:
     """Mean beats of one channel : (N,) [SI] at the times of the study; ``band`` one standard deviation of the mean.
 
-    after : None where nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats.
+    after : None where nothing was added. gap_before, gap_after : whitened RMS (1 = noise) on (fitted, held-out) beats;
+    rms_before, rms_after : the same over the beat [SI].
     """
 
     name: str
@@ -149,6 +151,8 @@ class ChannelBeats:
     after: Array | None
     gap_before: tuple[float, float]
     gap_after: tuple[float, float] | None
+    rms_before: tuple[float, float] | None = None
+    rms_after: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -341,7 +345,9 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
             "before": _gap(outcome.gap_before),
             "after": _gap(outcome.gap_after),
             "closed": _gap(outcome.closed),
-            "channels": {c.name: {"before": c.gap_before[1], "after": c.gap_after and c.gap_after[1]}
+            "channels": {c.name: {"before": c.gap_before[1], "after": c.gap_after and c.gap_after[1],
+                                  "rms_before": c.rms_before and c.rms_before[1],
+                                  "rms_after": c.rms_after and c.rms_after[1], "unit": SIGNAL_UNITS[c.name[-1]]}
                          for c in outcome.channels},
         },
         "remains": outcome.remains,

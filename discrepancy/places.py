@@ -79,7 +79,11 @@ def effect_text(name: str, where: Iterable[str]) -> str:
 
 
 def label_text(label: str) -> str:
-    """ "wall_viscosity at CA" in words."""
+    """ "wall_viscosity at CA" in words, or several of them with a plus; names of places stay as they are."""
+    return " + ".join(_label_text(each) for each in label.split(" + "))
+
+
+def _label_text(label: str) -> str:
     name, at, place = label.partition(" at ")
     return plain(name) + (f" at {place_text(place)}" if at else "")
 

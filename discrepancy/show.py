@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +34,11 @@ _AT_REST = 1e-4  # of a pressure: where none varies by more, there are no waves 
 
 @dataclass(frozen=True)
 class Gap:
-    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats."""
+    """Whitened RMS of all channels, and by channel, on (fitted, held-out) beats; rms : by channel, of the beat [SI]."""
 
     total: tuple[float, float]
     channels: Mapping[str, tuple[float, float]]
+    rms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,17 @@ def compared(study: Study, fit: Fit, X: Array) -> Run:
 def gap(study: Study, X: Array) -> Gap:
     """What coefficients X : (K+1, m) as sensors show them leave of the record."""
     K = len(X) - 1
-    weight, each = _weights(K), []
+    weight, each, sizes = _weights(K), [], []
     for part in (study.fitted, study.held_out):
-        power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2 / _noise(study, part, K)
-        each.append(np.sqrt((weight * power).sum(axis=0) / weight.sum()))
+        power = np.abs(X - study.problem.repeated(part, study.fitted, K)) ** 2
+        sizes.append(np.sqrt((weight * power).sum(axis=0)))
+        each.append(np.sqrt((weight * power / _noise(study, part, K)).sum(axis=0) / weight.sum()))
     fitted, held_out = (float(np.sqrt(np.mean(e**2))) for e in each)
-    by_channel = {n: (float(each[0][i]), float(each[1][i])) for i, n in enumerate(study.problem.signals)}
-    return Gap((fitted, held_out), by_channel)
+    by_channel, rms = (
+        {name: (float(pair[0][i]), float(pair[1][i])) for i, name in enumerate(study.problem.signals)}
+        for pair in (each, sizes)
+    )
+    return Gap((fitted, held_out), by_channel, rms)
 
 
 def fall(study: Study, before: Run, after: Run) -> tuple[float, float]:

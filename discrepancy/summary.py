@@ -20,10 +20,12 @@ from solver.units import INFLOW
 
 from . import thresholds
 from .animal import odd_ones, walls_of
-from .confirm import change, met_only_with
+from .confirm import met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
+from .gap_words import changed, left
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
+from .late_drive import late_drive
 from .map_text import acts_as
 from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .outliers import implausible
@@ -88,11 +90,12 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     final = (naming.best if after else naming.base).fit
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
     bent = _bent(walls, naming)
-    remarks = plain(naming.reason) if naming.reason else None
+    remarks = naming.reason or None
     acting = None if naming.map is None else shown_map(naming.map, study.network, study.fitted)
+    late = late_drive(effects, study.problem.signals) if after and study.site is None else ""
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, effects, before.gap, after.gap if after else None, acting),
+        sentence=sentence(naming, effects, before.gap, after.gap if after else None, acting, late),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -132,7 +135,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
 
 def _not_named(naming: Naming) -> tuple[str, ...]:
     """Why nothing is said to be missing although something was found."""
-    return (f"{plain(naming.reason)}.",) if naming.verdict == "none" and naming.reason else ()
+    return (f"{naming.reason}.",) if naming.verdict == "none" and naming.reason else ()
 
 
 def _bent(walls: Walls, naming: Naming) -> bool:
@@ -227,12 +230,15 @@ def sentence(
     before: Gap,
     after: Gap | None,
     acting: SourceMapShown | None = None,
+    late: str = "",
 ) -> str:
     """The verdict in one sentence; a second one where the search was cut short, or no law explains all.
 
-    acting : the source map, which then says what is missing.
+    acting : the source map, which then says what is missing. late : what drives the model late.
     """
     said = _said(naming, effects, before, after)
+    if late:
+        said = f"{said} The simplest reading: {late}."
     if acting and acting.acting and naming.verdict == "partial":
         said = f"{said} {acts_as(acting, 'All that is missing')}"
     elif acting and acting.acting and naming.verdict == "unknown" and not _met(naming):
@@ -243,9 +249,9 @@ def sentence(
 
 def _said(naming: Naming, effects: tuple[NamedEffect, ...], before: Gap, after: Gap | None) -> str:
     if naming.verdict == "none":
-        return f"The model meets the record: the gap is {before.total[1]:.3g} times the noise; nothing is missing."
+        return f"The model meets the record: the gap is {left(before)}; nothing is missing."
     if naming.verdict in ADDED and after:
-        return _added(naming, effects, f"the gap to held-out beats {change(before, after)} times the noise")
+        return _added(naming, effects, f"the gap to held-out beats {changed(before, after)}")
     if _met(naming):
         met = met_only_with(implausible(naming.base.fit))
         return f"{met[0].upper()}{met[1:]}: another subject than the file's, or something that the catalogue lacks."
@@ -277,7 +283,7 @@ def _added(naming: Naming, effects: tuple[NamedEffect, ...], gap: str) -> str:
 
 def _left(before: Gap) -> str:
     """The gap where nothing is added."""
-    return f"the gap to held-out beats is {before.total[1]:.3g} times the noise"
+    return f"the gap to held-out beats is {left(before)}"
 
 
 def _met(naming: Naming) -> bool:
@@ -287,9 +293,10 @@ def _met(naming: Naming) -> bool:
 
 def _channel(study: Study, channel: str, before: Run, after: Run | None) -> ChannelBeats:
     band = study.fitted.scatter(channel) / np.sqrt(study.fitted.n_beats)
-    beat, left = (after.beats[channel], after.gap.channels[channel]) if after else (None, None)
+    beat, ending = (after.beats[channel], after.gap.channels[channel]) if after else (None, None)
     measured, gap = study.fitted.mean(channel), before.gap.channels[channel]
-    return ChannelBeats(channel, measured, band, before.beats[channel], beat, gap, left)
+    rms = before.gap.rms.get(channel), after.gap.rms.get(channel) if after else None
+    return ChannelBeats(channel, measured, band, before.beats[channel], beat, gap, ending, *rms)
 
 
 def _absorbed(fit: Fit) -> tuple[Absorbed, ...]:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fitting.estimate import Estimate
+from fitting.records.amounts import size_text
 from solver import effects
 from solver.legible import DASH, number, rounded
 from solver.quantity import Quantity
@@ -168,6 +169,11 @@ def pulse_text(channel: ChannelBeats) -> str:
     """The measured pulse of a channel."""
     unit, factor = of_signal(channel.name)
     return f"{number(factor * float(np.ptp(channel.measured)))} {unit}"
+
+
+def rms_text(channel: str, pair: tuple[float, float] | None) -> str:
+    """What is left of a channel over the held-out beats, in the unit that people read."""
+    return DASH if pair is None else size_text(channel, pair[1])
 
 
 def odds_text(behind: float) -> str:

@@ -20,6 +20,7 @@ from fitting.inference.unknown import Reach
 from . import thresholds as at
 from .compare import Compared
 from .couples import both_show
+from .places import label_text
 from .weigh import Named, apart, ranked, shares, stated, with_errors
 
 Array = np.ndarray
@@ -143,7 +144,7 @@ def _partial(make: _Maker, found: Compared, none: Named, ways: Sequence[Named], 
     closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
     left = _left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else "")
     if closed < at.PART_CLOSED:
-        reason = f"{exact.label} comes nearest, but more remains: {left}"
+        reason = f"{label_text(exact.label)} comes nearest, but more remains: {left}"
         return make("unknown", problem, none, found.ranked, (), 1.0 - confidence, reason)
     assert best.errors is not None
     wide = problem.widened(best.errors)

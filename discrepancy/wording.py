@@ -9,6 +9,7 @@ from solver.legible import number
 from solver.sensors import Sensor
 from solver.units import readable
 
+from .late_drive import late_drive
 from .outcome import Detectable, Outcome
 from .places import entry, of_sensor, plain
 from .verdict import Naming
@@ -35,6 +36,11 @@ def more_time(outcome: Outcome) -> str:
 def of_fit(outcome: Outcome) -> str:
     """What the RMS of what remains is counted over, which a gap is not."""
     return " (of all data that were fitted; 1 is noise)" if "RMS" in (outcome.remains or outcome.reason or "") else ""
+
+
+def late(outcome: Outcome) -> str:
+    """What drives the model late, where that is the simplest reading of what was added; else ""."""
+    return late_drive(outcome.effects, [c.name for c in outcome.channels]) if outcome.kind == "network" else ""
 
 
 def why_walls(outcome: Outcome) -> str:

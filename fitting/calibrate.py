@@ -24,8 +24,9 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic, Settings
 from solver.balance import NoSteadyState
 from solver.errors import InputError
+from solver.legible import endless
 from solver.network import Network
-from solver.units import INFLOW
+from solver.units import INFLOW, SIGNAL_UNITS
 
 from .inference.asked import parse_unknowns
 from .inference.calibration import DERIVATIVE_ERROR, Problem, problem_of
@@ -36,6 +37,7 @@ from .inference.simulator import Meter
 from .inference.unknown import Unknown, parameter_intervals, parameter_values, quantile
 from .parameter_set import ParameterSet, Value, unit_of
 from .provenance import software
+from .records.amounts import sizes
 from .records.beats import Beats
 from .records.noise import (
     MAX_HARMONICS,
@@ -53,6 +55,7 @@ Progress = Callable[[float, str], None]
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
 # Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none
 _NEAR, _SETTLED = 1e-2, 1e-4
+_ALL_PRIOR = 0.95  # of a prior's standard deviation: who knows no better than that has learned nothing from the data
 _FEWEST_STEPS = 20  # of the solver in a beat
 
 
@@ -62,9 +65,10 @@ class Calibration:
 
     values, ci95 : SI, by FMU variable name. shrinkage : posterior over prior standard deviation, None without a prior.
     chi2, dof : of the data; where chi2/dof > 1 the data's covariance is multiplied by it. channels : whitened RMS per
-    channel (1 = noise). singular_values : of the whitened Jacobian in prior units, largest first, 0 where its own error
-    is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
-    or not explained, one sentence each. history : cost after each iteration of both searches. harmonics : K.
+    channel (1 = noise); rms : the same over the beat [SI]. singular_values : of the whitened Jacobian in prior units,
+    largest first, 0 where its own error is as large; directions : its right singular vectors, (p, p), by row. report :
+    what is not determined, at a bound, or not explained, one sentence each. history : cost after each iteration of both
+    searches. harmonics : K.
     simulations : parameter sets that were simulated. others : the network's parameters that did not move [SI].
     beats : in the record; intervals are Student's t with 4 (beats - 1) degrees of freedom, what is known of the noise.
     """
@@ -79,6 +83,7 @@ class Calibration:
     chi2: float
     dof: float
     channels: Mapping[str, float]
+    rms: Mapping[str, float]
     singular_values: Array
     directions: Array
     at_bound: tuple[str, ...]
@@ -110,6 +115,13 @@ class Calibration:
         """Half a 95 % interval in standard deviations."""
         return quantile(degrees_of_freedom(self.beats, at_ends=True))
 
+    @property
+    def undetermined(self) -> frozenset[str]:
+        """Values of which the data say next to nothing: their intervals are those of their priors, or have no end."""
+        weak = {name for u, part in zip(self.unknowns, self.shrinkage, strict=True)
+                if part is not None and part > _ALL_PRIOR for name, _ in u.moves}  # fmt: skip
+        return frozenset(name for name, value in self.values.items() if name in weak or endless(value, self.ci95[name]))
+
     def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
         """The values that moved, with their intervals: start values of the network's FMU.
 
@@ -131,6 +143,8 @@ class Calibration:
             "covariance": self.covariance.tolist(),
             "chi2_over_dof": self.chi2 / self.dof,
             "channels": dict(self.channels),
+            "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
+            "undetermined": sorted(self.undetermined),
             "report": list(self.report),
             "software": software(),
         }  # fmt: skip
@@ -273,12 +287,13 @@ def _result(problem: Problem, near: Search, best: Search, seconds: float) -> Cal
     close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     channels = problem.target.channel_rms(point.memory[0])
+    rms = problem.target.channel_size(point.memory[0])
     sd = np.sqrt(np.diag(known.covariance))
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
         *(f"{name} stopped at the end of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
-        *_misfit(chi2 / dof, dof, channels),
+        *_misfit(chi2 / dof, dof, channels, rms),
         *(text.rstrip(".") for text in problem.beats.warnings),
     ]
     if not best.converged:
@@ -297,6 +312,7 @@ def _result(problem: Problem, near: Search, best: Search, seconds: float) -> Cal
         chi2=chi2,
         dof=dof,
         channels=channels,
+        rms=rms,
         singular_values=known.singular_values,
         directions=known.directions,
         at_bound=at_bound,
@@ -322,12 +338,13 @@ def _result(problem: Problem, near: Search, best: Search, seconds: float) -> Cal
     )  # fmt: skip
 
 
-def _misfit(ratio: float, dof: float, channels: Mapping[str, float]) -> list[str]:
+def _misfit(ratio: float, dof: float, channels: Mapping[str, float], rms: Mapping[str, float]) -> list[str]:
     """A sentence if χ²/dof is above 1 by more than chance (four standard deviations)."""
     if ratio <= 1.0 + 4.0 * math.sqrt(2.0 / dof):
         return []
     worst = max(channels, key=lambda name: channels[name])
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {worst} "
-        f"({channels[worst]:.3g} times its noise); the intervals are widened by {math.sqrt(ratio):.3g}"
+        f"({channels[worst]:.3g} times its noise); rms of what is left: {sizes(rms, channels)}; the intervals are "
+        f"widened by {math.sqrt(ratio):.3g}"
     ]

@@ -32,6 +32,7 @@ from .bench import own_values
 from .fmu_run import FMU, PERIODIC, Answer, RunFailed, fourier, periodic_answer, read_fmu, steps_per_beat
 from .parameter_set import ParameterSet
 from .records.align import align
+from .records.amounts import sizes
 from .records.beats import Beats
 from .records.filters import with_filters
 from .records.inflow import flowed, undoable
@@ -77,7 +78,9 @@ class CheckReport:
         """One sentence: whether FMU and record agree to the noise, the worst channel, and the worst harmonic."""
         worst = self.worst
         norm = "norm" if worst.name.endswith(".Q") else "pulsatile norm"
-        said = f"worst channel {worst.name}: {_percent(worst.relative)} of its {norm}"
+        rms = {channel.name: channel.rmse for channel in self.channels}
+        loud = {channel.name: channel.relative for channel in self.channels}
+        said = f"worst channel {worst.name}: {_percent(worst.relative)} of its {norm} (rms {sizes(rms, loud)})"
         noisy = [channel for channel in self.channels if channel.worst_z is not None]
         if not noisy:
             return said

@@ -12,8 +12,10 @@ from .quantity import Quantity
 from .units import raised, readable
 
 DASH = "–"
+NOT_DETERMINED = "not determined"
 _PLAIN = (1e-4, 1e7)  # between them no power of ten
 _FINEST = 8  # decimals
+_ENDLESS = 10.0  # times a number: an interval of half that width, 0.05 to 20 times a number that is positive
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -64,6 +66,11 @@ def rounded(value: float, half: float) -> str:
 def plus_minus(value: float, half: float) -> str:
     """A number and half its interval."""
     return f"{rounded(value, half)} ± {rounded(half, half)}"
+
+
+def endless(value: float, ends: tuple[float, float] | None) -> bool:
+    """Whether an interval of a positive number is so wide that it says nothing of it."""
+    return ends is not None and ends[0] >= 0.0 and 0.5 * (ends[1] - ends[0]) > _ENDLESS * abs(value)
 
 
 def interval(low: float, high: float) -> str:

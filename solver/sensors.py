@@ -60,6 +60,10 @@ class Sensor(Effect):
         """
         return 0.0
 
+    def delay(self, values: Mapping[str, float]) -> float | None:
+        """By how much [s] the channel is late, of a sensor that does nothing else; ``values`` as the catalogue's."""
+        return None
+
     def said(self, words: str) -> Mapping[str, str] | None:
         """Its terms as texts, if these are words for one that is known."""
         return None
@@ -92,6 +96,9 @@ class ChannelLag(Sensor):
         """On a bench, where only P against R is known, a sensor can only be late."""
         found = super().coordinates(network, place, bench)
         return tuple(replace(c, low=0.0) for c in found) if bench else found
+
+    def delay(self, values: Mapping[str, float]) -> float | None:
+        return values["lag"]
 
     def transfer(self, values: Values, omega: Array) -> Array:
         return np.exp(-1j * omega * values["lag"])

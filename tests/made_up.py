@@ -62,7 +62,9 @@ def synthetic_channel(i: int, name: str, added: bool) -> ChannelBeats:
     band = np.full(N, 0.004 * SIZE[signal][1])
     gap = (9.0, 9.3) if name.startswith("CA") else (1.2, 1.3)
     after = synthetic_beat(i, signal, 1.001) if added else None
-    return ChannelBeats(name, measured, band, before, after, gap, (1.01, 1.04) if added else None)
+    rms = tuple(None if beat is None else (size := float(np.sqrt(np.mean((beat - measured) ** 2))), size)
+                for beat in (before, after))  # fmt: skip
+    return ChannelBeats(name, measured, band, before, after, gap, (1.01, 1.04) if added else None, *rms)
 
 
 def candidate(effect: NamedEffect, behind: float, in_class: bool) -> Candidate:

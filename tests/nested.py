@@ -2,8 +2,8 @@
 
 The likelihood of a bench is written here once more, for many walls at once and by another derivative of the law. Priors
 are those of :mod:`fitting.inference.hierarchy` as densities: Student's t of nuisances, and of sizes of effects
-1/(signs max(|x|, sd) (1 + x²) ln 1000) with the standard deviation ``sd`` that the record has for them, so far as
-their range goes; the factor 1/(1 + x²) is taken with the likelihood.
+1/(signs max(|x|, sd) (1 + (x/10)²) ln 1000) with the standard deviation ``sd`` that the record has for them, so far as
+their range goes; the factor 1/(1 + (x/10)²) is taken with the likelihood.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy.stats import t as student
 from fitting.inference.bench import Bench
 from fitting.inference.fit import Fit, Member
 from fitting.inference.forward import Forward
-from fitting.inference.hierarchy import LOG_RANGE
+from fitting.inference.hierarchy import LARGE, LOG_RANGE
 from fitting.inference.loop import fourier
 from fitting.inference.network import NetworkProblem
 from fitting.inference.seen import Seen
@@ -131,7 +131,7 @@ def log_evidence(problem: Forward, fit: Fit, seed: int = 0) -> tuple[float, floa
     sizes = np.array([u.of_size for u in fit.unknowns])
 
     def weighed(x: Array) -> Array:
-        return log_likelihood(problem, fit, x) - np.log1p(x[:, sizes] ** 2).sum(axis=1)
+        return log_likelihood(problem, fit, x) - np.log1p((x[:, sizes] / LARGE) ** 2).sum(axis=1)
 
     sampler = Sampler(unit_to_x, weighed, n_dim=len(fit.x), n_live=_LIVE,
                       n_networks=0, n_batch=_BATCH, vectorized=True, pass_dict=False, seed=seed)  # fmt: skip

@@ -11,12 +11,17 @@ import pytest
 from forked import CHANNELS, NETWORK, N, clean, record
 from small_network import NAMES, term
 
-from discrepancy.confirm import agreement, change, confirmed
+from discrepancy.confirm import agreement, confirmed
+from discrepancy.gap_words import change, changed, left
+from discrepancy.late_drive import late_drive
 from discrepancy.name import name
+from discrepancy.outcome import NamedEffect
+from discrepancy.places import label_text
 from discrepancy.show import Gap, Run, compared, fall
 from discrepancy.study import Study
 from discrepancy.summary import sentence
 from discrepancy.verdict import Naming
+from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.network_record import network_problem
 from fitting.inference.terms import sensor_terms
@@ -157,6 +162,65 @@ def test_words_follow_the_numbers() -> None:
     assert change(high, low) == "falls from 9.67 to 1.1"
     assert change(low, high) == "rises from 1.1 to 9.67"
     assert change(low, Gap((1.0, 1.1004), {})) == "stays at 1.1"
+
+
+def test_a_gap_is_said_in_mmHg_and_mL_s_too() -> None:
+    """Of held-out beats, by the unit of the channel, the loudest four of many; without sizes, the noise alone."""
+    pair = {"A.P": (1.0, 173.3), "A.Q": (1.0, 2.1e-6)}
+    gap = Gap((9.0, 9.67), {"A.P": (9.0, 9.0), "A.Q": (9.0, 9.0)}, pair)
+    less = replace(gap, total=(1.0, 1.1), rms={"A.P": (1.0, 26.7), "A.Q": (1.0, 1e-7)})
+    assert left(gap) == "9.67 times the noise (1.3 mmHg of A.P, 2.1 mL/s of A.Q)"
+    assert changed(gap, less) == (
+        "falls from 9.67 to 1.1 times the noise (A.P from 1.3 to 0.2 mmHg, A.Q from 2.1 to 0.1 mL/s)"
+    )
+    assert changed(less, gap).startswith("rises from 1.1 to 9.67 times")
+    assert left(Gap((9.0, 9.67), {})) == "9.67 times the noise"
+    many = {f"S{i}.P": (1.0, 133.322) for i in range(6)}
+    said = left(Gap((9.0, 9.67), {name: (1.0, float(i)) for i, name in enumerate(many)}, many))
+    assert said.endswith("(1 mmHg of S2.P, 1 mmHg of S3.P, 1 mmHg of S4.P, 1 mmHg of S5.P and 2 more)")
+
+
+def test_the_sizes_of_a_gap_are_those_of_the_beats() -> None:
+    """Parseval: the rms of the run's beat less the mean beat, up to what the harmonics leave out: to 1e-3."""
+    s = study(noise=1e-9)
+    run = stiffer(s, 0.3)
+    for channel, (fitted, _) in run.gap.rms.items():
+        expected = float(np.sqrt(np.mean((run.beats[channel] - s.fitted.mean(channel)) ** 2)))
+        assert fitted == pytest.approx(expected, rel=1e-3)
+
+
+# --- a drive that is late ---------------------------------------------------------------------------------------------
+
+
+def lag(channel: str, value: float, half: float = 1e-3) -> NamedEffect:
+    return NamedEffect(
+        "channel_lag", (channel,), {f"{channel}.lag": Estimate(value, "s", (value - half, value + half))}, 0.9
+    )
+
+
+def test_pressures_that_are_early_mean_a_flow_that_is_late() -> None:
+    """The only pressure, or all of them alike; not a late one, one of two, delays that differ, or a radius in time."""
+    early = lag("A.P", -21.8e-3)
+    assert late_drive([early], ["A.P"]) == "inlet.Q is 21.8 ms late"
+    assert late_drive([early], ["A.P", "B.Q"]) == "inlet.Q and B.Q are 21.8 ms late"
+    assert late_drive([early, lag("B.P", -20.8e-3)], ["A.P", "B.P"]) == "inlet.Q is 21.3 ms late"
+    assert not late_drive([early, lag("B.P", -2e-3)], ["A.P", "B.P"])
+    assert not late_drive([early], ["A.P", "B.P"]) and not late_drive([early], ["A.P", "A.R"])
+    assert not late_drive([lag("A.P", 5e-3)], ["A.P"]) and not late_drive([], ["A.P"])
+    gain = NamedEffect("channel_gain", ("A.P",), {"A.P.gain": Estimate(0.9, "1", (0.8, 1.0))}, 0.9)
+    assert not late_drive([gain], ["A.P"])
+    found = named()
+    gap = Gap((9.0, 9.0), {})
+    said = sentence(found, (early,), gap, gap, late="inlet.Q is 21.8 ms late")
+    assert said.endswith(" The simplest reading: inlet.Q is 21.8 ms late.") and "channel lag at A.P" in said
+
+
+def test_names_keep_their_underscores() -> None:
+    """Of effects they are words, of places they are names."""
+    assert (
+        label_text("wall_viscosity at Ao_2 + channel_lag at C_1.P") == "wall viscosity at Ao_2 + channel lag at C_1.P"
+    )
+    assert label_text("wall_viscosity at all") == "wall viscosity at all places"
 
 
 # --- one model --------------------------------------------------------------------------------------------------------

@@ -108,7 +108,17 @@ SAID = {
         "±2.1 kPa·s",
         "Invisible to them",
     ),
-    "effect": ("One effect is missing", "The term added", "77.0 kPa·s", "71.0 … 83.0", "97 %", "φ_0 ε̇", "3·10⁻¹²"),
+    "effect": (
+        "One effect is missing",
+        "The term added",
+        "77.0 kPa·s",
+        "71.0 … 83.0",
+        "97 %",
+        "φ_0 ε̇",
+        "3·10⁻¹²",
+        "rms before",
+        "rms after",
+    ),  # fmt: skip
     "ambiguous": ("leaves several", "The best of the class", "channel lag at CA.P", "Measure CA.R", "3.10 ms"),
     "several": (
         "Several effects are missing",
@@ -542,7 +552,8 @@ def test_what_is_not_a_number(sheep: Network, tmp_path: Path) -> None:
     outcome = replace(outcome, candidates=(lost,), channels=(channel, *outcome.channels[1:]), gap_after=(1.0, np.inf))
     content = json.loads(json.dumps(verdict_json(outcome), allow_nan=False))
     assert content["gap"]["after"] == {"fit": 1.0, "held_out": None}
-    assert content["gap"]["channels"]["AA.P"] == {"before": None, "after": 1.04}
+    said = content["gap"]["channels"]["AA.P"]
+    assert (said["before"], said["after"], said["unit"]) == (None, 1.04, "Pa") and said["rms_before"] > 0.0
     assert rows(outcome, "Candidates")[0][6] == rows(outcome, "Gap of every channel")[0][3] == "–"
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from fitting.inference.fit import Fit
-from fitting.inference.hierarchy import DECADES, Linear, score, with_widths
+from fitting.inference.hierarchy import DECADES, LARGE, Linear, score, with_widths
 from fitting.inference.jackknife import jackknife
 from fitting.inference.misfit import Block, estimated, widened
 from fitting.inference.terms import Term
@@ -55,30 +55,32 @@ def test_an_unknown_at_the_end_of_its_range_still_pays_its_prior() -> None:
     assert linear.at() == pytest.approx(8.0**2 + TAILS * math.log1p(2.0**2 / TAILS), abs=1e-12)
 
 
-@pytest.mark.parametrize("size", [0.16, 1.6, 16.0])
+@pytest.mark.parametrize("size", [0.16, 16.0, 160.0])
 def test_size_of_an_effect_is_integrated_over_its_logarithm(size: float) -> None:
-    """One number x of d' = 8, in typical sizes: ∫ N(z) dx/(2 |x| (1 + x²) ln 1000) over both signs. Laplace's value is
-    off by 0.03 of -2 ln where x is small, and by 0.23 where it is many typical sizes, which the tail makes unlikely."""
+    """One number of d' = 8, in typical sizes: ∫ N(z) dx/(2 |x| (1 + (x/10)²) ln 1000) over both signs. Laplace's value
+    is off by 0.03 of -2 ln where x is small, and by 0.23 where it is many typical sizes, which the tail makes unlikely."""
     J, y = np.array([[8.0 / size]]), np.array([-8.0])
     term = Term("toy", "here", ("here",), (unknown("size", of_size=True),))
     found = score(fitted(J, y, term.unknowns, (term,)))
     x = size * np.linspace(1e-2, 2.5, 200001)
-    density = np.exp(-0.5 * (y[0] + J[0, 0] * x) ** 2) / (2.0 * x * (1.0 + x**2) * DECADES * math.log(10.0))
+    density = np.exp(-0.5 * (y[0] + J[0, 0] * x) ** 2) / (2.0 * x * (1.0 + (x / LARGE) ** 2) * DECADES * math.log(10.0))
     exact = -2.0 * math.log(float(np.trapezoid(density, x)))
     assert found == pytest.approx(exact, abs=0.05 if size < 1.0 else 0.25)
 
 
 @pytest.mark.parametrize("d", [4.0, 1.0, 0.1, -0.1, -1.0, -4.0])
 def test_a_size_of_one_sign_is_integrated_over_its_range(d: float) -> None:
-    """x >= 0 where the data ask for d standard deviations: ∫ N(z) dx/(max(x, sd) (1 + x²) ln 1000) over the range, to
-    0.3 in ln (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, and 2.4
+    """x >= 0 where the data ask for d standard deviations: ∫ N(z) dx/(max(x, sd) (1 + (x/10)²) ln 1000) over the range,
+    to 0.3 in ln (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, and 2.4
     at -4."""
     size = replace(unknown("size", of_size=True), low=0.0)
     J, y = np.array([[50.0]]), np.array([-d])
     x = max(d, 0.0) / 50.0
     found = Linear.of_columns(y + J[0] * x, J, np.array([x]), [size]).at()
     t = np.linspace(0.0, 1.0, 200001)
-    density = np.exp(-0.5 * (y[0] + J[0, 0] * t) ** 2) / (np.maximum(t, 0.02) * (1.0 + t**2) * DECADES * math.log(10.0))
+    density = np.exp(-0.5 * (y[0] + J[0, 0] * t) ** 2) / (
+        np.maximum(t, 0.02) * (1.0 + (t / LARGE) ** 2) * DECADES * math.log(10.0)
+    )
     assert -0.5 * found == pytest.approx(math.log(float(np.trapezoid(density, t))), abs=0.3)
 
 

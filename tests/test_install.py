@@ -82,7 +82,8 @@ def run(home: Path, *line: str) -> str:
 
 @pytest.mark.slow
 def test_what_is_in_them(dist: Path) -> None:
-    """Every file of the packages is in the wheel and in the source, and nothing of tests or benchmarks in the wheel."""
+    """Every file of the packages is in the wheel and in the source; nothing of tests or benchmarks in the wheel, no
+    recordings in either."""
     (wheel,), (source,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
     files = {path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*")
              if path.is_file() and "__pycache__" not in path.parts} | {"build_fmu.py"}  # fmt: skip
@@ -91,7 +92,8 @@ def test_what_is_in_them(dist: Path) -> None:
         (metadata,) = (archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
     assert {name for name in names if ".dist-info/" not in name} == files
     with tarfile.open(source) as archive:
-        assert files <= {name.partition("/")[2] for name in archive.getnames()}
+        contents = {name.partition("/")[2] for name in archive.getnames()}
+    assert files <= contents and not [name for name in contents if name.startswith("examples/data/")]
     assert "License-Expression: MIT" in metadata and "Requires-Python: >=3.11" in metadata
 
 

@@ -41,11 +41,12 @@ DOCUMENTS = {
     "docs/discrepancy.md": (3, 3),
     "docs/tutorial-fmu.md": (1, 2),
     "docs/tutorial-lab.md": (0, 3),
+    "docs/tutorial-real.md": (0, 7),
     "docs/tutorial-effect.md": (2, 1),
 }
 SLOW = ("docs/command-line.md", "docs/fitting.md", "docs/discrepancy.md", "docs/simulators.md", "docs/closed-loop.md",
         "docs/fmu.md", "docs/coupling.md", "docs/effects.md", "docs/tutorial-fmu.md", "docs/tutorial-lab.md",
-        "docs/tutorial-effect.md")  # fmt: skip
+        "docs/tutorial-real.md", "docs/tutorial-effect.md", "docs/real-recordings.md")  # fmt: skip
 # these install things or run the whole test suite
 NOT_HERE = ("make ", "-m venv")
 
@@ -114,7 +115,7 @@ def _here(text: str) -> str:
     text = re.sub("^arterial-fmu ", "python -m arterial_fmu ", text, flags=re.MULTILINE)
     lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
     text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
-    for folder in ("solver/networks/", "tests/clients/"):
+    for folder in ("solver/networks/", "tests/clients/", "examples/data/", "benchmarks/"):
         text = text.replace(f" {folder}", f" {ROOT}/{folder}")
     return text
 

@@ -3,8 +3,8 @@
     -2 ln p(data | hypothesis) = |z|² + ln det C - 2 ln(priors) + ln det(JᵀJ + Λ) - p ln 2π   at the maximum,
 
 with the whitened residual z, its Jacobian J and the curvature Λ of the priors. What is refitted has a prior about 0.
-The size x of an effect, in typical ones, has one that favours no decade: from hardly visible to typical, sizes are
-equally likely on a logarithmic scale, and larger ones are ever less so, as 1/(x (1 + x²)); it is integrated over its
+The size x of an effect, in typical ones, has one that favours no decade: from hardly visible to some typical, sizes are
+equally likely on a logarithmic scale, and from X = 10 on ever less so, as 1/(x (1 + (x/X)²)); it is integrated over its
 range alone. Every unknown so pays for what the data made of its prior; BIC
 is the limit of many data.
 
@@ -29,6 +29,7 @@ from .unknown import Unknown, bounds, penalty, precision
 Array = np.ndarray
 
 DECADES = 3.0  # over which the sizes of an effect are spread
+LARGE = 10.0  # X, typical sizes of an effect, from which ever fewer are expected: judgement
 WIDTHS = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0)  # that a group may have, in its stated spreads
 APART = (2.0, 4.0, 8.0, 16.0, 32.0)  # that a number may have which stands out from its group, equally likely
 DOUBT = 1.0  # standard deviation of the logarithm of a width about the stated spread
@@ -124,10 +125,10 @@ class Linear:
         value = self.rest - gain + 2.0 * volume
         if not len(ends):
             return np.asarray(value)
-        # -2 ln of the priors 1/(2 |x| (1 + x²) ln range) of effects, less ln 2π of each; |x| not below its sd
+        # -2 ln of the priors 1/(2 |x| (1 + (x/X)²) ln range) of effects, less ln 2π of each; |x| not below its sd
         x, sd = -left[:, ends, 0], np.sqrt(left[:, ends, 1 + np.arange(len(ends))])
         size = np.maximum(np.abs(x), sd) / _share(x, sd, self.low[ends], self.high[ends])
-        sizes = 2.0 * np.log(self.signs[ends] * size * (1.0 + x**2 + sd**2) * LOG_RANGE).sum(axis=1)
+        sizes = 2.0 * np.log(self.signs[ends] * size * (1.0 + (x**2 + sd**2) / LARGE**2) * LOG_RANGE).sum(axis=1)
         return np.asarray(value + sizes - len(ends) * math.log(2.0 * math.pi))
 
     def inferred(self) -> Widths:
@@ -182,7 +183,7 @@ def _share(x: Array, sd: Array, low: Array, high: Array) -> Array:
 
 
 def _price(unknown: Unknown, x: float, sd: float, downhill: float) -> float:
-    """-2 ln ∫ exp(-g u - u²/2 sd²) du/(signs max(|x|, sd) (1 + x²) ln range) over u >= 0 of a size held at its end x.
+    """-2 ln ∫ exp(-g u - u²/2 sd²) du/(signs max(|x|, sd) (1 + (x/X)²) ln range) over u >= 0 of a size held at its end.
 
     u : into the range. sd : that it would have without the end. downhill : ±g, by which -ln p falls beyond the end.
     What may have one value only pays as if it were as large as its own standard deviation, in no range.
@@ -190,7 +191,7 @@ def _price(unknown: Unknown, x: float, sd: float, downhill: float) -> float:
     if unknown.low == unknown.high:
         return 2.0 * math.log(_signs(unknown) * LOG_RANGE / math.sqrt(2.0 * math.pi))
     width = math.sqrt(0.5 * math.pi) * sd * float(erfcx(abs(downhill) * sd / math.sqrt(2.0)))
-    return 2.0 * math.log(_signs(unknown) * max(abs(x), sd) * (1.0 + x**2) * LOG_RANGE / width)
+    return 2.0 * math.log(_signs(unknown) * max(abs(x), sd) * (1.0 + (x / LARGE) ** 2) * LOG_RANGE / width)
 
 
 def beforehand(width: float, apart: bool = False) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
-from solver.legible import DASH, interval, number, rounded, shown_in, signed
+from solver.legible import DASH, NOT_DETERMINED, endless, interval, number, rounded, shown_in, signed
 from solver.notebook.style import STYLE
 from solver.units import of_signal, readable
 from solver.writing import write_folder
@@ -58,7 +58,7 @@ def page(report: CheckReport, drawings: Mapping[str, Drawing]) -> str:
         drawings=drawings,
         worst=report.worst.name,
         change=number(report.run["change"], 2),
-        values=[_value_row(name, value) for name, value in report.sources["parameter_set"]["values"].items()],
+        values=_value_rows(report.sources["parameter_set"]),
         stiffness=_stiffness(report.sources["parameter_set"]["provenance"]),
         provenance=told,
         data=data,
@@ -94,9 +94,17 @@ def _loop_row(loop: LoopArea) -> dict[str, str]:
     return {"site": loop.site, "measured": measured, "simulated": simulated, "change": change}
 
 
-def _value_row(name: str, value: Mapping[str, Any]) -> dict[str, str]:
-    """A value of the parameter set, with its interval if it has one."""
+def _value_rows(parameters: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The values of the parameter set."""
+    weak = set(parameters["provenance"].get("undetermined", ()))
+    return [_value_row(name, value, name in weak) for name, value in parameters["values"].items()]
+
+
+def _value_row(name: str, value: Mapping[str, Any], undetermined: bool) -> dict[str, str]:
+    """A value of the parameter set, with its interval if it has one that says something."""
     unit, factor = shown_in(quantity_of(name))
+    if undetermined or endless(value["value"], value["ci95"]):
+        return {"name": name, "value": number(factor * value["value"]), "interval": NOT_DETERMINED, "unit": unit}
     low, high = (factor * end for end in value["ci95"] or (value["value"],) * 2)
     ends = interval(low, high) if value["ci95"] else DASH
     return {"name": name, "value": rounded(factor * value["value"], 0.5 * (high - low)), "interval": ends, "unit": unit}

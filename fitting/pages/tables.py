@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 
 from solver.console import right
-from solver.legible import DASH, interval, number, plus_minus, rounded, shown_in, signed
+from solver.legible import DASH, NOT_DETERMINED, interval, number, plus_minus, rounded, shown_in, signed
 from solver.network import Segment
 from solver.quantity import quantities
 from solver.units import MMHG
@@ -114,6 +114,9 @@ def calibration_table(result: Calibration) -> Table:
     table = Table("parameter", right("value"), right("95 % interval"), "unit", title=title)
     for name, value in result.values.items():
         unit, factor = shown_in(quantity_of(name))
+        if name in result.undetermined:
+            table.add_row(name, number(factor * value), NOT_DETERMINED, unit)
+            continue
         ends = result.ci95[name]
         half = 0.5 * factor * (ends[1] - ends[0]) if ends else 0.0
         table.add_row(name, rounded(factor * value, half), _ends(ends, factor), unit)
