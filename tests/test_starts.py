@@ -21,9 +21,10 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from fitting.calibrate import Calibration, calibrate
 from fitting.inference.asked import parse_unknowns
+from fitting.inference.starting_points import starting_points
 from fitting.records.beats import Beats
 from fitting.records.record import write_record
-from fitting.starts import Starts, calibrate_from, starting_points
+from fitting.starts import Starts, calibrate_from
 from solver import InputError, Network, Reflection
 from solver.files import write_network
 

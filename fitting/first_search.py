@@ -1,0 +1,96 @@
+"""The first search of a calibration, and other starts where it ends far from the record.
+
+A search that ends in a wrong minimum shows it: what the model leaves is then a large part of the pulse, not of the
+noise. A right model leaves noise, and a coarse one of a real artery a tenth of the pulse; a model that has nothing but
+the mean leaves all of it. Where the power left exceeds a tenth of the pulse's, and noise does not account for it, other
+starts are tried, and the end with the lowest cost is kept.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from solver.errors import InputError
+from solver.simulate import BROKEN
+
+from .inference.calibration import Part, Problem
+from .inference.fit import Member
+from .inference.gauss_newton import Rules, Search, search
+from .inference.starting_points import starting_points
+from .records.noise import pulses
+
+Array = np.ndarray
+
+OTHER_STARTS = 8
+_SEED = 1
+_FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
+FAR = math.sqrt(0.1)  # of the pulse
+
+
+def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Search, list[str]]:
+    """Where the search ended that comes near, and a sentence if it began elsewhere than asked.
+
+    x0 : (p,) where to begin; None: the network's own values, then others. Raises ValueError where no start has a beat.
+    """
+    starts = starting_points(problem.unknowns, 1 + OTHER_STARTS, _SEED) if x0 is None else x0[None]
+    weighted: Problem | None = None
+    ended: dict[int, Search] = {}
+    failure: Exception | None = None
+    for i, x in enumerate(starts):
+        try:
+            weighted = weighted or problem.with_targets(x, [first_error(part) for part in problem.parts])
+            ended[i] = minimum(weighted, x, weighted.batches(x), rules)
+        except BROKEN as error:
+            failure = failure or error
+            weighted = weighted if ended else None
+            continue
+        if not far(weighted, ended[i]):
+            break
+    if weighted is None:
+        sources = " + ".join(part.beats.source for part in problem.parts)
+        where = "as given" if x0 is None else "at this start"
+        name = problem.parts[0].simulator.network.name
+        raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
+    best = min(ended, key=lambda i: ended[i].cost)
+    return ended[best], [] if len(starts) == 1 or (best == 0 and len(ended) == 1) else [_said(weighted, ended, best)]
+
+
+def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Search:
+    """The search from x : (p,), whose batches are known."""
+    found = Search(Member((), problem.unknowns, x), rules, problem.point(x, batches))
+    search(problem.evaluated, [found])
+    return found
+
+
+def first_error(part: Part) -> Array:
+    """(K+1, m) the solver's own error as long as it is not measured."""
+    s = part.simulator
+    return np.full((s.K + 1, len(s.names)), _FIRST_ERROR) * pulses(part.beats, s.names)
+
+
+def left(problem: Problem, found: Search) -> float:
+    """RMS of what is left, as a part of the pulse, over all channels of all recordings."""
+    assert found.here is not None
+    parts = [
+        np.array(list(part.rms(batch[0]).values())) / pulses(part.beats, part.simulator.names)
+        for part, batch in zip(problem.parts, found.here.memory, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+def far(problem: Problem, found: Search) -> bool:
+    """Whether a search ended so far from the record that it may be in a wrong minimum."""
+    assert found.here is not None
+    z = found.here.z
+    return left(problem, found) > FAR and float(z @ z) > len(z) + 4.0 * math.sqrt(2.0 * len(z))
+
+
+def _said(problem: Problem, ended: dict[int, Search], best: int) -> str:
+    tried = max(ended)
+    why = "nothing repeats" if 0 not in ended else f"the search ends {left(problem, ended[0]):.2g} of the pulse away"
+    rest = left(problem, ended[best])
+    then = f"start {best} ends {rest:.2g} of it away" if best else "none ends lower"
+    return f"from the network's own values {why}; of {tried} other start{'s' * (tried > 1)} {then}"
