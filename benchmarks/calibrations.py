@@ -5,9 +5,9 @@
 Each tube is a draw of its own, by its number: length 20 to 50 cm, radius 8 to 12 mm, E 0.3 to 1 MPa, a viscosity of
 5 to 20 ms, beats of 0.5 to 1 s; a Windkessel whose R2 C is 0.3 to 5 s, with half to one and a half of the tube's
 impedance before it, and the resistance that makes a mean pressure of 9 to 14 kPa. Recorded are inlet.Q and P at both
-ends, 15 beats with white noise of 1 % of each channel's pulse. Five numbers without prior, E, phi0, R1, C and R2, begin above or
-below the truth by the factor. Counted are intervals of 95 % that hold the truth, ends far from it, failures, and the
-CPU time of each calibration.
+ends, 15 beats with white noise of 1 % of each channel's pulse. Five numbers without prior, E, phi0, R1, C and R2, begin
+above or below the truth by the factor. Counted are intervals of 95 % that hold the truth, ends far from it, failures,
+and the CPU time of each calibration.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ def test_held_out() -> None:
 
 
 def test_starts() -> None:
-    """Many starts of several recordings: each unknown of each recording begins elsewhere, and all end in one minimum."""
+    """Many starts of several recordings: each recording's own unknowns begin elsewhere, too; all end in one minimum."""
     tried = calibrate_from([recording("a", 0.01), recording("b", 0.01)], START, UNKNOWNS, 3, varies=VARIES,
                            settings=SETTINGS)  # fmt: skip
     assert [each.starts for each in tried.minima] == [(0, 1, 2)]

@@ -121,7 +121,7 @@ def test_a_start_that_breaks_down(monkeypatch: pytest.MonkeyPatch) -> None:
     import fitting.starts
 
     def broken(*given: Any, x0: Any, **options: Any) -> Calibration:
-        if len(lost) == 2 or x0 is not None:
+        if len(lost) == 2 or x0.any():
             raise InputError("too soft to be simulated.")
         return calibrate(*given, **options)
 
