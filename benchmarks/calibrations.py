@@ -2,7 +2,7 @@
 
     python benchmarks/calibrations.py [--tubes N] [--first N] [--factor X] [--starts N] [--json FILE]
 
-Each tube is a draw of its own, by its number: length 20 to 50 cm, radius 8 to 12 mm, E 0.3 to 1 MPa, a viscosity of
+Each tube is a draw of its own, by its number: length 20 to 50 cm, radius 8 to 12 mm, E 0.2 to 1 MPa, a viscosity of
 5 to 20 ms, beats of 0.5 to 1 s; a Windkessel whose R2 C is 0.3 to 5 s, with half to one and a half of the tube's
 impedance before it, and the resistance that makes a mean pressure of 9 to 14 kPa. Recorded are inlet.Q and P at both
 ends, 15 beats with white noise of 1 % of each channel's pulse. Five numbers without prior, E, phi0, R1, C and R2, begin
@@ -74,16 +74,17 @@ def ejected(t: Array, T: float, size: float) -> Array:
 def make(seed: int, factor: float = 3.0) -> Made:
     """The recording of a number."""
     rng = np.random.default_rng([27, seed])
-    R0, E, T = rng.uniform(8e-3, 12e-3), rng.uniform(3e5, 1e6), rng.uniform(0.5, 1.0)
+    R0, E, T = rng.uniform(8e-3, 12e-3), rng.uniform(2e5, 1e6), rng.uniform(0.5, 1.0)
     tube = Segment("A", L=rng.uniform(0.2, 0.5), R0=R0, h=0.12 * R0, E=E, phi0=E * rng.uniform(5e-3, 20e-3))
     Z = np.sqrt(RHO * E * 0.12 / 1.5) / (np.pi * R0**2)
-    size = rng.uniform(2e-4, 4e-4) * (R0 / 1e-2) ** 2
+    size = rng.uniform(2e-4, 5e-4) * (R0 / 1e-2) ** 2
     mean = float(ejected(np.linspace(0.0, T, 999), T, size).mean())
     R1, RC = Z * rng.uniform(0.5, 1.5), float(np.exp(rng.uniform(np.log(0.3), np.log(5.0))))
-    R2 = rng.uniform(9e3, 14e3) / mean - R1
+    P = rng.uniform(9e3, 14e3)
+    R2 = P / mean - R1
     sites = (Site("Ao", "A", 0.0), Site("Pe", "A", 1.0))
     end = Windkessel("A", R1=R1, C=RC / R2, R2=R2)
-    true = Network("tube", (tube,), Inlet("A", mean, T), outlets=(end,), sites=sites, P_0=R2 * mean)
+    true = Network("tube", (tube,), Inlet("A", mean, T), outlets=(end,), sites=sites, P_ref=P, P_0=P)
     X = beat_harmonics(true, CHANNELS, SAMPLES // 2 - 1, lambda t: ejected(t, T, size), T, tolerance=1e-8)[0]
     waves = dict(zip(CHANNELS, np.fft.irfft(X, SAMPLES, axis=0, norm="forward").T, strict=True))
     waves = {"inlet.Q": ejected(np.arange(SAMPLES) * (T / SAMPLES), T, size), **waves}

@@ -99,8 +99,9 @@ def _again(ended: Sequence[Search]) -> bool:
 
 
 def _said(problem: Problem, ended: dict[int, Search], best: int) -> str:
-    tried = max(ended)
-    why = "nothing repeats" if 0 not in ended else f"the search ends {left(problem, ended[0]):.2g} of the pulse away"
-    rest = left(problem, ended[best])
-    then = f"start {best} ends {rest:.2g} of it away" if best else "none ends lower"
-    return f"from the network's own values {why}; of {tried} other start{'s' * (tried > 1)} {then}"
+    away, others = {i: f"{100.0 * left(problem, each):.2g} %" for i, each in ended.items()}, max(ended)
+    why = f"the search ends {away[0]} of the pulse away from the record" if 0 in ended else "there is no periodic beat"
+    then = (
+        f"from other start {best} it ends {away[best]} of the pulse away" if best else f"none of {others} others lower"
+    )
+    return f"from the network's own values {why}; {then}"
