@@ -9,7 +9,7 @@ cost: then it is the model that lacks something, not the search.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .inference.calibration import Part, Problem
 from .inference.fit import Member
 from .inference.gauss_newton import Rules, Search, search
 from .inference.starting_points import starting_points
+from .inference.unknown import absent
 from .records.noise import pulses
 
 Array = np.ndarray
@@ -37,11 +38,10 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Sear
 
     x0 : (p,) where to begin; None: the network's own values, then others. Raises ValueError where no start has a beat.
     """
-    starts = starting_points(problem.unknowns, 1 + OTHER_STARTS, _SEED) if x0 is None else x0[None]
     weighted: Problem | None = None
     ended: dict[int, Search] = {}
     failure: Exception | None = None
-    for i, x in enumerate(starts):
+    for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
         try:
             weighted = weighted or problem.with_targets(x, [first_error(part) for part in problem.parts])
             ended[i] = minimum(weighted, x, weighted.batches(x), rules)
@@ -56,8 +56,15 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Sear
         where = "as given" if x0 is None else "at this start"
         name = problem.parts[0].simulator.network.name
         raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
-    best = min(ended, key=lambda i: ended[i].cost)
-    return ended[best], [] if len(starts) == 1 or (best == 0 and len(ended) == 1) else [_said(weighted, ended, best)]
+    best = min(ended, key=lambda i: (far(weighted, ended[i]), ended[i].cost))
+    asked = x0 is not None or list(ended) == [0]
+    return ended[best], [] if asked else [_said(weighted, ended, best)]
+
+
+def _starts(problem: Problem) -> Iterator[Array]:
+    """The network's own values, then others."""
+    yield absent(problem.unknowns)
+    yield from starting_points(problem.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
 
 
 def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Search:
@@ -98,10 +105,10 @@ def _again(ended: Sequence[Search]) -> bool:
     return int((costs - costs[0] < alike).sum()) >= _ENOUGH
 
 
-def _said(problem: Problem, ended: dict[int, Search], best: int) -> str:
-    away, others = {i: f"{100.0 * left(problem, each):.2g} %" for i, each in ended.items()}, max(ended)
-    why = f"the search ends {away[0]} of the pulse away from the record" if 0 in ended else "there is no periodic beat"
+def _said(problem: Problem, ended: Mapping[int, Search], best: int) -> str:
+    away = {i: f"{100.0 * left(problem, each):.2g} % of the pulse away" for i, each in ended.items()}
+    why = f"the search ends {away[0]} from the record" if 0 in ended else "there is no periodic beat"
     then = (
-        f"from other start {best} it ends {away[best]} of the pulse away" if best else f"none of {others} others lower"
+        f"from other start {best} it ends {away[best]}" if best else f"from none of {max(ended)} others it ends lower"
     )
     return f"from the network's own values {why}; {then}"
