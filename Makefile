@@ -60,6 +60,7 @@ bench: $(VENV)/installed-run
 	$(BIN)/python benchmarks/elastic_laws.py
 	$(BIN)/python benchmarks/records.py
 	$(BIN)/python benchmarks/periods.py
+	$(BIN)/python benchmarks/calibrations.py
 	$(BIN)/python benchmarks/schemes.py
 
 docs: $(VENV)/installed-docs

@@ -32,7 +32,9 @@ COMMANDS: Mapping[str, Command] = {
     "fit": Command("fitting.__main__:fit_command", "Fit the wall of one site from its pressure and radius."),
     "cohort": Command("fitting.__main__:cohort_command", "Fit many subjects at many sites, and test claims."),
     "first": Command("fitting.first.command:first_command", "Make a first model from a recording."),
-    "calibrate": Command("fitting.__main__:calibrate_command", "Find parameters of a network from a record of it."),
+    "calibrate": Command(
+        "fitting.calibrate_command:calibrate_command", "Find parameters of a network from records of it."
+    ),
     "check": Command("fitting.__main__:check_command", "Compare an FMU that has a parameter set with a record."),
     "discover": Command("discrepancy.__main__:discover_command", "Find, name and add what a model lacks."),
     "isolability": Command("discrepancy.__main__:isolability_command", "What sensors could tell apart, beforehand."),

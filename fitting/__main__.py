@@ -15,26 +15,26 @@ from rich.console import RenderableType
 from solver import NonPhysicalState, NotPeriodic
 from solver.console import faults, put, say, say_notes, say_written, sentences, show
 from solver.errors import InputError
-from solver.files import dumps, find_network, parse_quantity, read_network
+from solver.files import dumps
 from solver.host_died import HostDied
-from solver.options import Force, Json, NetworkName, Quiet, files_for
+from solver.options import Force, Json, Quiet, files_for
 from solver.progress import PACE, bar
 from solver.text import typed_quantity
 from solver.writing import check_destinations, check_new, write_all
 
 from .bench import bench_network
+from .calibrate_command import calibrate_command
 from .estimate import Estimate
 from .first.command import first_command
 from .fmu_run import RunFailed
 from .indices import indices, plain
 from .inference.loop import NoFit
-from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json, write_set
-from .record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped
+from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json
+from .record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped, Period, seconds
 from .records.align import align
 from .records.beats import Beats
 from .records.columns import Reading
-from .records.filters import with_filters
-from .records.plausible import Artery, arteries, check_plausible
+from .records.plausible import Artery, check_plausible
 from .records.record import read_record
 from .wall import bootstrap, fit
 from .wall_fit import WallFit
@@ -44,7 +44,6 @@ app = typer.Typer(add_completion=False, help=__doc__, no_args_is_help=True, rich
 
 _ERRORS = (NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # what a user can put right, too
 
-Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Law = Annotated[
     str | None,
     typer.Option(
@@ -101,7 +100,7 @@ def fit_command(
         measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, {site: Artery(options["R0"], thickness)})
-        beats = align(measured, _seconds(period, "--period"))
+        beats = align(measured, seconds(period, "--period"))
         kept = fit(beats, site, thickness, chosen, **options)
         fits = [*_beside(kept, beats, options), kept]
         checked = (
@@ -200,75 +199,7 @@ def cohort_command(
 app.command("first")(first_command)
 
 
-@app.command("calibrate")
-def calibrate_command(
-    record: Annotated[
-        Path, typer.Argument(is_eager=True, help="File with `time [s]`, `inlet.Q` and P, Q or R at some sites.")
-    ],
-    network: NetworkName,
-    free: Annotated[
-        list[str],
-        typer.Option(
-            help='What to find, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
-        ),
-    ],
-    out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
-    start: Annotated[
-        Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
-    ] = None,
-    starts: Annotated[
-        int, typer.Option(help="Searches: the first from the network's values, others from its priors, twice as wide.")
-    ] = 1,
-    seed: Annotated[int, typer.Option(help="Same seed, same starts.")] = 1,
-    jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
-    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
-    mapped: Mapped = None,
-    beside: Beside = None,
-    decimal: Decimal = None,
-    columns: Columns = False,
-    as_measured: AsMeasured = False,
-    filters: Filters = None,
-    period: Period = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Find parameters of a network from a record of it."""
-    from .network_indices import network_indices
-    from .pages.tables import calibration_table, network_indices_table
-    from .starts import calibrate_from
-
-    with sentences(*_ERRORS), bar(quiet, pace=PACE) as progress:
-        progress(0.0, "reading")
-        _check_destinations(out, parameters=out, given=[record, *(beside or ()), network, start])
-        described = read_network(find_network(network))
-        if start is not None:
-            described = read_set(start).apply(described)
-        described = with_filters(described, filters or ())
-        measured = read_record(record, Reading.asked(mapped, decimal, beside))
-        if not as_measured:
-            check_plausible(measured, arteries(described))
-        beats = align(measured, _seconds(period, "--period"))
-        tried = calibrate_from(
-            beats, described, free, starts, seed=seed, jobs=jobs, scheduler=scheduler, progress=progress
-        )
-        result = tried.best
-        progress(1.0, "indices of the sites")
-        found = network_indices(result, described, beats)
-        parameters = result.parameter_set(complete=start is not None)
-        parameters = _with_indices(parameters, {site: plain(each) for site, each in found.items()})
-        if filters:
-            parameters = replace(parameters, provenance={**parameters.provenance, "filters": list(filters)})
-        if starts > 1:
-            parameters = replace(parameters, provenance={**parameters.provenance, "starts": tried.plain()})
-        if out is not None:
-            write_set(parameters, out)
-    if as_json:
-        put(set_json(parameters))
-    elif not quiet:
-        show(calibration_table(result), network_indices_table(result.network, found))
-    if not quiet:
-        say_notes(result.report, aside=as_json)
-        say_written(out, aside=as_json)
+app.command("calibrate")(calibrate_command)
 
 
 @app.command("check")
@@ -301,7 +232,7 @@ def check_command(
             read_set(parameters),
             fmu,
             read_record(record, Reading.asked(mapped, decimal, beside)),
-            period=_seconds(period, "--period"),
+            period=seconds(period, "--period"),
             filters=filters or (),
             as_measured=as_measured,
             progress=lambda what: progress(0.0, what),
@@ -317,10 +248,6 @@ def check_command(
 
 
 # --- what the commands share --------------------------------------------------------------------------------------
-
-
-def _seconds(text: str | None, name: str) -> float | None:
-    return None if text is None else parse_quantity(text, "s", name)
 
 
 def _beside(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[WallFit]:

@@ -14,200 +14,105 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic, Settings
-from solver.balance import NoSteadyState
+from solver import Settings
 from solver.errors import InputError
-from solver.legible import endless
 from solver.network import Network
-from solver.units import INFLOW, SIGNAL_UNITS
+from solver.simulate import BROKEN
+from solver.units import INFLOW
 
-from .inference.asked import parse_unknowns
-from .inference.calibration import DERIVATIVE_ERROR, Problem, problem_of
-from .inference.fit import Member
-from .inference.gauss_newton import Rules, Search, search
-from .inference.identify import sentences
+from .calibrated import Calibration, Recording, labels_of, noise_known
+from .first_search import first_error, first_search, minimum
+from .inference.asked import parse_unknowns, varied
+from .inference.calibration import DERIVATIVE_ERROR, Problem, part_of
+from .inference.gauss_newton import Point, Rules, Search
+from .inference.identify import Determined, sentences
 from .inference.simulator import Meter
-from .inference.unknown import Unknown, parameter_intervals, parameter_values, quantile
-from .parameter_set import ParameterSet, Value, unit_of
-from .provenance import software
+from .inference.unknown import Unknown, parameter_intervals, parameter_values
 from .records.amounts import sizes
 from .records.beats import Beats
-from .records.noise import (
-    MAX_HARMONICS,
-    check_flow_driven,
-    degrees_of_freedom,
-    harmonics_above_noise,
-    pulses,
-    solver_error,
-)
+from .records.noise import MAX_HARMONICS, check_flow_driven, harmonics_above_noise, pulses, solver_error
 from .threads import single_threaded
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
-_FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
 # Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none
 _NEAR, _SETTLED = 1e-2, 1e-4
-_ALL_PRIOR = 0.95  # of a prior's standard deviation: who knows no better than that has learned nothing from the data
 _FEWEST_STEPS = 20  # of the solver in a beat
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """The result. Covariances are of x (:class:`~fitting.inference.unknown.Unknown`), data and prior together.
-
-    values, ci95 : SI, by FMU variable name. shrinkage : posterior over prior standard deviation, None without a prior.
-    chi2, dof : of the data; where chi2/dof > 1 the data's covariance is multiplied by it. channels : whitened RMS per
-    channel (1 = noise); rms : the same over the beat [SI]. singular_values : of the whitened Jacobian in prior units,
-    largest first, 0 where its own error is as large; directions : its right singular vectors, (p, p), by row. report :
-    what is not determined, at a bound, or not explained, one sentence each. history : cost after each iteration of both
-    searches. harmonics : K.
-    simulations : parameter sets that were simulated. others : the network's parameters that did not move [SI].
-    beats : in the record; intervals are Student's t with 4 (beats - 1) degrees of freedom, what is known of the noise.
-    """
-
-    network: str
-    unknowns: tuple[Unknown, ...]
-    x: Array
-    covariance: Array
-    values: Mapping[str, float]
-    ci95: Mapping[str, tuple[float, float]]
-    shrinkage: tuple[float | None, ...]
-    chi2: float
-    dof: float
-    channels: Mapping[str, float]
-    rms: Mapping[str, float]
-    singular_values: Array
-    directions: Array
-    at_bound: tuple[str, ...]
-    report: tuple[str, ...]
-    history: tuple[tuple[float, ...], tuple[float, ...]]
-    converged: bool
-    harmonics: int
-    simulations: int
-    seconds: float
-    others: Mapping[str, float]
-    laws: Mapping[str, str]
-    beats: int
-    source: str
-    sha256: str
-    told: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def cost(self) -> float:
-        """What the search made small: χ² of the data and of the priors."""
-        return self.history[1][-1]
-
-    @property
-    def sd(self) -> Array:
-        """(p,) standard deviation of x."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def quantile(self) -> float:
-        """Half a 95 % interval in standard deviations."""
-        return quantile(degrees_of_freedom(self.beats, at_ends=True))
-
-    @property
-    def undetermined(self) -> frozenset[str]:
-        """Values of which the data say next to nothing: their intervals are those of their priors, or have no end."""
-        weak = {name for u, part in zip(self.unknowns, self.shrinkage, strict=True)
-                if part is not None and part > _ALL_PRIOR for name, _ in u.moves}  # fmt: skip
-        return frozenset(name for name, value in self.values.items() if name in weak or endless(value, self.ci95[name]))
-
-    def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
-        """The values that moved, with their intervals: start values of the network's FMU.
-
-        complete : with all other parameters of the network too, for an FMU that was built with other values.
-        """
-        values = {each: Value(value, unit_of(each), self.ci95[each]) for each, value in self.values.items()}
-        if complete:
-            values |= {each: Value(x, unit_of(each)) for each, x in self.others.items()}
-        provenance = {
-            "method": "network calibration",
-            "network": self.network,
-            "record": self.source,
-            "sha256": self.sha256,
-            **({"columns": dict(self.told)} if self.told else {}),
-            "beats": self.beats,
-            "unknowns": {u.name: {"x": float(x), "sd": float(s), "prior_sd": u.prior_sd, "unit": u.unit, "kind": u.kind,
-                                  "moves": dict(u.moves)}
-                         for u, x, s in zip(self.unknowns, self.x, self.sd, strict=True)},
-            "covariance": self.covariance.tolist(),
-            "chi2_over_dof": self.chi2 / self.dof,
-            "channels": dict(self.channels),
-            "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
-            "undetermined": sorted(self.undetermined),
-            "report": list(self.report),
-            "software": software(),
-        }  # fmt: skip
-        return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 
 
 @single_threaded
 def calibrate(
-    beats: Beats,
+    beats: Beats | Sequence[Beats],
     network: Network,
     unknowns: Iterable[str | Unknown],
     *,
+    varies: Sequence[str] = (),
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
     max_iterations: int = 20,
     x0: Array | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from a record of it.
+    """Find the unknowns ("all.E", "CA.phi0:0.1", "CA.outlet.R_t:none" …) of a network from recordings of it.
 
-    beats : a record with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
-    settings : of the solver: the elements' length, and dt, default 1 ms, where no balance is found. x0 : (p,) where the
-    search begins, default 0, the network's own values (:mod:`fitting.starts` tries many). progress : called with a
-    fraction of the work and a label.
+    beats : recordings with inlet.Q and channels named as the network's outputs; of these ``channels``, default all.
+    varies : unknowns with a value for each recording, "*.outlet.R2"; others, walls and geometry, are in common.
+    settings : of the solver: the elements' length, and dt, default 1 ms, where balances have no room. x0 : (p,) where
+    the search begins (:mod:`fitting.starts` tries many). Default: the network's own values, and where nothing repeats
+    there, or the search ends far from the record, up to 8 other starts. progress : called with a fraction of the work
+    and a label.
     Raises ValueError, one sentence, for unknowns that the network has not, channels that it has not, a record without
     inlet.Q or with a phase that was never measured, a beat shorter than 20 steps, and a network that breaks down with
-    this inflow where the search begins.
+    this inflow wherever the search begins.
     """
     started = time.perf_counter()
     settings = settings or Settings()
+    recorded = [beats] if isinstance(beats, Beats) else list(beats)
     found = parse_unknowns(unknowns, network)
     check_flow_driven(network)
-    names = _channels(beats, network, channels)
-    K = _harmonics(beats, names, settings)
     told = _Stages(progress)
     meter = Meter(told.simulated)
-    problem = problem_of(beats, network, found, names, K, settings, meter)
-    pulse = pulses(beats, names)
+    labels = labels_of([each.source for each in recorded])
+    everything, which = varied(found, varies, labels)
+    parts = []
+    for each, numbers in zip(recorded, which, strict=True):
+        names = _channels(each, network, channels)
+        own = tuple(everything[i] for i in numbers)
+        K = _harmonics(each, names, settings)
+        parts.append(part_of(each, network, own, np.array(numbers), names, K, settings, meter))
+    problem = Problem(everything, tuple(parts))
 
-    x, given = (np.zeros(len(found)), "as given") if x0 is None else (x0, "at this start")
-    first = problem.with_target(x, np.full((K + 1, len(names)), _FIRST_ERROR) * pulse)
     told.begin(0.0, 0.6, "first search")
-    with _refusal(f"{beats.source}: with its inflow, network {network.name} {given} cannot be simulated"):
-        batch = first.batch(x)
     rules = Rules(_NEAR, math.inf, max_iterations, error=DERIVATIVE_ERROR)
-    near = _minimum(first, x, batch, rules)
+    near, said = first_search(problem, x0, rules)
 
     told.begin(0.6, 1.0, "second search")
+    last, unmeasured = _weighted(problem, near)
     assert near.here is not None
-    x, batch = near.x, near.here.memory
-    with _refusal(f"{beats.source}: network {network.name} as found cannot be simulated with shorter elements"):
-        last = problem.with_target(x, solver_error(batch[0], problem.finer().simulate(x[None])[0], pulse))
-    best = _minimum(last, x, batch, replace(rules, gain=_SETTLED))
+    best = minimum(last, near.x, near.here.memory, replace(rules, gain=_SETTLED))
     if progress:
         progress(1.0, "done")
-    return _result(last, near, best, time.perf_counter() - started)
+    return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
 
 
-def _minimum(problem: Problem, x: Array, batch: Array, rules: Rules) -> Search:
-    """The search from x : (p,), whose batch is known."""
-    found = Search(Member((), problem.unknowns, x), rules, problem.point(x, batch))
-    search(problem.evaluated, [found])
-    return found
+def _weighted(problem: Problem, near: Search) -> tuple[Problem, list[str]]:
+    """The problem with the weights of where the first search ended, the solver's own error among them."""
+    assert near.here is not None
+    errors, unmeasured = [], list[str]()
+    for part, batch in zip(problem.parts, near.here.memory, strict=True):
+        pulse = pulses(part.beats, part.simulator.names)
+        errors.append(first_error(part))
+        try:
+            errors[-1] = solver_error(batch[0], part.finer().simulate(near.x[part.which][None])[0], pulse)
+        except BROKEN:
+            unmeasured = ["with shorter elements no beat was found, so that the solver's own error is not measured"]
+    return problem.with_targets(near.x, errors), unmeasured
 
 
 # --- the record ----------------------------------------------------------------------------------------------------
@@ -266,85 +171,101 @@ class _Stages:
             self.progress(low + (high - low) * (1.0 - 0.6**self.done), f"{self.label}, simulation {self.done}")
 
 
-@contextmanager
-def _refusal(what: str) -> Iterator[None]:
-    """A simulation that breaks down where there is nothing to go back to, as one sentence."""
-    try:
-        yield
-    except (NonPhysicalState, NotPeriodic, NoSteadyState) as error:
-        raise InputError(f"{what}: {error}") from None
-
-
 # --- the result ---------------------------------------------------------------------------------------------------
 
 
-def _result(problem: Problem, near: Search, best: Search, seconds: float) -> Calibration:
-    assert problem.target is not None and best.here is not None
-    x, point, unknowns, network = best.x, best.here, problem.unknowns, problem.simulator.network
+def _result(
+    problem: Problem, near: Search, best: Search, said: Sequence[str], labels: Sequence[str],
+    asked: Sequence[Unknown], meter: Meter, seconds: float,
+) -> Calibration:  # fmt: skip
+    assert best.here is not None
+    x, point, unknowns, network = best.x, best.here, problem.unknowns, problem.parts[0].simulator.network
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
     known = problem.determined(point, max(1.0, chi2 / dof))
     close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
-    channels = problem.target.channel_rms(point.memory[0])
-    rms = problem.target.channel_size(point.memory[0])
+    common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
+    own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}
+    recordings = _recordings(problem, point, x, known, labels, [u.name for u in asked], own)
+    shared, covariance = tuple(unknowns[i] for i in common), known.covariance[np.ix_(common, common)]
+    values = {n: float(v) for n, v in parameter_values(shared, network, x[common]).items() if n not in own}
+    noise = noise_known([part.beats.n_beats for part in problem.parts])
+    ci95 = parameter_intervals(shared, network, x[common], covariance, noise)
     sd = np.sqrt(np.diag(known.covariance))
     terms = [f"ln {u.name}" if u.kind == "scale" else u.name for u in unknowns]
     report = [
         *(f"{name} stopped at the end of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
-        *_misfit(chi2 / dof, dof, channels, rms),
-        *(text.rstrip(".") for text in problem.beats.warnings),
+        *_misfit(chi2 / dof, dof, recordings),
+        *said,
+        *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
     ]
     if not best.converged:
         report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
-    values = parameter_values(unknowns, network, x)
     return Calibration(
         network=network.name,
+        recordings=recordings,
         unknowns=unknowns,
         x=x,
         covariance=known.covariance,
-        values={name: float(value) for name, value in values.items()},
-        ci95=parameter_intervals(
-            unknowns, network, x, known.covariance, degrees_of_freedom(problem.beats.n_beats, at_ends=True)
-        ),
+        values=values,
+        ci95={name: ci95[name] for name in values},
         shrinkage=tuple(u.prior_sd and float(s) / u.prior_sd for u, s in zip(unknowns, sd, strict=True)),
         chi2=chi2,
         dof=dof,
-        channels=channels,
-        rms=rms,
         singular_values=known.singular_values,
         directions=known.directions,
         at_bound=at_bound,
         report=tuple(report),
         history=(tuple(near.history), tuple(best.history)),
         converged=best.converged,
-        harmonics=problem.simulator.K,
-        simulations=problem.meter.simulations,
+        simulations=meter.simulations,
         seconds=seconds,
         others={
             name: value
             for name, value in network.parameters().items()
-            if name not in values and not network.parameter_quantities()[name].input
+            if name not in values and name not in own and not network.parameter_quantities()[name].input
         },
         laws={
             "network.elastic_law": network.elastic_law,
             "network.viscous_law": network.viscous_law,
         },
-        beats=problem.beats.n_beats,
-        source=problem.beats.source,
-        sha256=problem.beats.sha256,
-        told=problem.beats.told,
     )  # fmt: skip
 
 
-def _misfit(ratio: float, dof: float, channels: Mapping[str, float], rms: Mapping[str, float]) -> list[str]:
+def _recordings(
+    problem: Problem, point: Point, x: Array, known: Determined, labels: Sequence[str], names: Sequence[str],
+    own: Collection[str],
+) -> tuple[Recording, ...]:  # fmt: skip
+    """Each recording: what its data say, and the values that it alone has."""
+    found, one = [], problem.determined(point)
+    paid = np.einsum("np,pq,nq->n", point.J, one.covariance, point.J)  # of each datum, for the unknowns
+    paid *= one.effective / max(float(paid.sum()), np.finfo(float).tiny)
+    for part, rows, batch, label in zip(problem.parts, problem.rows(), point.memory, labels, strict=True):
+        assert part.target is not None
+        beats, at, network = part.beats, part.which, part.simulator.network
+        z = point.z[rows]
+        values = {n: float(v) for n, v in parameter_values(part.unknowns, network, x[at]).items() if n in own}
+        covariance, noise = known.covariance[np.ix_(at, at)], noise_known([beats.n_beats])
+        ci95 = parameter_intervals(part.unknowns, network, x[at], covariance, noise)
+        found.append(Recording(
+            label, beats.source, beats.sha256, beats.n_beats, tuple(int(i) for i in at), tuple(names), values,
+            {name: ci95[name] for name in values}, float(z @ z), max(1.0, len(z) - float(paid[rows].sum())),
+            part.target.channel_rms(batch[0]), part.rms(batch[0]), part.simulator.K, beats.told,
+        ))  # fmt: skip
+    return tuple(found)
+
+
+def _misfit(ratio: float, dof: float, recordings: Sequence[Recording]) -> list[str]:
     """A sentence if χ²/dof is above 1 by more than chance (four standard deviations)."""
     if ratio <= 1.0 + 4.0 * math.sqrt(2.0 / dof):
         return []
-    worst = max(channels, key=lambda name: channels[name])
+    one = max(recordings, key=lambda each: max(each.channels.values()))
+    worst = max(one.channels, key=lambda name: one.channels[name])
+    where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
     return [
-        f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {worst} "
-        f"({channels[worst]:.3g} times its noise); rms of what is left: {sizes(rms, channels)}; the intervals are "
-        f"widened by {math.sqrt(ratio):.3g}"
+        f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
+        f"({one.channels[worst]:.3g} times its noise); rms of what is left: {sizes(one.rms, one.channels)}; the "
+        f"intervals are widened by {math.sqrt(ratio):.3g}"
     ]

@@ -28,7 +28,7 @@ _ASYMMETRY = 1e-9  # of a covariance's largest entry: round-off
 class Prior:
     """The network with the values of a calibration, and unknowns along the directions that it left uncertain.
 
-    source : the file; sha256 : of the record that was calibrated with, "" where the file does not say.
+    source : the file; sha256 : of the records calibrated with, joined by " + ", "" where it does not say.
     """
 
     network: Network
@@ -38,7 +38,7 @@ class Prior:
 
     def doubts(self, record: Record) -> tuple[str, ...]:
         """What to know, in sentences, where a record is compared with this."""
-        if not self.sha256 or self.sha256 != record.sha256:
+        if not self.sha256 or record.sha256 not in self.sha256.split(" + "):
             return ()
         return (
             f"{self.source}: it was calibrated with {record.path} itself, so that this record counts twice: intervals "

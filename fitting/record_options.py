@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from solver.console import put, say, sentences, show
+from solver.files import parse_quantity
 
 from .cohort.file import read_cohort
 from .records.columns import Reading
@@ -68,6 +69,12 @@ Decimal = Annotated[
 AsMeasured = Annotated[
     bool, typer.Option("--as-measured", help="Take values that no artery has as they are: a phantom, a vein.")
 ]
+Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Columns = Annotated[
     bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and end; with --json, too.")
 ]
+
+
+def seconds(text: str | None, name: str) -> float | None:
+    """What an option says in seconds; None where it is not given."""
+    return None if text is None else parse_quantity(text, "s", name)

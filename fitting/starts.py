@@ -9,25 +9,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from solver import Settings
 from solver.errors import InputError
 from solver.network import Network
 
 from .calibrate import Calibration, Progress, calibrate
-from .inference.asked import parse_unknowns
-from .inference.unknown import Unknown, bounds
+from .calibrated import labels_of
+from .inference.asked import parse_unknowns, varied
+from .inference.starting_points import starting_points
+from .inference.unknown import Unknown
 from .records.beats import Beats
 from .tasks import done
 
 Array = np.ndarray
 
-WIDER = 2.0  # starts than priors: they are to be farther apart than what animals are
 SAME = 0.1  # standard deviations of every unknown within which two ends are one minimum
 MOST = 10_000  # starts
 _ALIKE = 3.84  # difference of cost, -2 log likelihood, that is no evidence: 95 % of χ²(1)
@@ -111,11 +111,12 @@ class Starts:
 
 
 def calibrate_from(
-    beats: Beats,
+    beats: Beats | Sequence[Beats],
     network: Network,
     unknowns: Iterable[str | Unknown],
     starts: int,
     *,
+    varies: Sequence[str] = (),
     seed: int = 1,
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
@@ -135,20 +136,14 @@ def calibrate_from(
         raise InputError(f"--seed = {seed}: must be a whole number from 0 to {2**32 - 1}.")
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs = {jobs}: must be a whole number of processes, at least 1.")
-    found = parse_unknowns(unknowns, network)
-    tasks = [
-        _Task(beats, network, found, channels, settings, x if i else None)
-        for i, x in enumerate(starting_points(found, starts, seed))
-    ]
+    recorded, found = [beats] if isinstance(beats, Beats) else list(beats), parse_unknowns(unknowns, network)
+    everything, _ = varied(found, varies, labels_of([each.source for each in recorded]))
+    points = starting_points(everything, starts, seed) if starts > 1 else [None]
+    tasks = [_Task(recorded, network, found, tuple(varies), channels, settings, x) for x in points]
     ended: dict[int, Calibration] = {}
     failures: dict[int, str] = {}
     if starts == 1 and scheduler is None:
-        return Starts(
-            1,
-            seed,
-            minima({0: calibrate(beats, network, found, channels=channels, settings=settings, progress=progress)}),
-            {},
-        )
+        return Starts(1, seed, minima({0: _calibration(tasks[0], progress)}), {})
     if progress:
         progress(0.0, f"0 of {starts} starts")
     for n, (i, each) in enumerate(done(_calibrated, tasks, jobs, scheduler), 1):
@@ -158,24 +153,9 @@ def calibrate_from(
             ended[i] = each
         if progress:
             progress(n / starts, f"{n} of {starts} starts")
-    if not ended:
-        raise InputError(failures[0])
+    if not ended:  # eight more may do
+        ended[0] = _calibration(replace(tasks[0], x0=None))
     return Starts(starts, seed, minima(ended), failures)
-
-
-def starting_points(unknowns: Sequence[Unknown], starts: int, seed: int) -> Array:
-    """(starts, p) x : 0, then points of a scrambled Sobol' sequence.
-
-    x_i = 2 s_i Φ⁻¹(u_i), within its allowed range; s : standard deviation of the prior, or of the default one where
-    there is none; u : the point in the unit cube.
-    """
-    from scipy.stats.qmc import Sobol  # takes half a second
-
-    p = len(unknowns)
-    u = Sobol(p, seed=seed).random_base2(int(starts - 1).bit_length())[: starts - 1]
-    spread = WIDER * np.array([each.typical_sd for each in unknowns])
-    x = spread * ndtri(np.clip(u, 1e-6, 1.0 - 1e-6))
-    return np.clip(np.concatenate([np.zeros((1, p)), x]), *bounds(unknowns))
 
 
 def minima(ended: Mapping[int, Calibration]) -> tuple[Minimum, ...]:
@@ -205,26 +185,25 @@ def minima(ended: Mapping[int, Calibration]) -> tuple[Minimum, ...]:
 
 @dataclass(frozen=True)
 class _Task:
-    """A calibration from one start."""
+    """A calibration from one start; None: the network's own values, and others where these lead nowhere."""
 
-    beats: Beats
+    beats: Sequence[Beats]
     network: Network
     unknowns: tuple[Unknown, ...]
+    varies: tuple[str, ...]
     channels: Sequence[str] | None
     settings: Settings | None
     x0: Array | None
 
 
+def _calibration(task: _Task, progress: Progress | None = None) -> Calibration:
+    given = {field.name: getattr(task, field.name) for field in fields(task)}
+    return calibrate(**given, progress=progress)
+
+
 def _calibrated(task: _Task) -> Calibration | str:
     """The calibration of a task, or the sentence that says why there is none."""
     try:
-        return calibrate(
-            task.beats,
-            task.network,
-            task.unknowns,
-            channels=task.channels,
-            settings=task.settings,
-            x0=task.x0,
-        )
+        return _calibration(task)
     except InputError as error:
         return str(error)

@@ -68,6 +68,11 @@ def beat_harmonics(
     return np.concatenate(found)
 
 
+def has_room(network: Network, harmonics: int, settings: Settings | None = None) -> bool:
+    """Whether a balance of so many harmonics of one member has room."""
+    return storable(build(network, None, settings)) >= harmonics
+
+
 def _check(network: Network, names: Sequence[str], K: int, more: int, tolerance: float) -> None:
     check_network(network)
     known = network.output_units()

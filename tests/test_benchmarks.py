@@ -27,6 +27,7 @@ RUNS = {
     "elastic_laws": (["--seeds", "2"], "CA of the sheep"),
     "records": (["--samples", "20000", "--channels", "3"], "fit one site"),
     "schemes": (["--small", "--rows", "rows.json", "--figure", "schemes.png"], "neumann"),
+    "calibrations": (["--tubes", "2", "--json", "rows.json"], "intervals that hold the truth"),
     "periods": (["--recordings", "40", "--json", "rows.json"], "peaks 3"),
     "convergence": (["--small", "--rows", "rows.json", "cca"], "CPU time and error"),
     "openbf": (["--no-switch", "--figure", "openbf.png"], "the same, time: 0.6 ms later"),

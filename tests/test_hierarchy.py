@@ -58,7 +58,7 @@ def test_an_unknown_at_the_end_of_its_range_still_pays_its_prior() -> None:
 @pytest.mark.parametrize("size", [0.16, 16.0, 160.0])
 def test_size_of_an_effect_is_integrated_over_its_logarithm(size: float) -> None:
     """One number of d' = 8, in typical sizes: ∫ N(z) dx/(2 |x| (1 + (x/10)²) ln 1000) over both signs. Laplace's value
-    is off by 0.03 of -2 ln where x is small, and by 0.23 where it is many typical sizes, which the tail makes unlikely."""
+    is off by 0.03 of -2 ln where x is small, and by 0.23 where it is many typical sizes, which are unlikely."""
     J, y = np.array([[8.0 / size]]), np.array([-8.0])
     term = Term("toy", "here", ("here",), (unknown("size", of_size=True),))
     found = score(fitted(J, y, term.unknowns, (term,)))
@@ -71,7 +71,7 @@ def test_size_of_an_effect_is_integrated_over_its_logarithm(size: float) -> None
 @pytest.mark.parametrize("d", [4.0, 1.0, 0.1, -0.1, -1.0, -4.0])
 def test_a_size_of_one_sign_is_integrated_over_its_range(d: float) -> None:
     """x >= 0 where the data ask for d standard deviations: ∫ N(z) dx/(max(x, sd) (1 + (x/10)²) ln 1000) over the range,
-    to 0.3 in ln (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, and 2.4
+    to 0.3 in ln (0.26 measured, at d = 1); held at 0 or not. The whole of a Gaussian would be 0.8 too much at 0, 2.4
     at -4."""
     size = replace(unknown("size", of_size=True), low=0.0)
     J, y = np.array([[50.0]]), np.array([-d])

@@ -10,6 +10,8 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
 
 from solver import effects
 from solver.coordinate import SCALE, SHIFT, allowed
@@ -67,6 +69,32 @@ def parse_unknowns(texts: Iterable[str | Unknown], network: Network) -> tuple[Un
             raise InputError(f"unknowns {moved[same]} and {unknown.name} move the same parameters; keep one of them.")
         moved[same] = unknown.name
     return unknowns
+
+
+def varied(
+    unknowns: Sequence[Unknown], varies: Sequence[str], labels: Sequence[str]
+) -> tuple[tuple[Unknown, ...], list[list[int]]]:
+    """All unknowns of some recordings, and for each recording the numbers of its own: in common, but for some.
+
+    varies : names with wildcards, "*.outlet.R2", of unknowns that have a value for each recording, or of all variables
+    of one. labels : of the recordings. Raises ValueError for one that names no unknown.
+    """
+    found, which = list[Unknown](), [list[int]() for _ in labels]
+    for pattern in varies:
+        if not any(_named(unknown, pattern) for unknown in unknowns):
+            names = ", ".join(unknown.name for unknown in unknowns)
+            raise InputError(f"--varies {pattern}: it names none of the unknowns {names}; name one, or free it, too.")
+    for unknown in unknowns:
+        own = len(labels) > 1 and any(_named(unknown, pattern) for pattern in varies)
+        for label, numbers in zip(labels, which, strict=True):
+            if own or label == labels[0]:
+                found.append(replace(unknown, name=f"{unknown.name} of {label}") if own else unknown)
+            numbers.append(len(found) - 1)
+    return tuple(found), which
+
+
+def _named(unknown: Unknown, pattern: str) -> bool:
+    return any(all(fnmatchcase(name, pattern) for name in names) for names in ((unknown.name,), unknown.variables))
 
 
 def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], network: str) -> None:

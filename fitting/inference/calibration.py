@@ -1,7 +1,8 @@
 """The problem of a calibration: the whitened residual with its derivatives, by batches of the solver.
 
-With priors of standard deviation s the search (:mod:`fitting.inference.gauss_newton`) minimises |z(x)|² + Σ (x_i/s_i)².
-One batch gives z and its derivatives, by finite differences, for little more than the price of z.
+With priors of standard deviation s the search (:mod:`fitting.inference.gauss_newton`) minimises |z(x)|² + Σ (x_i/s_i)²,
+where z holds the residuals of all recordings, one after the other. One batch a recording gives z and its derivatives,
+by finite differences, for little more than the price of z.
 """
 
 from __future__ import annotations
@@ -34,17 +35,69 @@ TOLERANCE = 1e-7  # of periodic beats, whose small differences are the derivativ
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Unknowns p of a network, a record's m channels up to harmonic K, and their simulation.
+class Part:
+    """One recording: its m channels up to harmonic K, and their simulation under its inflow.
 
-    target : what the record says, with its weights; None until they are known.
+    unknowns : the q that act in it; which : (q,) their numbers among all. target : what the record says, with its
+    weights; None until they are known.
     """
 
     beats: Beats
     unknowns: tuple[Unknown, ...]
+    which: Array
     simulator: Simulator
     meter: Meter
     target: Target | None = None
+
+    @property
+    def size(self) -> int:
+        """Numbers in its residual."""
+        return len(self.simulator.names) * (2 * self.simulator.K + 1)
+
+    def finer(self) -> Part:
+        """The same with half the elements, to see what they do."""
+        return replace(self, simulator=self.simulator.finer())
+
+    def with_target(self, x: Array, error: Array) -> Part:
+        """The part weighted for all unknowns x : (p,) and a solver's error (K+1, m)."""
+        s = self.simulator
+        own = parameter_values(self.unknowns, s.network, x[self.which])
+        at = {name: float(value) for name, value in own.items()}
+        H = linear_response(s.network, s.names, s.T, s.K, at)
+        felt = varying(self.beats, s.network, s.names, s.K, at)
+        return replace(self, target=target(self.beats, s.names, H, error, felt))
+
+    def simulate(self, x: Array) -> Array:
+        """Coefficients (B, K+1, m) of the periodic beat for its unknowns x : (B, q)."""
+        parameters = parameter_values(self.unknowns, self.simulator.network, x)
+        return self.simulator.coefficients(self.simulator.network, parameters, Runs(self.meter), alike=True)
+
+    def batch(self, x: Array) -> Array:
+        """Coefficients (1+q, K+1, m) at all unknowns x : (p,) and one step away from it along each of its own."""
+        own = x[self.which]
+        return self.simulate(np.concatenate([own[None], own + np.diag(finite_steps(self.unknowns, own, STEP))]))
+
+    def point(self, x: Array, batch: Array) -> tuple[Array, Array]:
+        """Residual (n,) and derivatives (n, p) at x : (p,) from its batch."""
+        assert self.target is not None
+        z = self.target.residual(batch)
+        J = np.zeros((z.shape[1], len(x)))
+        J[:, self.which] = (z[1:] - z[0]).T / finite_steps(self.unknowns, x[self.which], STEP)
+        return z[0], J
+
+    def rms(self, X: Array) -> dict[str, float]:
+        """RMS over the beat [SI] by which simulated coefficients X : (K+1, m) miss each channel."""
+        assert self.target is not None
+        power = np.abs(X - self.target.X) ** 2
+        return dict(zip(self.target.names, np.sqrt(power[0] + 2.0 * power[1:].sum(axis=0)).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Unknowns p of a network, and the recordings that tell them. Of a point the memory holds each part's batch."""
+
+    unknowns: tuple[Unknown, ...]
+    parts: tuple[Part, ...]
 
     @property
     def typical(self) -> Array:
@@ -61,33 +114,24 @@ class Problem:
         """(p,) lowest and highest x."""
         return bounds(self.unknowns)
 
-    def finer(self) -> Problem:
-        """The same with half the elements, to see what they do."""
-        return replace(self, simulator=self.simulator.finer())
+    def with_targets(self, x: Array, errors: Sequence[Array]) -> Problem:
+        """The problem weighted for parameters x : (p,) and each part's error of the solver (K+1, m)."""
+        weighted = [part.with_target(x, error) for part, error in zip(self.parts, errors, strict=True)]
+        return replace(self, parts=tuple(weighted))
 
-    def with_target(self, x: Array, error: Array) -> Problem:
-        """The problem weighted for parameters x : (p,) and a solver's error (K+1, m)."""
-        s = self.simulator
-        at = {name: float(value) for name, value in parameter_values(self.unknowns, s.network, x).items()}
-        H = linear_response(s.network, s.names, s.T, s.K, at)
-        felt = varying(self.beats, s.network, s.names, s.K, at)
-        return replace(self, target=target(self.beats, s.names, H, error, felt))
+    def batches(self, x: Array) -> list[Array]:
+        """Each part's batch at x : (p,)."""
+        return [part.batch(x) for part in self.parts]
 
-    def simulate(self, x: Array) -> Array:
-        """Coefficients (B, K+1, m) of the periodic beat for x : (B, p)."""
-        network = self.simulator.network
-        parameters = parameter_values(self.unknowns, network, x)
-        return self.simulator.coefficients(network, parameters, Runs(self.meter), alike=True)
+    def point(self, x: Array, batches: Sequence[Array]) -> Point:
+        """Residual and derivatives at x from its batches."""
+        z, J = zip(*(part.point(x, batch) for part, batch in zip(self.parts, batches, strict=True)), strict=True)
+        return Point(np.concatenate(z), np.concatenate(J), memory=batches)
 
-    def batch(self, x: Array) -> Array:
-        """Coefficients (1+p, K+1, m) at x and one step away from it along each unknown."""
-        return self.simulate(np.concatenate([x[None], x + np.diag(finite_steps(self.unknowns, x, STEP))]))
-
-    def point(self, x: Array, batch: Array) -> Point:
-        """Residual and derivatives at x from its batch."""
-        assert self.target is not None
-        z = self.target.residual(batch)
-        return Point(z[0], (z[1:] - z[0]).T / finite_steps(self.unknowns, x, STEP), memory=batch)
+    def rows(self) -> list[slice]:
+        """Each part's entries of z."""
+        ends = np.cumsum([0, *(part.size for part in self.parts)])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     def evaluated(self, trials: Sequence[Trial]) -> list[Point | None]:
         """Trials of :func:`fitting.inference.gauss_newton.search`; None where a simulation breaks down."""
@@ -95,7 +139,7 @@ class Problem:
         for trial in trials:
             found.append(None)
             with suppress(*BROKEN):
-                found[-1] = self.point(trial.member.x, self.batch(trial.member.x))
+                found[-1] = self.point(trial.member.x, self.batches(trial.member.x))
         return found
 
     def determined(self, point: Point, scale: float = 1.0) -> Determined:
@@ -103,11 +147,11 @@ class Problem:
         return determined(point.J * self.typical, self.prior, self.typical, scale, DERIVATIVE_ERROR)
 
 
-def problem_of(
-    beats: Beats, network: Network, unknowns: tuple[Unknown, ...], names: Sequence[str], K: int, settings: Settings,
-    meter: Meter,
-) -> Problem:  # fmt: skip
-    """The problem of a record; its beats are found by harmonic balance."""
+def part_of(
+    beats: Beats, network: Network, unknowns: tuple[Unknown, ...], which: Array, names: Sequence[str], K: int,
+    settings: Settings, meter: Meter,
+) -> Part:  # fmt: skip
+    """The part of a recording; its beats are found by harmonic balance."""
     simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
                           tolerance=TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
-    return Problem(beats, unknowns, simulator, meter)
+    return Part(beats, unknowns, which, simulator, meter)

@@ -12,6 +12,7 @@ import numpy as np
 from solver import NonPhysicalState, NotPeriodic, Settings, beat_harmonics, repeating_beat
 from solver.catalogue import filtered
 from solver.errors import InputError
+from solver.harmonics import has_room
 from solver.network import Network
 from solver.sources import Source
 from solver.units import INFLOW
@@ -41,6 +42,10 @@ class Meter:
     def add(self, members: int) -> None:
         self.simulations += members
         self.tell(self.simulations)
+
+
+class NoBalance(InputError):
+    """Parameters with which harmonic balance finds no beat: waves too steep for it, or nothing that repeats."""
 
 
 class OutOfTime(Exception):
@@ -126,14 +131,18 @@ class Simulator:
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
         through the filters that the network says its channels have.
 
-        alike : all of a batch are found in the same way, so that their small differences are derivatives.
-        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline. Where some of a
-        batch have a balance, those that have none and break down in time are NaN instead.
+        alike : all of a batch are found in the same way, so that their small differences are derivatives: by balance,
+        or all in time if balances have no room.
+        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline, NoBalance where
+        an alike batch has members without. Where some of another batch have a balance, those that have none and break
+        down in time are NaN instead.
         """
         runs.check()
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
         X = self._balanced(network, parameters, runs, inflow, B)
         left = np.isnan(X).any(axis=(1, 2))
+        if alike and left.any() and self.beyond and has_room(network, self.K + self.beyond, self.settings):
+            raise NoBalance(f"network {network.name}: it has no periodic beat with these values.")
         if self.forced is None and (left.all() or (alike and left.any())):
             X = self._in_time(network, parameters, runs, inflow)
         elif self.forced is None:

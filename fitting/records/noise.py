@@ -91,12 +91,6 @@ class Target:
         rms = np.sqrt((weight * ratio).sum(axis=0) / weight.sum())
         return dict(zip(self.names, rms.tolist(), strict=True))
 
-    def channel_size(self, X: Array) -> dict[str, float]:
-        """RMS of each channel's residual over the beat [SI]; X : (K+1, m)."""
-        weight = np.where(np.arange(len(X)) == 0, 1.0, 2.0)[:, None]
-        rms = np.sqrt((weight * np.abs(X - self.X) ** 2).sum(axis=0))
-        return dict(zip(self.names, rms.tolist(), strict=True))
-
 
 def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = False) -> float:
     """From how many numbers the noise of one harmonic is known: the harmonics taken together, in every beat but one.

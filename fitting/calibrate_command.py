@@ -1,0 +1,160 @@
+"""The command ``calibrate``: parameters of a network from one recording of it, or from several of one animal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from solver import NonPhysicalState, NotPeriodic
+from solver.console import put, say_notes, say_written, sentences, show
+from solver.errors import InputError
+from solver.files import find_network, read_network
+from solver.network import Network
+from solver.options import Json, NetworkName, Quiet
+from solver.progress import PACE, bar
+from solver.writing import check_destinations, write_all
+
+from .estimate import Estimate
+from .indices import plain
+from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json
+from .record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped, Period, seconds
+from .records.align import align
+from .records.beats import Beats
+from .records.columns import Reading
+from .records.filters import with_filters
+from .records.plausible import arteries, check_plausible
+from .records.record import read_record
+
+# Not further arguments: `calibrate RECORD --columns` names no network, and which of several files one is would be open
+Further = Annotated[
+    list[Path] | None,
+    typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
+]
+Varies = Annotated[
+    list[str] | None,
+    typer.Option(help='What of --free has a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'),
+]
+HeldOutFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--hold-out", metavar="FILE", help="A recording that is not fitted but judged by, repeatable."),
+]
+
+
+def calibrate_command(
+    record: Annotated[
+        Path, typer.Argument(is_eager=True, help="File with `time [s]`, `inlet.Q` and P, Q or R at some sites.")
+    ],
+    network: NetworkName,
+    free: Annotated[
+        list[str],
+        typer.Option(
+            help='What to find, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the parameter set, and one for each of several recordings: .json or .ssv."),
+    ] = None,
+    further: Further = None,
+    varies: Varies = None,
+    hold_out: HeldOutFiles = None,
+    start: Annotated[
+        Path | None, typer.Option(help="Parameter set to start from; default: the network's values.")
+    ] = None,
+    starts: Annotated[
+        int, typer.Option(help="Searches: the first from the network's values, others from its priors, twice as wide.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(help="Same seed, same starts.")] = 1,
+    jobs: Annotated[int, typer.Option(help="Processes that search at the same time.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that searches, tcp://…:8786.")] = None,
+    mapped: Mapped = None,
+    beside: Beside = None,
+    decimal: Decimal = None,
+    columns: Columns = False,
+    as_measured: AsMeasured = False,
+    filters: Filters = None,
+    period: Period = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find parameters of a network from a record of it, or from several of one animal."""
+    from .calibrated import labels_of
+    from .held_out import judge
+    from .network_indices import network_indices
+    from .pages.recordings_table import recordings_table
+    from .pages.tables import calibration_table, network_indices_table
+    from .starts import calibrate_from
+
+    paths, judged = [record, *(further or ())], hold_out or []
+    with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
+        progress(0.0, "reading")
+        if beside and len(paths) + len(judged) > 1:
+            raise InputError("--with: adds files to one recording, and there are several; join its files before.")
+        sets = _sets(out, labels_of(list(map(str, paths))))
+        check_destinations(*sets, given=[*paths, *judged, *(beside or ()), network, start])
+        if out is not None:
+            set_format(out)
+        described = read_network(find_network(network))
+        if start is not None:
+            described = read_set(start).apply(described)
+        described = with_filters(described, filters or ())
+        how = Reading.asked(mapped, decimal, beside)
+        recordings = [_beats(path, how, described, as_measured, period) for path in paths]
+        unseen = [_beats(path, how, described, as_measured, period) for path in judged]
+        tried = calibrate_from(
+            recordings, described, free, starts, varies=varies or (), seed=seed, jobs=jobs, scheduler=scheduler,
+            progress=progress,
+        )  # fmt: skip
+        result = tried.best
+        progress(1.0, "indices of the sites")
+        indices = [network_indices(result.of(i), described, beats) for i, beats in enumerate(recordings)]
+        held_out = [judge(result, beats, described) for beats in unseen]
+        extra: dict[str, object] = {"filters": list(filters)} if filters else {}
+        if starts > 1:
+            extra["starts"] = tried.plain()
+        if held_out:
+            extra["held_out"] = [each.plain() for each in held_out]
+        complete = start is not None
+        parameters = _with(result.parameter_set(complete=complete), extra, indices[0] if len(paths) == 1 else None)
+        written = [parameters]
+        if len(paths) > 1:
+            each = [result.of(i).parameter_set(complete=complete) for i in range(len(paths))]
+            written += [_with(own, extra, found) for own, found in zip(each, indices, strict=True)]
+        if out is not None:
+            write_all({path: set_content(own, path) for path, own in zip(sets, written, strict=True)})
+    if as_json:
+        put(set_json(parameters))
+    elif not quiet:
+        show(calibration_table(result))
+        if len(paths) == 1:
+            show(network_indices_table(result.network, indices[0]))
+        show(recordings_table(result, held_out))
+    if not quiet:
+        say_notes(result.report, aside=as_json)
+        say_written(*sets, aside=as_json)
+
+
+def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
+    """The files of the values in common and, of several recordings, of each: set.json, set.A.json, set.B.json."""
+    if out is None:
+        return []
+    return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
+
+
+def _beats(path: Path, how: Reading, network: Network, as_measured: bool, period: str | None) -> Beats:
+    measured = read_record(path, how)
+    if not as_measured:
+        check_plausible(measured, arteries(network))
+    return align(measured, seconds(period, "--period"))
+
+
+def _with(
+    parameters: ParameterSet, extra: dict[str, object], found: dict[str, dict[str, Estimate]] | None
+) -> ParameterSet:
+    """The set with what else is to be known among its provenance: the indices that a physiologist reads, too."""
+    indices = {} if found is None else {"indices": {site: plain(each) for site, each in found.items()}}
+    return replace(parameters, provenance={**parameters.provenance, **indices, **extra})

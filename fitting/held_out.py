@@ -1,0 +1,69 @@
+"""What a calibration says of recordings that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from solver import Settings
+from solver.network import Network
+
+from .calibrate import calibrate
+from .calibrated import Calibration
+from .inference.unknown import Unknown
+from .records.beats import Beats
+from .threads import single_threaded
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A recording that was not fitted. rms : over the beat [SI] by channel, with the values in common and, of what
+    varies, the mean of the recordings. refitted : the same where what varies was fitted to this recording, and
+    ``values`` [SI] that it then has; nothing where all is in common."""
+
+    source: str
+    rms: Mapping[str, float]
+    refitted: Mapping[str, float]
+    values: Mapping[str, float]
+
+    def plain(self) -> dict[str, Any]:
+        """For the provenance of a parameter set; SI."""
+        return {"record": self.source, **{key: dict(getattr(self, key)) for key in ("rms", "refitted", "values")}}
+
+
+@single_threaded
+def judge(
+    found: Calibration,
+    beats: Beats,
+    network: Network,
+    *,
+    channels: Sequence[str] | None = None,
+    settings: Settings | None = None,
+) -> HeldOut:
+    """What a calibration of a network leaves of another recording of the same animal.
+
+    network, channels, settings : as it was calibrated. Raises ValueError as :func:`fitting.calibrate.calibrate`.
+    """
+    one, x = found.of(0), np.mean([found.x[list(each.which)] for each in found.recordings], axis=0)
+    varies = [any(each.which[j] != found.recordings[0].which[j] for each in found.recordings) for j in range(len(x))]
+    own = {variable for u, free in zip(one.unknowns, varies, strict=True) if free for variable in u.variables}
+
+    def left(free: bool) -> Calibration:
+        unknowns = [u if free and v else _held(u, at) for u, v, at in zip(one.unknowns, varies, x, strict=True)]
+        return calibrate(beats, network, unknowns, channels=channels, settings=settings, x0=x)
+
+    as_fitted = left(False)
+    refitted = left(True) if own else None
+    if refitted is None:
+        return HeldOut(beats.source, as_fitted.recordings[0].rms, {}, {})
+    values = {name: value for name, value in refitted.values.items() if name in own}
+    return HeldOut(beats.source, as_fitted.recordings[0].rms, refitted.recordings[0].rms, values)
+
+
+def _held(unknown: Unknown, x: float) -> Unknown:
+    return replace(unknown, low=float(x), high=float(x))

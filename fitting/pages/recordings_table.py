@@ -1,0 +1,49 @@
+"""What a calibration leaves of each recording, fitted or held out, and what each has of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from solver.console import right
+from solver.legible import DASH, number, rounded, shown_in
+from solver.units import of_signal
+
+from ..calibrated import Calibration
+from ..held_out import HeldOut
+from ..parameter_set import quantity_of
+
+
+def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> Table:
+    """A line a recording: χ²/dof, the RMS of what is left over the beat by channel, and values of its own."""
+    channels = list(dict.fromkeys(name for each in result.recordings for name in each.rms))
+    own = list(dict.fromkeys(name for each in result.recordings for name in each.values))
+    columns = [right(f"{name}\n{of_signal(name)[0]}") for name in channels]
+    columns += [right(f"{name}\n{shown_in(quantity_of(name))[0]}") for name in own]
+    table = Table("recording", right("χ²/dof"), *columns, title="RMS of what is left, over the beat")
+
+    def row(said: str, ratio: str, rms: Mapping[str, float], values: Sequence[str]) -> None:
+        table.add_row(said, ratio, *(_signal(name, rms) for name in channels), *values)
+
+    for each in result.recordings:
+        row(each.label, number(each.chi2 / each.dof), each.rms, [_value(n, each.values, each.ci95) for n in own])
+    for held in held_out:
+        label = Path(held.source).stem
+        row(f"{label}, not fitted", DASH, held.rms, [DASH] * len(own))
+        if held.refitted:
+            row("  what varies fitted", DASH, held.refitted, [_value(n, held.values) for n in own])
+    return table
+
+
+def _signal(name: str, rms: Mapping[str, float]) -> str:
+    return number(of_signal(name)[1] * rms[name]) if name in rms else DASH
+
+
+def _value(name: str, values: Mapping[str, float], ci95: Mapping[str, tuple[float, float]] | None = None) -> str:
+    factor = shown_in(quantity_of(name))[1]
+    if ci95 is None:
+        return number(factor * values[name], 4)
+    low, high = ci95[name]
+    return rounded(factor * values[name], 0.5 * factor * (high - low))
