@@ -202,7 +202,7 @@ def test_in_an_fmu(fault: type[Exception]) -> None:
 
 def test_a_start_of_a_calibration(fault: type[Exception], breaks: Breaks) -> None:
     """Not a start that leads nowhere."""
-    task = fitting.starts._Task(record(clean(), 8, 0.01), NETWORK, (), None, None, None)
+    task = fitting.starts._Task([record(clean(), 8, 0.01)], NETWORK, (), (), None, None, None)
     breaks("fitting.starts.calibrate")
     with pytest.raises(fault, match="broadcast"):
         fitting.starts._calibrated(task)
