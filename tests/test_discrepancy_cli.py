@@ -356,9 +356,10 @@ def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.slow
 def test_plan_of_the_sheep() -> None:
-    """Three pressures: every effect has a column, the outlet that becomes a Windkessel, too; a fourth sensor helps."""
+    """Three pressures: every effect that is searched for has a column, the outlet that becomes a Windkessel, too; a fourth
+    sensor helps."""
     found = plan_sensors(load("sheep"), ("AA.P", "CA.P", "FA.P"))
-    assert set(found.table.labels) == {effect.name for effect in ALL}
+    assert set(found.table.labels) == {effect.name for effect in ALL} - {"low_pass"}
     assert found.table.visibility.min() > 0.0
     assert "terminal_compliance" not in found.table.invisible
     assert found.gains[0].separable > 0
