@@ -356,7 +356,7 @@ def test_the_meter_of_the_inflow_is_a_sensor_too(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.slow
 def test_plan_of_the_sheep() -> None:
-    """Three pressures: every effect that is searched for has a column, the outlet that becomes a Windkessel, too; a fourth
+    """Three pressures: every effect but known filters has a column, the outlet that becomes a Windkessel, too; a fourth
     sensor helps."""
     found = plan_sensors(load("sheep"), ("AA.P", "CA.P", "FA.P"))
     assert set(found.table.labels) == {effect.name for effect in ALL} - {"low_pass"}
