@@ -31,8 +31,8 @@ from .weigh import promised
 
 Array = np.ndarray
 
-TYPICAL = (1.0,)  # sizes at which a law is looked at first, and
-SIZES = (0.3, *TYPICAL, 3.0)  # at which it may begin, beside its own starts
+TYPICAL = (1.0,)  # sizes at which many laws are looked at
+SIZES = (0.3, *TYPICAL, 3.0)  # sizes at which a law may begin, beside its own starts
 FARTHER = 5.0  # times the size that was tried, at most, where its linear promise lies farther
 
 

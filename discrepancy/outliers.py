@@ -73,10 +73,10 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     asked = [t for t in found.terms if t.place in {_owner(none.unknowns[i]) for i in odd} and not t.rewires]
     columns = found.problem.columns(none, asked, runs)
     instead = {i: _instead(none, i, asked, columns) for i in odd}
-    limits = {name: x for i, (name, x) in _named(none, limits).items() if instead[i] and instead[i][0][0] < _SAME}
-    if not limits:
+    own = [none.unknowns[i] for i in odd if instead[i] and instead[i][0][0] < _SAME]
+    kinds = {u.group: limits[u.name] for u in own if u.name in limits}
+    if not kinds:
         return
-    kinds = {u.group: limits[u.name] for u in none.unknowns if u.name in limits}
     held = _held(none, kinds)
     kept = [n.fit for n in found.every if not (n.individual and _beyond(n.fit, kinds))]
     yield Compared.of(found.problem, [*kept, settled(held)], found.columns, found.terms)
@@ -87,11 +87,6 @@ def set_apart(found: Compared, runs: Runs) -> Iterator[Compared]:
     base, *fits = found.problem.refine([held, *(f for each in hypotheses for f in _with(held, each))], runs)
     new = [settled(held) if base is None else base, *(f for f in fits if f is not None)]
     yield Compared.of(found.problem, [*kept, *new], found.columns, found.terms)
-
-
-def _named(none: Fit, limits: Mapping[str, float]) -> dict[int, tuple[str, float]]:
-    """The numbers that stand out, with their limits, by the index of their unknown."""
-    return {i: (u.name, limits[u.name]) for i, u in enumerate(none.unknowns) if u.name in limits}
 
 
 def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
@@ -128,9 +123,11 @@ Instead = tuple[Term, int, Array]  # an effect, the number that it stands for, a
 
 def _instead(none: Fit, i: int, terms: Sequence[Term], columns: Mapping[str, Array]) -> list[tuple[float, Instead]]:
     """The effects that do most nearly what the unknown i does, each as large as that is, with the part of it that they
-    do not do; nearest first."""
+    do not do; nearest first. None where it does nothing."""
     found = []
     moved = none.J[:, i] * none.x[i]
+    if not moved.any():
+        return []
     for t in terms:
         if t.place == _owner(none.unknowns[i]) and columns.get(t.label, moved[:, None][:, :0]).shape[1] == len(
             t.unknowns

@@ -85,8 +85,7 @@ def discover(
     added model.toml and model.fmu.
 
     record : a file, and ``reading`` which of its columns is what. filters : of its channels, "inlet.Q=lowpass 10 Hz",
-    beside those of the model. as_measured : values that no artery has are taken as
-    they are.
+    beside those of the model. as_measured : values that no artery has are taken as they are.
     model : a network file, the name of a bundled network, or an FMU; None: a first one is made of the record and
     written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
     default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and

@@ -5,8 +5,7 @@
 with the whitened residual z, its Jacobian J and the curvature Λ of the priors. What is refitted has a prior about 0.
 The size x of an effect, in typical ones, has one that favours no decade: from hardly visible to some typical, sizes are
 equally likely on a logarithmic scale, and from X = 10 on ever less so, as 1/(x (1 + (x/X)²)); it is integrated over its
-range alone. Every unknown so pays for what the data made of its prior; BIC
-is the limit of many data.
+range alone. Every unknown so pays for what the data made of its prior; BIC is the limit of many data.
 
 Unknowns of a group share the width of their Gaussian priors: the one that makes the record most probable (empirical
 Bayes), or 0, which means that there are no deviations. D. J. C. MacKay, Neural Computation 4 (1992) 415. A number that
