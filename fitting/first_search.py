@@ -81,7 +81,7 @@ def first_error(part: Part) -> Array:
 
 
 def left(problem: Problem, found: Search) -> float:
-    """RMS of what is left, as a part of the pulse, over all channels of all recordings."""
+    """RMS of what is left, as a part of the RMS of the pulsation, over all channels of all recordings."""
     assert found.here is not None
     parts = [
         np.array(list(part.rms(batch[0]).values())) / pulses(part.beats, part.simulator.names)
@@ -106,9 +106,7 @@ def _again(ended: Sequence[Search]) -> bool:
 
 
 def _said(problem: Problem, ended: Mapping[int, Search], best: int) -> str:
-    away = {i: f"{100.0 * left(problem, each):.2g} % of the pulse away" for i, each in ended.items()}
-    why = f"the search ends {away[0]} from the record" if 0 in ended else "there is no periodic beat"
-    then = (
-        f"from other start {best} it ends {away[best]}" if best else f"from none of {max(ended)} others it ends lower"
-    )
+    leaves = {i: f"{100.0 * left(problem, each):.2g} % of the pulsation (rms)" for i, each in ended.items()}
+    why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
+    then = f"from other start {best} it leaves {leaves[best]}" if best else f"from none of {max(ended)} others less"
     return f"from the network's own values {why}; {then}"
