@@ -96,7 +96,8 @@ def discover(
     ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
     it was.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
-    record that can be read and not be used is a verdict, which replaces no study of another record.
+    record that can be read and not be used is a verdict, which replaces no study of another record; without a model it
+    is refused.
     """
     started, folder = time.perf_counter(), Path(out)
     asked = Asked(period, walls, prior, time_limit, jobs, tuple(filters))
@@ -106,7 +107,7 @@ def discover(
     said: list[str] = []
     if model is None:
         _check_folder(folder, [record, prior])
-        model, *said = first_of(measured, folder, period)
+        model, *said = first_of(measured, folder, period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone

@@ -215,7 +215,6 @@ def _result(
         chi2=chi2,
         dof=dof,
         singular_values=known.singular_values,
-        directions=known.directions,
         at_bound=at_bound,
         report=tuple(report),
         history=(tuple(near.history), tuple(best.history)),

@@ -112,7 +112,12 @@ def calibrate_command(
         result = tried.best
         progress(1.0, "indices of the sites")
         indices = [network_indices(result.of(i), described, beats) for i, beats in enumerate(recordings)]
-        held_out = [judge(result, beats, described) for beats in unseen]
+        held_out, unjudged = [], list[str]()
+        for beats in unseen:
+            try:
+                held_out.append(judge(result, beats, described))
+            except (InputError, NonPhysicalState, NotPeriodic) as error:  # the fit stands without it
+                unjudged.append(f"{beats.source}: it is not judged: {error}")
         extra: dict[str, object] = {"filters": list(filters)} if filters else {}
         if starts > 1:
             extra["starts"] = tried.plain()
@@ -134,7 +139,7 @@ def calibrate_command(
             show(network_indices_table(result.network, indices[0]))
         show(recordings_table(result, held_out))
     if not quiet:
-        say_notes(result.report, aside=as_json)
+        say_notes([*result.report, *unjudged], aside=as_json)
         say_written(*sets, aside=as_json)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class Calibration:
     values, ci95 : SI, by FMU variable name, of what the recordings have in common. shrinkage : posterior over prior
     standard deviation, None without a prior. chi2, dof : of the data; where chi2/dof > 1 the data's covariance is
     multiplied by it. singular_values : of the whitened Jacobian in prior units, largest first, 0 where its own error
-    is as large; directions : its right singular vectors, (p, p), by row. report : what is not determined, at a bound,
+    is as large. report : what is not determined, at a bound,
     or not explained, one sentence each. history : cost after each iteration of both searches. simulations : parameter
     sets that were simulated. others : the network's parameters that did not move [SI]. Intervals are Student's t with
     4 (beats - 1) degrees of freedom of every recording, what is known of the noise.
@@ -72,7 +73,6 @@ class Calibration:
     chi2: float
     dof: float
     singular_values: Array
-    directions: Array
     at_bound: tuple[str, ...]
     report: tuple[str, ...]
     history: tuple[tuple[float, ...], tuple[float, ...]]
@@ -119,13 +119,9 @@ class Calibration:
         """K, of the recording with most."""
         return max(each.harmonics for each in self.recordings)
 
-    @property
-    def varies(self) -> bool:
-        """Whether a value differs between recordings."""
-        return any(each.values for each in self.recordings)
-
     def of(self, i: int) -> Calibration:
-        """What is known of one recording: the values in common and its own."""
+        """What is known of one recording: the values in common and its own. How the search went, what it reports and
+        the singular values stay those of all."""
         one = self.recordings[i]
         at = list(one.which)
         unknowns = tuple(replace(self.unknowns[j], name=name) for j, name in zip(at, one.names, strict=True))
@@ -133,7 +129,6 @@ class Calibration:
             self, recordings=(replace(one, which=tuple(range(len(at))), values={}, ci95={}),), unknowns=unknowns,
             x=self.x[at], covariance=self.covariance[np.ix_(at, at)], values={**self.values, **one.values},
             ci95={**self.ci95, **one.ci95}, shrinkage=tuple(self.shrinkage[j] for j in at), chi2=one.chi2, dof=one.dof,
-            directions=self.directions[:, at],
         )  # fmt: skip
 
     def parameter_set(self, name: str | None = None, complete: bool = False) -> ParameterSet:
@@ -194,13 +189,18 @@ def labels_of(sources: Sequence[str]) -> list[str]:
     labels: list[str] = []
     for source in sources:
         stem = Path(source).stem
-        taken = sum(label == stem or label.rpartition("-")[0] == stem for label in labels)
-        labels.append(f"{stem}-{taken + 1}" if taken else stem)
+        numbered = (f"{stem}-{i}" for i in count(2))
+        labels.append(next(label for label in chain([stem], numbered) if label not in labels))
     return labels
 
 
 def _plain(each: Recording) -> dict[str, Any]:
     """For the provenance of a parameter set; SI."""
-    fit = {"chi2_over_dof": each.chi2 / each.dof, "rms": dict(each.rms), "channels": dict(each.channels)}
+    fit: dict[str, Any] = {
+        "chi2_over_dof": each.chi2 / each.dof,
+        "rms": dict(each.rms),
+        "channels": dict(each.channels),
+    }
+    fit |= {"columns": dict(each.told)} if each.told else {}
     own = {name: {"value": value, "ci95": list(each.ci95[name])} for name, value in each.values.items()}
     return {"record": each.source, "sha256": each.sha256, "beats": each.beats, **fit, "values": own}

@@ -1,9 +1,10 @@
 """The first search of a calibration, and other starts where it ends far from the record.
 
-A search that ends in a wrong minimum shows it: what the model leaves is then a part of the pulse, not of the noise. A
-right model leaves noise and the faults of its sensors, whose gains are off by a few per cent: at most a twentieth of
-the pulse. Where more is left, other starts are tried until one ends nearer, or until three have ended with the lowest
-cost: then it is the model that lacks something, not the search.
+A search that ends in a wrong minimum shows it: what the model leaves is then a part of the pulsation, not of the noise.
+A right model leaves noise and the faults of its sensors, whose gains are off by a few per cent: at most a twentieth of
+the pulsation. Where more is left, other starts are tried until one ends nearer, or until three have ended with the
+lowest cost: then it is the model that lacks something, not the search, and what began at the network's own values
+stands. A model that is wrong finds lower costs far off, with numbers that no artery has.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Array = np.ndarray
 OTHER_STARTS = 8
 _SEED = 1
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
-FAR = 0.05  # of the pulse
+FAR = 0.05  # of the RMS of the pulsation
 _ENOUGH = 3  # ends at the lowest cost: in one of 100 synthetic tubes two starts lead to a wrong minimum
 _ALIKE = 3.84  # difference of cost, in units of cost per datum, that is no evidence: 95 % of χ²(1)
 
@@ -53,10 +54,11 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Sear
             break
     if weighted is None:
         sources = " + ".join(part.beats.source for part in problem.parts)
-        where = "as given" if x0 is None else "at this start"
+        where = f"as given or at {OTHER_STARTS} other starts" if x0 is None else "at this start"
         name = problem.parts[0].simulator.network.name
         raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
-    best = min(ended, key=lambda i: (far(weighted, ended[i]), ended[i].cost))
+    near = [i for i in ended if not far(weighted, ended[i])]
+    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].cost))
     asked = x0 is not None or list(ended) == [0]
     return ended[best], [] if asked else [_said(weighted, ended, best)]
 
@@ -108,5 +110,9 @@ def _again(ended: Sequence[Search]) -> bool:
 def _said(problem: Problem, ended: Mapping[int, Search], best: int) -> str:
     leaves = {i: f"{100.0 * left(problem, each):.2g} % of the pulsation (rms)" for i, each in ended.items()}
     why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
-    then = f"from other start {best} it leaves {leaves[best]}" if best else f"from none of {max(ended)} others less"
+    then = (
+        f"from other start {best} it leaves {leaves[best]}"
+        if best
+        else f"from none of {max(ended)} others it comes near"
+    )
     return f"from the network's own values {why}; {then}"

@@ -49,7 +49,17 @@ class Minimum:
     def plain(self) -> dict[str, Any]:
         """As plain data; values in SI."""
         values = dict(self.found.values)
-        return {"cost": self.found.cost, "starts": list(self.starts), "settled": self.settled, "values": values}
+        own = {each.label: dict(each.values) for each in self.found.recordings if each.values}
+        told = {"cost": self.found.cost, "starts": list(self.starts), "settled": self.settled, "values": values}
+        return {**told, "recordings": own} if own else told
+
+    def value(self, i: int) -> str:
+        """The first variable of an unknown, with its value in SI; with its recording, if it is of one alone."""
+        name = self.found.unknowns[i].variables[0]
+        if name in self.found.values:
+            return f"{name} {self.found.values[name]:.4g}"
+        one = next(each for each in self.found.recordings if i in each.which)
+        return f"{name} of {one.label} {one.values[name]:.4g}"
 
 
 @dataclass(frozen=True)
@@ -90,11 +100,9 @@ class Starts:
         return tuple(said)
 
     def _other(self, other: Minimum) -> str:
-        unknowns = self.minima[0].found.unknowns
         sd = np.maximum(self.minima[0].found.sd, np.finfo(float).tiny)
         off = np.abs(other.found.x - self.minima[0].found.x) / sd
-        variables = [unknowns[i].variables[0] for i in np.argsort(-off, kind="stable")[:_SHOWN_VALUES]]
-        values = ", ".join(f"{name} {other.found.values[name]:.4g}" for name in dict.fromkeys(variables))
+        values = ", ".join(dict.fromkeys(other.value(int(i)) for i in np.argsort(-off, kind="stable")[:_SHOWN_VALUES]))
         cost, lowest = other.found.cost, self.minima[0].found.cost
         return (
             f"{len(other.starts)} of {self.starts} starts settled elsewhere, with cost {cost:.4g} instead of "
@@ -153,8 +161,8 @@ def calibrate_from(
             ended[i] = each
         if progress:
             progress(n / starts, f"{n} of {starts} starts")
-    if not ended:  # eight more may do
-        ended[0] = _calibration(replace(tasks[0], x0=None))
+    if not ended:
+        raise InputError(failures[0])
     return Starts(starts, seed, minima(ended), failures)
 
 

@@ -19,6 +19,7 @@ class Quantity:
     unit, display : unit in SI and the unit people read it in (as pint and FMI display units spell it).
     low, high : allowed range, both ends included unless ``open_low``.
     nominal : typical magnitude, for the FMU's ``nominal`` attribute.
+    whole : whether it counts something: a whole number.
     tunable : whether it may change while a simulation runs (wall and outlets) or not (geometry).
     input : whether another model may drive it: an FMU input instead of a parameter.
 
@@ -36,6 +37,7 @@ class Quantity:
     nominal: float = 1.0
     display: str | None = None
     open_low: bool = False
+    whole: bool = False
     tunable: bool = True
     input: bool = False
     spread: float = 0.3
@@ -58,6 +60,8 @@ class Quantity:
                 f"{name} = {value:g} {self.unit_text} is not allowed: {self.description} must lie in "
                 f"{bracket}{self.low:g}, {self.high:g}] {self.unit_text}; check the value and its unit."
             )
+        if self.whole and not value.is_integer():
+            raise InputError(f"{name} = {value:g} is not allowed: {self.description} must be a whole number.")
 
     @property
     def in_unit(self) -> str:

@@ -206,7 +206,7 @@ class LowPass(Sensor):
     how = ("low_pass_order",)
     terms = {
         "low_pass": Quantity("Hz", "cut-off frequency f_c of the channel's known filter (0: none)", 0.0, 1e5),
-        "low_pass_order": Quantity("1", "order n of that filter, a whole number", 1.0, _HIGHEST_ORDER),
+        "low_pass_order": Quantity("1", "order n of that filter", 1.0, _HIGHEST_ORDER, whole=True),
     }
     neutral = {"low_pass": 0.0, "low_pass_order": 1.0}
     signature = "one channel only: high harmonics are damped and late"

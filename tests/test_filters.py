@@ -78,13 +78,19 @@ def test_filters_are_known_and_not_searched(tmp_path: Path) -> None:
         ("X.P=lowpass 1 Hz", "network fork has no channel 'X.P'; use one of inlet.Q, "),
         ("A.P=lowpass 10 s", "the unit s does not convert to the expected Hz"),
         ("A.P=lowpass 0 Hz", "its frequency must be above 0 Hz"),
-        ("A.P=lowpass 9 Hz order 9", "order n of that filter, a whole number must lie in [1, 8]"),
+        ("A.P=lowpass 9 Hz order 9", "order n of that filter must lie in [1, 8]"),
     ],
 )
 def test_filters_that_are_none(text: str, expected: str) -> None:
     """One sentence with what is allowed."""
     with pytest.raises(ValueError, match=re.escape(expected)):
         with_filters(NETWORK, [text])
+
+
+def test_an_order_is_a_whole_number() -> None:
+    """One of 2.5 would amplify at half its cut-off: refused where a network is made."""
+    with pytest.raises(ValueError, match="low_pass_order = 2.5 is not allowed.*must be a whole number"):
+        NETWORK.with_terms({"A.P.low_pass": 10.0, "A.P.low_pass_order": 2.5})
 
 
 def test_a_filtered_record_is_explained() -> None:

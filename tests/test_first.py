@@ -81,7 +81,7 @@ def numbers(model: FirstModel) -> dict[str, float]:
     ],
 )
 def test_a_tube_of_the_textbook(T: float, R: float, RC: float, part: float, transit: float) -> None:
-    """R to 1 %, C to 15 %, Z_c to 40 % (a lossless tube rings most), the delay to 20 %; the model's pulses to 10 %.
+    """R to 1 %, C to 8 %, Z_c to 25 % (a lossless tube rings most), the delay to 20 %; the model's pulses to 4 %.
 
     Of 60 tubes with RC from 0.4 to 3 s and Z_c/R from 3 to 10 % that store 10 to 60 % of C, the errors of C, Z_c and
     delay have the standard deviations 16, 16 and 33 % (mostly short tubes), and 92 to 97 % are within two of those that
@@ -94,12 +94,12 @@ def test_a_tube_of_the_textbook(T: float, R: float, RC: float, part: float, tran
     model = first_model(beats(T, 1, inlet_Q=Q, Ao_P=P_0, FA_P=P_L))
     found = numbers(model)
     assert found["total resistance R"] == pytest.approx(R, rel=0.01)
-    assert found["total compliance C"] == pytest.approx(C, rel=0.15)
-    assert found["impedance Z_c"] == pytest.approx(Z, rel=0.4)
+    assert found["total compliance C"] == pytest.approx(C, rel=0.08)
+    assert found["impedance Z_c"] == pytest.approx(Z, rel=0.25)
     assert found["delay to FA"] == pytest.approx(transit, rel=0.2)
     for row in model.shown:
         assert row.mean[1] == pytest.approx(row.mean[0], rel=0.01)
-        assert row.pulse[1] == pytest.approx(row.pulse[0], rel=0.1)
+        assert row.pulse[1] == pytest.approx(row.pulse[0], rel=0.04)
     tube, end = model.network.segments["FA"], model.network.outlets["FA"]
     assert end.R1 == pytest.approx(found["impedance Z_c"], rel=1e-3)
     # what tube and Windkessel store together is the compliance that was found
@@ -190,8 +190,8 @@ def test_sites_behind_one_another_or_not() -> None:
     assert areas["FA"] / areas["Ao"] == pytest.approx(0.8, rel=1e-3)
     side = first_model(beats(0.8, **channels))
     assert {o.segment for o in side.network.outlets} == {"FA", "Ao_side"}
-    flow = sum((row_.mean[0] for row_ in side.shown if row_.channel == "CA.Q"), 0.0)
-    assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=1e-6)
+    flow = sum((row_.mean[1] for row_ in side.shown if row_.channel == "CA.Q"), 0.0)
+    assert flow == pytest.approx(0.2 * Q_HUMAN.mean(), rel=5e-4)
     for model in (row, fork, side):
         root = next(each for each in model.shown if each.channel == "Ao.P")
         assert root.mean[1] == pytest.approx(root.mean[0], rel=0.01)
@@ -276,12 +276,12 @@ def test_discover_without_a_model(folder: Path, tmp_path: Path) -> None:
     """The first model is written beside the report, and what was edited is not replaced; a record without root flow is
     refused with the sentence of first."""
     record = read_record(folder / "r.csv")
-    path, said = first_of(record, tmp_path, 0.8)
+    path, said = first_of(record, tmp_path, 0.8, as_measured=False)
     assert path == tmp_path / "first.toml" and str(path) in said
     assert [s.name for s in read_network(path).segments] == ["FA"]
-    assert first_of(record, tmp_path, 0.8)[0] == path
+    assert first_of(record, tmp_path, 0.8, as_measured=False)[0] == path
     path.write_text(path.read_text() + "# edited\n")
     with pytest.raises(InputError, match="if you edited it, give it: --model"):
-        first_of(record, tmp_path, 0.8)
+        first_of(record, tmp_path, 0.8, as_measured=False)
     done = CliRunner().invoke(discrepancy_app, [str(folder / "p.csv"), "--out", str(tmp_path / "out"), "-q"])
     assert done.exit_code == 2 and "needs the flow into the root, inlet.Q" in done.stderr

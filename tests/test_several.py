@@ -25,7 +25,7 @@ from fitting.parameter_set import read_set
 from fitting.prior import read_prior
 from fitting.records.beats import Beats
 from fitting.records.record import write_record
-from fitting.starts import calibrate_from
+from fitting.starts import Minimum, Starts, calibrate_from
 from solver.files import write_network
 
 UNKNOWNS = ("all.E", "all.phi0", "C.outlet.R_t")
@@ -50,7 +50,11 @@ def test_in_common_and_of_its_own() -> None:
     for name, value in found.values.items():
         assert value == pytest.approx(NETWORK.parameters()[name], rel=1e-7)
     assert [each.values["C.outlet.R_t"] for each in found.recordings] == pytest.approx([0.2, 0.3], abs=1e-7)
-    assert found.converged and found.varies and "C.outlet.R_t" not in {**found.values, **found.others}
+    assert (
+        found.converged
+        and all(each.values for each in found.recordings)
+        and "C.outlet.R_t" not in {**found.values, **found.others}
+    )
     assert sum(each.chi2 for each in found.recordings) == pytest.approx(found.chi2)
     pulse = recording("a").mean("A.P").std()
     assert all(each.rms["A.P"] < 1e-5 * pulse for each in found.recordings)
@@ -59,7 +63,7 @@ def test_in_common_and_of_its_own() -> None:
 def test_all_in_common() -> None:
     """With one R_t for both, each recording shows what it does not explain, in Pa; noise is that of the mean beats."""
     found = calibrate([recording("a", 0.01), recording("b", 0.01)], START, UNKNOWNS, settings=SETTINGS)
-    assert not found.varies and 0.2 < found.values["C.outlet.R_t"] < 0.3
+    assert not any(each.values for each in found.recordings) and 0.2 < found.values["C.outlet.R_t"] < 0.3
     apart = calibrate([recording("a", 0.01), recording("b", 0.01)], START, UNKNOWNS, varies=VARIES, settings=SETTINGS)
     assert apart.chi2 / apart.dof == pytest.approx(1.0, abs=0.3) and apart.report == ()
     for one, other in zip(found.recordings, apart.recordings, strict=True):
@@ -103,8 +107,19 @@ def test_starts() -> None:
     assert len(tried.best.x) == 4
 
 
+def test_starts_that_end_elsewhere() -> None:
+    """What varies is said with its recording: one sentence of the other end, and its values in plain data."""
+    lowest = calibrate([recording("a", 0.01), recording("b", 0.01)], START, UNKNOWNS, varies=VARIES, settings=SETTINGS)
+    other = replace(lowest, x=lowest.x + 100.0 * lowest.sd, history=(lowest.history[0], (lowest.cost + 50.0,)))
+    tried = Starts(2, 1, (Minimum(lowest, (0,), True), Minimum(other, (1,), True)), {})
+    said = next(sentence for sentence in tried.report if "settled elsewhere" in sentence)
+    assert "C.outlet.R_t of a 0." in said and "C.outlet.R_t of b 0." in said and "A.E " in said
+    assert set(tried.plain()["minima"][1]["recordings"]) == {"a", "b"}
+
+
 def test_labels() -> None:
     assert labels_of(["x/a.csv", "y/a.csv", "b.txt", "a.csv"]) == ["a", "a-2", "b", "a-3"]
+    assert labels_of(["a-2.csv", "a.csv", "b/a.csv"]) == ["a-2", "a", "a-3"]
 
 
 def test_refused() -> None:

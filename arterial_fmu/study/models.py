@@ -209,7 +209,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
         return NetworkModel(network, settings, tolerance)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")
-    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds))
+    return NetworkModel(network, settings, tolerance, _flow(driven_by, seconds, network))
 
 
 def _step(tolerance: float) -> float:
@@ -243,8 +243,9 @@ def _fmu_model(path: str, driven_by: str | None) -> FMUModel:
     return FMUModel(path, digest, tuple(beat.tolist()), flow.T, known, nominal)
 
 
-def _flow(source: str, dt: float) -> Inflow:
-    """The inflow of a network, or the mean beat of a record, with what steps of dt [s] can follow."""
+def _flow(source: str, dt: float, network: Network | None = None) -> Inflow:
+    """The inflow of a network, or the mean beat of a record, with what steps of dt [s] can follow. network : says what
+    filter the record's meter has."""
     if not source.lower().endswith(".csv"):
         inlet = read_network(find_network(source)).inlet
         if inlet.causality != "flow":
@@ -255,7 +256,7 @@ def _flow(source: str, dt: float) -> Inflow:
         return Inflow(inlet.T, X, np.ones(len(X), bool))
     record = read_record(source)
     record.require((INFLOW,))
-    return inflow(align(record), dt)
+    return inflow(align(record), dt, network)
 
 
 def _digest(numbers: Array) -> str:

@@ -17,7 +17,7 @@ from solver.text import typed_quantity
 from solver.units import of_signal
 from solver.writing import check_destinations, check_new, write_whole
 
-from ..record_options import RECORD_HELP, AsMeasured, Beside, Columns, Decimal, Mapped
+from ..record_options import RECORD_HELP, AsMeasured, Beside, Columns, Decimal, Mapped, Period, seconds
 from ..records.align import align
 from ..records.columns import Reading
 from ..records.plausible import check_plausible
@@ -40,7 +40,7 @@ def first_command(
         list[str] | None,
         typer.Option(help='Sites behind one another, repeatable: "Ao,CA"; default: all, in the order of their delays.'),
     ] = None,
-    period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
+    period: Period = None,
     beside: Beside = None,
     mapped: Mapped = None,
     decimal: Decimal = None,
@@ -53,12 +53,12 @@ def first_command(
     """Make a first model from a recording: resistance, compliance, impedance, delays, and the network they give."""
     with sentences(), bar(quiet) as progress:
         progress(0.0, "reading")
-        check_destinations(out, given=[record])
+        check_destinations(out, given=[record, *(beside or ())])
         measured = read_record(record, Reading.asked(mapped, decimal, beside))
         if not as_measured:
             check_plausible(measured, {})
         found = first_model(
-            align(measured, None if period is None else typed_quantity(period, "s", "--period")),
+            align(measured, seconds(period, "--period")),
             like,
             mass=None if mass is None else typed_quantity(mass, "kg", "--mass"),
             P_venous=typed_quantity(venous, "Pa", "--venous"),

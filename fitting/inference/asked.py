@@ -87,7 +87,7 @@ def varied(
     for unknown in unknowns:
         own = len(labels) > 1 and any(_named(unknown, pattern) for pattern in varies)
         for label, numbers in zip(labels, which, strict=True):
-            if own or label == labels[0]:
+            if own or numbers is which[0]:
                 found.append(replace(unknown, name=f"{unknown.name} of {label}") if own else unknown)
             numbers.append(len(found) - 1)
     return tuple(found), which

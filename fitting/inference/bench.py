@@ -22,7 +22,7 @@ from solver.network import Network
 from ..bench import on_bench
 from ..records import spectral
 from ..records.beats import Beats
-from ..records.inflow import undoable
+from ..records.inflow import SAFE, undoable
 from ..records.noise import degrees_of_freedom
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
@@ -44,7 +44,6 @@ _ABOVE_NOISE = 4.0  # standard deviations
 _RULES = Rules(gain=1e-3, latent=True)  # a step of a thirtieth of a standard deviation moves no verdict
 _STEP = 1e-4  # of x, for derivatives of the law, which is smooth
 _FLOOR = 1e-9  # of the pulse: noise assumed at least
-_LEAST = 0.1  # of the radius that its filter must leave of a harmonic: the law undoes it, and its noise
 _BEATS = 3  # of an FMU: a wall forgets its start in φ0/E or τ, a small part of a beat
 
 
@@ -233,7 +232,7 @@ def bench(beats: Beats, network: Network, site: str) -> Bench:
         above = np.flatnonzero(X > _ABOVE_NOISE**2 * own[: len(X), i, i].real)
         highest.append(int(above[-1]) if len(above) else 1)
     # where one of the two is noise alone, a sensor or wall that is slow enough would explain it
-    usable = np.flatnonzero(np.abs(filtered(network, signals[1], beats.omega * np.arange(len(own)))) >= _LEAST)
+    usable = np.flatnonzero(np.abs(filtered(network, signals[1], beats.omega * np.arange(len(own)))) >= SAFE)
     K = min(_MOST_HARMONICS, max(1, min(*highest, int(usable[-1]))))
     return Bench(network, site, signals, replace(loop, noise=noise), K, beats.n_beats, highest=0.5 * beats.N / beats.T)
 

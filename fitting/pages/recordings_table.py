@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from solver.console import right
-from solver.legible import DASH, number, rounded, shown_in
+from solver.legible import DASH, NOT_DETERMINED, number, rounded, shown_in
 from solver.units import of_signal
 
 from ..calibrated import Calibration
@@ -27,8 +27,10 @@ def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> T
     def row(said: str, ratio: str, rms: Mapping[str, float], values: Sequence[str]) -> None:
         table.add_row(said, ratio, *(_signal(name, rms) for name in channels), *values)
 
-    for each in result.recordings:
-        row(each.label, number(each.chi2 / each.dof), each.rms, [_value(n, each.values, each.ci95) for n in own])
+    for i, each in enumerate(result.recordings):
+        weak = result.of(i).undetermined
+        values = [NOT_DETERMINED if n in weak else _value(n, each.values, each.ci95) for n in own]
+        row(each.label, number(each.chi2 / each.dof), each.rms, values)
     for held in held_out:
         label = Path(held.source).stem
         row(f"{label}, not fitted", DASH, held.rms, [DASH] * len(own))

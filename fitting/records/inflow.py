@@ -22,7 +22,7 @@ from .spectral import coefficients
 Array = np.ndarray
 
 _ABOVE_NOISE = 3.0  # standard deviations of the mean beat's harmonic
-_SAFE = 0.1  # of a harmonic: to undo that makes ten times its noise, which the weights know
+SAFE = 0.1  # of a harmonic: to undo that makes ten times its noise, which the weights know
 _LEAST = 1e-4  # a filter that leaves less is not undone: any flow is then within the noise over H
 
 
@@ -91,7 +91,7 @@ def undone(network: Network, channel: str, shown: Inflow) -> Array:
     all harmonics that the filter leaves a tenth of are taken for signal, too.
     """
     H = undoable(network, channel, shown.omega)
-    return np.asarray(np.where(shown.shown | (np.abs(H) >= _SAFE), H, 1.0))
+    return np.asarray(np.where(shown.shown | (np.abs(H) >= SAFE), H, 1.0))
 
 
 def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:
