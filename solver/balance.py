@@ -28,7 +28,7 @@ from .scheme import terms
 from .scheme.elimination import Factor
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
-from .scheme.stage import Condensed, Operators, Stage, operators, operators_about, start
+from .scheme.stage import Condensed, Operators, Stage, operators, operators_about, operators_repeated, start
 from .scheme.step import State, initial_state
 from .sources import NO_FORCING, Forcing
 from .units import SIGNAL_UNITS
@@ -38,6 +38,7 @@ Drive = Callable[[Array], Array]
 
 _STORAGE = 5e8  # bytes of the Jacobians of all harmonics; a large mesh or batch has fewer of them
 _SAMPLES = 4  # of a period for each harmonic, so that products of harmonics have room
+_TOGETHER = 3000  # elements of members and moments in one operation (measured: alike from 800 to 12 000)
 _FINE = 4096  # samples of the drive, whose mean counts
 MOST = _FINE // 4  # harmonics
 _LONG = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)  # s, the implicit steps to the steady state
@@ -88,15 +89,52 @@ def spectrum(model: Model, drive: Drive, T: float, K: int, t: float = 0.0) -> Ar
     return np.fft.rfft(values, axis=0, norm="forward")[: K + 1]
 
 
-def moments(model: Model, *values: Array) -> Iterator[tuple[Array, ...]]:
-    """What many moments have, each (moments, B, …), as batches that a model takes.
+@dataclass(frozen=True)
+class Moments:
+    """Many moments of all members of a batch, a few at a time as one larger batch: so many that it takes longer to do
+    an operation than to call it, and so few that fast memory holds them.
 
-    A model of one parameter set takes all moments at once.
+    B : members. model, operators : of that batch; a model of one parameter set takes all moments at once.
     """
-    if model.coefficients.B == 1:
-        yield tuple(x[:, 0] for x in values)
-    else:
-        yield from zip(*values, strict=True)
+
+    B: int
+    model: Model
+    operators: Operators
+
+    @staticmethod
+    def of(model: Model, n: int) -> Moments:
+        """n : how many moments there are."""
+        B, o = model.coefficients.B, operators(model, model.settings.dt)
+        most = _TOGETHER // (B * model.mesh.n_elements)
+        together = max(each for each in range(1, n + 1) if n % each == 0 and each <= max(most, 1))
+        return Moments(B, *((model, o) if B == 1 else operators_repeated(model, together, model.settings.dt)))
+
+    def of_each(self, *values: Array) -> Iterator[tuple[Array, ...]]:
+        """What many moments have, each (moments, B or 1, …), as batches that the model takes."""
+        every = [np.broadcast_to(x, (len(x), self.B, *x.shape[2:])).reshape(-1, *x.shape[2:]) for x in values]
+        size = len(every[0]) if self.B == 1 else self.model.coefficients.B
+        for at in range(0, len(every[0]), size):
+            yield tuple(x[at : at + size] for x in every)
+
+    def stages(self, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
+        """Of all moments of a period the implicit stage that ends there, at the present rates; y, dy/dt and H."""
+        model, o, P_venous = self.model, self.operators, self.model.coefficients.P_venous
+        for y, rate, H, driven in self.of_each(*map(samples, (waves.y, waves.rates, waves.H, drive))):
+            yield Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0), y, rate, H
+
+    def left_over(self, waves: Waves, drive: Array) -> tuple[Array, Array]:
+        """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
+        R, net = list[Array](), list[Array]()
+        for stage, y, _, H in self.stages(waves, drive):
+            Q = self.model.layout.part(y, "Q")
+            R.append(terms.residual(stage.start, Q, H))
+            net.append(stage.node_residual(Q, H))
+        return amplitudes(np.concatenate(R), waves.y), amplitudes(np.concatenate(net), waves.y)
+
+
+def moments_of(model: Model, harmonics: int) -> Moments:
+    """The moments of a period that so many harmonics, the mean among them, have."""
+    return Moments.of(model, _SAMPLES * (harmonics - 1))
 
 
 def samples(x: Array) -> Array:
@@ -156,14 +194,14 @@ def balanced(
     them stands, and the size is infinite. tell : called after each. forcing : of sources, beside the drives.
     """
     omega = 2.0 * np.pi / T * np.arange(len(drive))
-    response = Response.about(model, taus_of(omega), rest)
+    response, moments = Response.about(model, taus_of(omega), rest), moments_of(model, len(omega))
     drive, forced = drive + forcing.inlets, forcing.nodes * operators(model, model.settings.dt).loads.scale
     waves = before = response.stored(Waves(omega, constant(rest.y, len(omega)), constant(rest.H, len(omega))), forcing)
     last = np.full(model.coefficients.B, np.inf)
     active = last > 0.0
     for _ in range(most):
-        filled = waves if model.storage.proportional else response.filled(waves, drive)
-        R, net = _left_over(model, filled, drive)
+        filled = waves if model.storage.proportional else response.filled(waves, moments, drive)
+        R, net = moments.left_over(filled, drive)
         y, H = response.correction(R + forcing.momentum, net + forced)
         size = _size(model, y) / np.maximum(_size(model, waves.y + y), np.finfo(float).tiny)
         less = size < last
@@ -232,7 +270,7 @@ class Response:
             np.tile(model.minus_J_inverse, (len(taus), 1, 1)),
         )
 
-    def filled(self, waves: Waves, drive: Array) -> Waves:
+    def filled(self, waves: Waves, moments: Moments, drive: Array) -> Waves:
         """The waves with areas that take what flows in and does not leak:
 
             δA = τ s r,    r = -∂Q/∂x - g (P - P_venous) - ∂A/∂t
@@ -240,7 +278,7 @@ class Response:
         with s of :attr:`storage`. A leak g grows with the pressure, which the area is not proportional to; elsewhere
         corrections are exact."""
         model, left = self.model, list[Array]()
-        for stage, y, rate, _ in _stages(model, waves, drive):
+        for stage, y, rate, _ in moments.stages(waves, drive):
             A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
             left.append(stage.start.storage.left_over(stage.start.supply(Q), A, A_t))
         r = amplitudes(np.concatenate(left), waves.y)
@@ -304,23 +342,6 @@ def _storage(model: Model, o: Operators, rest: State) -> Array:
     s, _ = start(model, o.tau, o.inertia, o.memory, o.loads, rest.y, model.coefficients.P_venous)
     slope = s.storage.slope(rest.A, rest.A_t)
     return np.broadcast_to(np.reshape(slope, np.shape(slope)[:-1]), model.minus_J_inverse.shape)
-
-
-def _stages(model: Model, waves: Waves, drive: Array) -> Iterator[tuple[Stage, Array, Array, Array]]:
-    """Of all moments of a period the implicit stage that ends there, at the present rates; y, dy/dt and H."""
-    o, P_venous = operators(model, model.settings.dt), model.coefficients.P_venous
-    for y, rate, H, driven in moments(model, *map(samples, (waves.y, waves.rates, waves.H, drive))):
-        yield Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0), y, rate, H
-
-
-def _left_over(model: Model, waves: Waves, drive: Array) -> tuple[Array, Array]:
-    """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
-    R, net = list[Array](), list[Array]()
-    for stage, y, _, H in _stages(model, waves, drive):
-        Q = model.layout.part(y, "Q")
-        R.append(terms.residual(stage.start, Q, H))
-        net.append(stage.node_residual(Q, H))
-    return amplitudes(np.concatenate(R), waves.y), amplitudes(np.concatenate(net), waves.y)
 
 
 def _remembering(model: Model, waves: Waves, taus: Sequence[Any]) -> Waves:

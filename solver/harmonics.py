@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .balance import MOST, Waves, amplitudes, balanced, moments, samples, spectrum, steady, storable
+from .balance import MOST, Waves, amplitudes, balanced, moments_of, samples, spectrum, steady, storable
 from .coefficients import Parameters
 from .errors import InputError
 from .inflow import Drives, Inflows, drives_of
@@ -103,11 +103,12 @@ def _of_all(
 
 def _observed(model: Model, waves: Waves, rest: State, names: Sequence[str]) -> tuple[Array, Array]:
     """Harmonics (B, K+1, m) of outputs, and whether every moment of a member is physical : (B,)."""
-    report, values, good = reporter(model), list[Array](), list[Array]()
-    for y, H, rate in moments(model, *map(samples, (waves.y, waves.H, waves.rates))):
-        A_t = model.layout.part(rate, "A")
+    moments, values, good = moments_of(model, len(waves.y)), list[Array](), list[Array]()
+    report = reporter(moments.model)
+    for y, H, rate in moments.of_each(*map(samples, (waves.y, waves.H, waves.rates))):
+        A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
         values.append(report(rest.of_moments(y, A_t, H)))
-        good.append(physical(model, model.layout.part(y, "A"), A_t, model.layout.part(y, "Q")))
+        good.append(physical(moments.model, A, A_t, Q))
     columns = [report.names.index(name) for name in names]
     X = amplitudes(np.concatenate(values)[:, columns], waves.y).swapaxes(0, 1)
     return X, np.logical_and.reduce(np.concatenate(good).reshape(-1, model.coefficients.B))

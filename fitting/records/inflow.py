@@ -8,6 +8,7 @@ meter is divided by H, too.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,9 +46,16 @@ class Inflow:
 
     def __call__(self, t: Array) -> Array:
         """Q : t.shape, or t.shape + (B,) of a batch, at times t [s]."""
-        phase = np.mod(np.asarray(t, float) / self.T, 1.0)
-        k = np.arange(self.X.shape[-1])
-        return np.asarray((np.exp(2j * np.pi * phase[..., None] * k) @ np.where(k > 0, 2.0 * self.X, self.X).T).real)
+        turn = 2j * np.pi * np.mod(np.asarray(t, float) / self.T, 1.0)[..., None]
+        n = self.X.shape[-1]
+        # e^{ik} = e^{i few a} e^{ib} for k = few a + b: the exponentials of all k are most of a search's simulations
+        few = math.isqrt(n) + 1
+        k = np.arange(few)
+        X = np.where(np.arange(n) > 0, 2.0, 1.0) * self.X
+        X = np.concatenate([X, np.zeros((*X.shape[:-1], few**2 - n))], axis=-1).reshape(*X.shape[:-1], few, few)
+        by_a = np.tensordot(np.exp(turn * k), X, (-1, -1))  # (…, a), of a batch (…, B, a)
+        by_ab = by_a * np.exp(turn * few * k)[..., *[None] * (self.X.ndim - 1), :]
+        return np.asarray(by_ab.sum(axis=-1).real)
 
     def members(self, which: slice) -> Inflow:
         """That of some members of a batch; one inflow is that of all of them."""

@@ -95,6 +95,14 @@ class Model:
         c = coefficients(self.network, parameters, checked=False)
         return _lay_out(self.network, parameters, self.settings, c, self.mesh)
 
+    def repeated(self, times: int) -> Model:
+        """A batch of all parameter sets, so many times one after the other."""
+        B, every = self.coefficients.B, dict[str, Array]()
+        for name, value in self.parameters.items():
+            every[name] = np.tile(np.broadcast_to(value, B), times)
+        c = coefficients(self.network, every, checked=False)
+        return _lay_out(self.network, every, self.settings, c, self.mesh)
+
     def at_rest(self) -> Array:
         """The state vector of a fluid at rest under P_0, whose walls have been at rest for ever."""
         y = np.zeros((self.coefficients.B, self.layout.size))

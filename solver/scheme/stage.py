@@ -106,6 +106,13 @@ def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
     return Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
 
 
+def operators_repeated(model: Model, times: int, dt: float) -> tuple[Model, Operators]:
+    """All parameter sets so many times in one batch, with the operators for steps of length dt [s]; their Jacobian is
+    that of the model, for residuals need none."""
+    o, many = operators(model, dt), model.repeated(times)
+    return many, replace(o, inertia=many.mass / o.tau, loads=_loads(many, o.tau))
+
+
 class NoMemory:
     """A and Q are the whole state."""
 
