@@ -123,7 +123,7 @@ class Moments:
             yield Stage.of(model, o, y - o.tau * rate, model.inlets.gain * driven, P_venous, 0.0), y, rate, H
 
     def left_over(self, waves: Waves, drive: Array) -> tuple[Array, Array]:
-        """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that do not vanish."""
+        """Amplitudes of momentum (K+1, B, n_e, N+1) [Pa] and of ΣQ at the nodes (K+1, B, n_nodes) that are not 0."""
         R, net = list[Array](), list[Array]()
         for stage, y, _, H in self.stages(waves, drive):
             Q = self.model.layout.part(y, "Q")
