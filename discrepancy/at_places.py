@@ -182,11 +182,13 @@ def single(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Te
 
 
 def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Term]], runs: Runs) -> list[list[Fit]]:
-    """For every place the laws there, refitted beside the free sources of the other places; nearest first."""
+    """For every place the laws there that may explain the record beside the free sources of the other places, refitted
+    beside these; nearest first."""
     fits = []
     for i, some in enumerate(laws):
         beside, walls = _beside(problem, found, i)
-        own = refitted(beside, walls, [[(b.term, b.x)] for b in _few(_nearest(beside, walls, some, runs))], runs)
+        few = [[(b.term, b.x)] for b in _few(_nearest(beside, walls, some, runs))]
+        own = refitted(beside, walls, few, runs, explaining=True)
         fits.append(sorted(own, key=lambda f: f.cost))
     return fits
 
@@ -220,10 +222,14 @@ def _own(fit: Fit) -> Array:
 
 
 def refitted(
-    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs
-) -> list[Fit]:
+    problem: NetworkProblem, found: SourceMap, hypotheses: Sequence[Sequence[tuple[Term, Array]]], runs: Runs,
+    explaining: bool = False,
+) -> list[Fit]:  # fmt: skip
     """Hypotheses searched for from the walls of the map, and where their laws begin: from afar first, with an error
-    granted to the model as in the map, and then to the noise."""
+    granted to the model as in the map, and then to the noise.
+
+    explaining : those alone that may leave noise alone: what leaves more with an error granted leaves more without.
+    """
     if not hypotheses:
         return []
     wide = problem.granted(at.AFAR)
@@ -231,6 +237,7 @@ def refitted(
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
     seen = [f for f in wide.searched_from(members, runs, known) if f is not None]
+    seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
     return [f for f in problem.relaxed(problem.restated(seen, wide), runs) if f is not None]
 
 

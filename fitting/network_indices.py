@@ -15,7 +15,7 @@ from .calibrate import Calibration
 from .estimate import Estimate
 from .indices import estimates, loop_area, measured_estimate, of_wall
 from .inference.calibration import STEP
-from .inference.simulator import HARMONICS_BEYOND, NoBalance, Runs, Simulator
+from .inference.simulator import HARMONICS_BEYOND, Runs, Simulator
 from .inference.unknown import finite_steps, parameter_values
 from .records.beats import Beats
 from .records.inflow import inflow
@@ -68,10 +68,9 @@ def indices_at(
     alone = replace(network, channels=())  # the arteries', as no sensor shows them
     simulator = Simulator(alone, inflow(beats, settings.dt, network), beats.T, outputs, MAX_HARMONICS, settings,
                           tolerance=_TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
-    try:
-        X = simulator.coefficients(alone, parameters, Runs(), alike=True)
-    except NoBalance:  # with those of the search there was one
-        X = replace(simulator, K=calibration.harmonics).coefficients(alone, parameters, Runs(), alike=True)
+    X = simulator.coefficients(alone, parameters, Runs())
+    if np.isnan(X).any():  # with those of the search there was one
+        X = replace(simulator, K=calibration.harmonics).coefficients(alone, parameters, Runs())
     waves = np.fft.irfft(X, _SAMPLES, axis=1, norm="forward").swapaxes(1, 2)
     P, R = np.split(waves, 2, axis=1)
     names = [segment.name for segment in network.segments]

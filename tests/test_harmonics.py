@@ -20,7 +20,7 @@ from truth.shapes import ejection
 
 import fitting.inference.simulator
 import solver.balance
-from fitting.inference.simulator import Runs, Simulator
+from fitting.inference.simulator import Runs, Simulator, started
 from fitting.records.inflow import Inflow
 from solver import Network, Settings, beat_harmonics, load, simulate_periodic
 from solver.balance import storable
@@ -199,25 +199,41 @@ def test_nothing_where_there_is_no_balance(sheep: Network, monkeypatch: pytest.M
     assert np.isnan(beat_harmonics(sheep, names(sheep), K, flow(sheep), T)).all()
 
 
-def test_what_has_no_balance_is_run_in_time(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of three members is lost: it is the run at 1 ms, 4e-6 from its balance, and the others are untouched."""
-    X = np.fft.rfft(flow(sheep)(T * np.arange(512) / 512.0), norm="forward")[:41]
-    drive = Inflow(T, X, np.ones(41, bool))
-    simulator = Simulator(sheep, drive, T, tuple(names(sheep)), K, Settings(dt=1e-3), tolerance=1e-6, beyond=8)
+def test_a_member_without_a_balance_is_lost(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of three members has no balance: it is NaN, and the others are untouched."""
+    simulator = simulator_of(sheep)
     exact = simulator.coefficients(sheep, MODULI, Runs())
+    without_balance(monkeypatch, [1])
+    runs = Runs()
+    found = simulator.coefficients(sheep, MODULI, runs)
+    assert runs.meter.simulations == 3
+    assert np.array_equal(found[[0, 2]], exact[[0, 2]]) and np.isnan(found[1]).all()
+
+
+def test_a_model_without_a_balance_is_run_in_time(sheep: Network, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The model as given has no balance: all is run in time, in steps of 1 ms 4e-6 from the balance."""
+    exact = simulator_of(sheep).coefficients(sheep, {}, Runs())[0]
+    without_balance(monkeypatch, [0])
+    in_time, X = started(simulator_of(sheep), Runs())
+    assert in_time.beyond == 0 and in_time.settings.dt == 1e-3
+    assert 0.0 < error(X, exact) <= 5e-6
+
+
+def simulator_of(network: Network) -> Simulator:
+    X = np.fft.rfft(flow(network)(T * np.arange(512) / 512.0), norm="forward")[:41]
+    drive = Inflow(T, X, np.ones(41, bool))
+    return Simulator(network, drive, T, tuple(names(network)), K, Settings(dt=1e-3), tolerance=1e-6, beyond=8)
+
+
+def without_balance(monkeypatch: pytest.MonkeyPatch, members: list[int]) -> None:
     real = fitting.inference.simulator.beat_harmonics
 
     def lossy(*args: Any, **given: Any) -> Array:
         X = real(*args, **given)
-        X[1] = np.nan
+        X[members] = np.nan
         return X
 
     monkeypatch.setattr(fitting.inference.simulator, "beat_harmonics", lossy)
-    runs = Runs()
-    found = simulator.coefficients(sheep, MODULI, runs)
-    assert runs.meter.simulations == 3
-    assert np.array_equal(found[[0, 2]], exact[[0, 2]])
-    assert 0.0 < error(found[1], exact[1]) <= 5e-6
 
 
 def test_one_that_breaks_down_says_so(sheep: Network) -> None:

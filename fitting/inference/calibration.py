@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver import Settings
+from solver.errors import InputError
+from solver.harmonics import has_room
 from solver.network import Network
 from solver.simulate import BROKEN
 
@@ -70,7 +72,11 @@ class Part:
     def simulate(self, x: Array) -> Array:
         """Coefficients (B, K+1, m) of the periodic beat for its unknowns x : (B, q)."""
         parameters = parameter_values(self.unknowns, self.simulator.network, x)
-        return self.simulator.coefficients(self.simulator.network, parameters, Runs(self.meter), alike=True)
+        network = self.simulator.network
+        X = self.simulator.coefficients(network, parameters, Runs(self.meter))
+        if np.isnan(X).any():
+            raise InputError(f"network {network.name}: it has no periodic beat with these values.")
+        return X
 
     def batch(self, x: Array) -> Array:
         """Coefficients (1+q, K+1, m) at all unknowns x : (p,) and one step away from it along each of its own."""
@@ -151,7 +157,8 @@ def part_of(
     beats: Beats, network: Network, unknowns: tuple[Unknown, ...], which: Array, names: Sequence[str], K: int,
     settings: Settings, meter: Meter,
 ) -> Part:  # fmt: skip
-    """The part of a recording; its beats are found by harmonic balance."""
+    """The part of a recording; its beats are found by harmonic balance if that has room."""
+    beyond = HARMONICS_BEYOND if has_room(network, K + HARMONICS_BEYOND, settings) else 0
     simulator = Simulator(network, inflow(beats, settings.dt, network), beats.T, tuple(names), K, settings,
-                          tolerance=TOLERANCE, beyond=HARMONICS_BEYOND)  # fmt: skip
+                          tolerance=TOLERANCE, beyond=beyond)  # fmt: skip
     return Part(beats, unknowns, which, simulator, meter)

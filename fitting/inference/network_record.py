@@ -56,7 +56,7 @@ def network_problem(
             f"{INFLOW}: {1e6 * drive(time).mean():.4g} mL/s on average is more than the arteries of {network.name} can "
             f"carry; check the unit of its column, or the network."
         ) from why
-    error = solver_error(X, simulator.finer().coefficients(network, {}, runs)[0], pulses(beats, chosen))
+    error = solver_error(X, started(simulator.finer(), runs)[1], pulses(beats, chosen))
     H = linear_response(network, chosen, beats.T, K, {})
     felt = varying(beats, network, chosen, K)
     own, may = target(beats, chosen, H, error, felt), possible(network, prior)

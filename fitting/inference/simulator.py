@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver import NonPhysicalState, NotPeriodic, Settings, beat_harmonics, repeating_beat
+from solver import NonPhysicalState, Settings, beat_harmonics, repeating_beat
 from solver.catalogue import filtered
 from solver.errors import InputError
-from solver.harmonics import has_room
 from solver.network import Network
 from solver.sources import Source
 from solver.units import INFLOW
@@ -42,10 +40,6 @@ class Meter:
     def add(self, members: int) -> None:
         self.simulations += members
         self.tell(self.simulations)
-
-
-class NoBalance(InputError):
-    """Parameters with which harmonic balance finds no beat: waves too steep for it, or nothing that repeats."""
 
 
 class OutOfTime(Exception):
@@ -96,8 +90,8 @@ class Forced:
 class Simulator:
     """Harmonics 0 … K of the channels ``names`` of a network under a periodic flow.
 
-    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`). Where it is 0, or no
-    balance is found, the beat is run in time, in steps of settings.dt.
+    beyond : harmonics above K that a harmonic balance keeps (:func:`~solver.beat_harmonics`); 0 of a model that has no
+    balance: the beat is run in time, in steps of settings.dt.
     start : time [s] in the beat at which such runs begin: where the flow is least, because a run begins at rest, and a
     flow that sets in at once would strain the walls as no heart does. tolerance, resolved : of the periodic beat.
     forced : by sources, of which there are balances alone.
@@ -126,43 +120,32 @@ class Simulator:
 
     def coefficients(
         self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow | None = None,
-        alike: bool = False,
     ) -> Array:  # fmt: skip
         """X : (B, K+1, m) of the periodic beats under ``drive``, or under another inflow, of each member perhaps,
         through the filters that the network says its channels have.
 
-        alike : all of a batch are found in the same way, so that their small differences are derivatives: by balance,
-        or all in time if balances have no room.
-        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline, NoBalance where
-        an alike batch has members without. Where some of another batch have a balance, those that have none and break
-        down in time are NaN instead.
+        Members without a beat that repeats are NaN.
+        Raises ValueError, NonPhysicalState and NotPeriodic as the solver, OutOfTime after the deadline.
         """
         runs.check()
         inflow, B = inflow or self.drive, max((np.size(value) for value in parameters.values()), default=1)
-        X = self._balanced(network, parameters, runs, inflow, B)
-        left = np.isnan(X).any(axis=(1, 2))
-        if alike and left.any() and self.beyond and has_room(network, self.K + self.beyond, self.settings):
-            raise NoBalance(f"network {network.name}: it has no periodic beat with these values.")
-        if self.forced is None and (left.all() or (alike and left.any())):
-            X = self._in_time(network, parameters, runs, inflow)
+        if self.beyond:
+            X = self._balanced(network, parameters, runs, inflow)
         elif self.forced is None:
-            for i in np.flatnonzero(left):
-                one = {name: np.broadcast_to(value, B)[i : i + 1] for name, value in parameters.items()}
-                with suppress(NonPhysicalState, NotPeriodic):
-                    X[i] = self._in_time(network, one, runs, inflow.members(slice(i, i + 1)))[0]
+            X = self._in_time(network, parameters, runs, inflow)
+        else:
+            X = np.full((B, self.K + 1, len(self.names)), np.nan, complex)
         runs.meter.add(B)
         X = X * filters(network, self.names, self.T, self.K)
         return X if self.forced is None else X + self.forced.signals
 
-    def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow, B: int) -> Array:
+    def _balanced(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
         """By harmonic balance; NaN where none is found. Raises ValueError where a member has no steady state."""
-        if self.beyond:
-            forced = self.forced if self.forced and self.forced.sources else None
-            sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
-            return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
-                                  settings=self.settings, tolerance=self.tolerance, more=self.beyond,
-                                  sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
-        return np.full((B, self.K + 1, len(self.names)), np.nan, complex)
+        forced = self.forced if self.forced and self.forced.sources else None
+        sources, amplitudes = (forced.sources, forced.amplitudes) if forced else ((), None)
+        return beat_harmonics(network, self.names, self.K, inflow, self.T, parameters=parameters,
+                              settings=self.settings, tolerance=self.tolerance, more=self.beyond,
+                              sources=sources, amplitudes=amplitudes, progress=runs.check)  # fmt: skip
 
     def _in_time(self, network: Network, parameters: Mapping[str, Array], runs: Runs, inflow: Inflow) -> Array:
         """By running beats until they repeat."""
@@ -179,10 +162,14 @@ class Simulator:
 
 
 def started(simulator: Simulator, runs: Runs) -> tuple[Simulator, Array]:
-    """The model as given under this inflow; where it has no balance, with shorter steps if it needs them.
+    """The model as given under this inflow; where it has no balance, in time, with shorter steps if it needs them.
 
     Raises NonPhysicalState if none will do, ValueError where it has no steady state under the mean of the inflow.
     """
+    X = simulator.coefficients(simulator.network, {}, runs)[0]
+    if not np.isnan(X).any():
+        return simulator, X
+    simulator = replace(simulator, beyond=0)
     for _ in range(_SHORTER):
         try:
             return simulator, simulator.coefficients(simulator.network, {}, runs)[0]
