@@ -142,10 +142,11 @@ def _partial(make: _Maker, found: Compared, none: Named, ways: Sequence[Named], 
     problem, best = found.problem, next(n for n in ways if n.fit.terms)
     exact = next(n for n in found.ranked if n.key == best.key)
     closed = 1.0 - math.sqrt(exact.fit.chi2 / none.fit.chi2)
-    left = _left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else "")
     if closed < at.PART_CLOSED:
-        reason = f"{label_text(exact.label)} comes nearest, but more remains: {left}"
+        nearest = next(n for n in found.ranked if n.fit.terms)
+        reason = f"{label_text(nearest.label)} comes nearest, but more remains: {_left(nearest.fit, problem)}"
         return make("unknown", problem, none, found.ranked, (), 1.0 - confidence, reason)
+    left = _left(exact.fit, problem) + (f"; beside it {_acting(best.places)}" if best.places else "")
     assert best.errors is not None
     wide = problem.widened(best.errors)
     none, first, *rest = _anew(wide, problem, [none, exact, *(n for n in found.ranked if n is not exact)])
