@@ -151,7 +151,7 @@ def riemann_velocity(law: ElasticLaw, s: Array, K: Array, e: Array, rho: Array) 
     half = 0.5 * (s - 1.0)[..., None]
     x = 1.0 + half * (1.0 + _NODES)
     slope = law.derivative(x, K[..., None], e[..., None])
-    integrand = np.sqrt(2.0 * slope / (np.asarray(rho)[..., None] * x))
+    integrand = np.sqrt(2.0 * slope / (np.expand_dims(rho, -1) * x))
     return half[..., 0] * (integrand @ _WEIGHTS)
 
 

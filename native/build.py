@@ -1,0 +1,62 @@
+"""Build the compiled engine for this machine: python native/build.py [--with cc|ziglang|FILE].
+
+Takes the machine's C compiler (cc, gcc, clang) or, where there is none, that of the package ziglang
+(pip install arterial-fmu[engine]). Without either, everything runs on NumPy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+LIBRARY = HERE.parent / "solver" / "engine" / f"arterial_engine{SUFFIX}"
+# no contraction: the same numbers with every compiler
+FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-Wall", "-Wextra", "-shared",
+         "-fvisibility=hidden", *([] if sys.platform == "win32" else ["-fPIC"])]  # fmt: skip
+
+
+def compilers(wanted: str | None) -> list[list[str]]:
+    """The compilers to try, in order."""
+    zig = [[sys.executable, "-m", "ziglang", "cc"]] if importlib.util.find_spec("ziglang") else []
+    if wanted == "ziglang":
+        return zig
+    names = [wanted] if wanted else ["cc", "gcc", "clang"]
+    return [[found] for found in map(shutil.which, names) if found] + (zig if not wanted else [])
+
+
+def build(wanted: str | None = None, library: Path = LIBRARY) -> str:
+    """Build the library, and say what was done. Raises SystemExit where a compiler refuses the sources."""
+    for compiler in compilers(wanted):
+        start = time.perf_counter()
+        library.parent.mkdir(parents=True, exist_ok=True)
+        beside = library.with_name(f".{os.getpid()}-{library.name}")
+        tuned = [] if "ziglang" in compiler else ["-march=native"]
+        sources = sorted(map(str, HERE.glob("*.c")))
+        # a processor that the compiler cannot name is no reason to do without
+        for flags in ([*FLAGS, *tuned], FLAGS):
+            done = subprocess.run(
+                [*compiler, *flags, *sources, "-o", str(beside), "-lm"], capture_output=True, text=True
+            )
+            if done.returncode == 0:
+                os.replace(beside, library)
+                name = " ".join([Path(compiler[0]).name, *compiler[1:]])
+                return f"Built the compiled engine with {name} in {time.perf_counter() - start:.1f} s: {library}"
+        sys.exit(f"{' '.join(compiler)} does not compile native/:\n{done.stderr}")
+    return (
+        "No C compiler: the solver runs on NumPy. For the compiled engine: pip install ziglang, then "
+        "python native/build.py"
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--with", dest="compiler", help="a C compiler by name or path, or ziglang")
+    print(build(parser.parse_args().compiler))
