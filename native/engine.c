@@ -12,14 +12,12 @@
     X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require)
 #define CODE(name) OP_##name,
 #define NAME(name) #name " "
-enum { ELEMENTWISE, OPERATIONS(CODE) LAST };
+enum { GROUP, OPERATIONS(CODE) LAST };
 
 int arterial_fits(const char *operations, int32_t places, int32_t program)
 {
     return strcmp(operations, OPERATIONS(NAME)) == 0 && places == PLACES && program == (int32_t)sizeof(arterial_program);
 }
-
-#define CHUNK 256 /* numbers that a group of elementwise operations handles at once: they stay in the cache */
 
 static double *at(const memory *m, int32_t address)
 {
@@ -86,20 +84,6 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         for (i = 0; i < n; i++) o[i] = a[i * sa] != 0.0 ? b[i * sb] : c[i * sc];
         break;
     default: break;
-    }
-}
-
-/* A group of operations on n numbers each, piece by piece: 6 words an operation. */
-static void group(const memory *m, const int32_t *code, int32_t n, int32_t count)
-{
-    int32_t from, k;
-    for (from = 0; from < n; from += CHUNK) {
-        const int32_t many = n - from < CHUNK ? n - from : CHUNK, *w = code;
-        for (k = 0; k < count; k++, w += 6) {
-            const int sa = !(w[1] & 1), sb = !(w[1] & 2), sc = !(w[1] & 4);
-            elementwise(w[0], many, at(m, w[2]) + from, at(m, w[3]) + (sa ? from : 0), sa, at(m, w[4]) + (sb ? from : 0),
-                        sb, at(m, w[5]) + (sc ? from : 0), sc);
-        }
     }
 }
 
@@ -184,6 +168,40 @@ static void inverse(double *a, double *pivot, int32_t n)
     }
 }
 
+/* --- groups ---------------------------------------------------------------------------------------------------------- */
+
+/* Some parts of one operation of a group: 8 words, of the operation, flags, width, out, three places, and one more. */
+static void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
+{
+    const int32_t width = w[2], k = w[7] >> 8, n = w[7] & 255, *const index = m->index + w[5];
+    const int64_t skip = (int64_t)from * width;
+    double *o = at(m, w[3]);
+    const double *a = at(m, w[4]), *b;
+    int32_t i;
+    if (w[0] == OP_gather) {
+        for (i = 0; i < many * width; i++) o[skip + i] = a[index[skip + i]];
+    } else if (w[0] == OP_product && (w[1] & 4)) { /* rows times one matrix */
+        product(o + skip * n, a + skip * k, at(m, w[5]), many * width, k, n);
+    } else if (w[0] == OP_product) { /* matrices of w[6] rows; flags: whether a, b differ */
+        b = at(m, w[5]);
+        for (i = 0; i < many * width; i++)
+            product(o + (skip + i) * w[6] * n, a + (w[1] & 1 ? (skip + i) * w[6] * k : 0),
+                    b + (w[1] & 2 ? (skip + i) * k * n : 0), w[6], k, n);
+    } else { /* flags: which operands are one number */
+        const int sa = !(w[1] & 1), sb = !(w[1] & 2), sc = !(w[1] & 4);
+        elementwise(w[0], many * width, o + skip, a + (sa ? skip : 0), sa, at(m, w[5]) + (sb ? skip : 0), sb,
+                    at(m, w[6]) + (sc ? skip : 0), sc);
+    }
+}
+
+/* Operations that are done together, some parts at once. */
+static void group(const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count)
+{
+    int32_t from, k;
+    for (from = 0; from < parts; from += at_once)
+        for (k = 0; k < count; k++) part(m, code + 8 * k, from, parts - from < at_once ? parts - from : at_once);
+}
+
 /* --- the rest ------------------------------------------------------------------------------------------------------- */
 
 #define FOLD(expression)                                                                                               \
@@ -259,9 +277,9 @@ int run(const arterial_program *p, const memory *m, int phase)
 {
     const int32_t *w = p->code + p->begin[phase], *const end = p->code + p->begin[phase + 1];
     while (w < end) {
-        if (w[0] == ELEMENTWISE) {
-            group(m, w + 3, w[1], w[2]);
-            w += 3 + 6 * w[2];
+        if (w[0] == GROUP) {
+            group(m, w + 4, w[1], w[2], w[3]);
+            w += 4 + 8 * w[3];
         } else {
             if (!other(m, w[0], w + 2)) return 0;
             w += w[1];

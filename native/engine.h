@@ -18,14 +18,10 @@ enum {
     IN_Y, IN_H0, IN_DRIVE, IN_VENOUS,              /* PREPARE: the state at the start of the step, what drives it */
     OUT_BEGUN, OUT_GIVEN, OUT_SMALL_Q, OUT_SMALL_H,
     IN_START, IN_GIVEN,                            /* START */
-    IN_Q, IN_H,                                    /* CORRECT, CORRECT_FRESH, REFRESH: an iterate */
+    IN_Q, IN_H,                                    /* all from CORRECT to END: an iterate */
     OUT_Q, OUT_DH, OUT_CHANGE_Q, OUT_CHANGE_H,     /* CORRECT */
     FRESH_Q, FRESH_DH, FRESH_CHANGE_Q, FRESH_CHANGE_H,
-    IN_Q_LAST, OUT_FINITE,                         /* FINITE */
-    IN_Q_REFRESH, IN_H_REFRESH,                    /* REFRESH */
-    IN_Q_FRESH, IN_H_FRESH,                        /* CORRECT_FRESH */
-    IN_Q_END, OUT_END, OUT_A_T,                    /* END */
-    OUT_MARGIN,                                    /* CHECK */
+    OUT_FINITE, OUT_END, OUT_A_T, OUT_MARGIN,      /* FINITE, END, CHECK */
     IN_Y_REPORT, IN_A_T_REPORT, IN_H_REPORT, OUT_REPORT,
     PLACES
 };
@@ -49,7 +45,7 @@ ARTERIAL_API int arterial_bind(const arterial_program *p, double *fixed, double 
 ARTERIAL_API int32_t arterial_state_size(const arterial_program *p);
 
 /* n steps of length dt of B members. fixed : (B, n_fixed). state, spare : (B, state size). work : n_work +
-   3 n_y + 2 (n_Q + n_H). drive : (n, n_inlets, 4, B or 1, as own_drive says). venous : (B, n_outlets). table :
+   3 n_y + n_Q + n_H. drive : (n, n_inlets, 4, B or 1, as own_drive says). venous : (B, n_outlets). table :
    (n, B, n_report). Returns how many steps were made: fewer where a member stopped, in the state before. */
 ARTERIAL_API int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double dt, const double *fixed,
                                     double *state, double *spare, double *work, const double *drive, int own_drive,

@@ -42,44 +42,40 @@ int32_t arterial_state_size(const arterial_program *p)
     return p->n_y + p->n_A + p->n_H + 2 * STAGES * (p->n_Q + p->n_H);
 }
 
-/* Chord iterations with one Jacobian. Q, H : the iterate. Returns 1 when solved, 0 when not; moved : whether the last
-   one was finite. */
-static int iterate(const arterial_program *p, const memory *m, int fresh, double *Q, double *H, int *moved)
+/* Chord iterations with one Jacobian, on the iterate in its place. Returns 1 when solved, 0 when not; moved : whether the
+   last one was finite. */
+static int iterate(const arterial_program *p, const memory *m, int fresh, int *moved)
 {
     const int phase = fresh ? CORRECT_FRESH : CORRECT, out = fresh ? FRESH_Q : OUT_Q;
     const double small_Q = *place(p, m, OUT_SMALL_Q), small_H = *place(p, m, OUT_SMALL_H);
+    double *const H = place(p, m, IN_H);
     for (int k = 0; k < CORRECTIONS; k++) {
-        put(p, m, fresh ? IN_Q_FRESH : IN_Q, Q, p->n_Q);
-        put(p, m, fresh ? IN_H_FRESH : IN_H, H, p->n_H);
         if (!run(p, m, phase)) return *moved = 0;
         const double *const dH = place(p, m, out + 1), Q_by = *place(p, m, out + 2), H_by = *place(p, m, out + 3);
         *moved = isfinite(Q_by) && isfinite(H_by);
         if (!*moved) return 0;
-        memcpy(Q, place(p, m, out), sizeof(double) * (size_t)p->n_Q);
+        put(p, m, IN_Q, place(p, m, out), p->n_Q);
         for (int32_t i = 0; i < p->n_H; i++) H[i] += dH[i];
         if (Q_by <= small_Q && H_by <= small_H) return 1;
     }
     return 0;
 }
 
-/* Q and H at the end of a stage, from a guess (which they hold). guess : (n_Q + n_H) to begin from again. */
-static int solve(const arterial_program *p, const memory *m, double *Q, double *H, double *guess)
+/* Q and H at the end of a stage, from a guess in their places. guess : (n_Q + n_H) to begin from again. */
+static int solve(const arterial_program *p, const memory *m, double *guess)
 {
     int moved = 1;
-    memcpy(guess, Q, sizeof(double) * (size_t)p->n_Q);
-    memcpy(guess + p->n_Q, H, sizeof(double) * (size_t)p->n_H);
-    if (iterate(p, m, 0, Q, H, &moved)) return 1;
+    memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);
+    memcpy(guess + p->n_Q, place(p, m, IN_H), sizeof(double) * (size_t)p->n_H);
+    if (iterate(p, m, 0, &moved)) return 1;
     for (int k = 0; k < REFRESHES; k++) {
-        put(p, m, IN_Q_LAST, Q, p->n_Q);
         if (!run(p, m, FINITE)) return 0;
         if (!moved || *place(p, m, OUT_FINITE) == 0.0) { /* thrown off: from the guess again */
-            memcpy(Q, guess, sizeof(double) * (size_t)p->n_Q);
-            memcpy(H, guess + p->n_Q, sizeof(double) * (size_t)p->n_H);
+            put(p, m, IN_Q, guess, p->n_Q);
+            put(p, m, IN_H, guess + p->n_Q, p->n_H);
         }
-        put(p, m, IN_Q_REFRESH, Q, p->n_Q);
-        put(p, m, IN_H_REFRESH, H, p->n_H);
         if (!run(p, m, REFRESH)) return 0;
-        if (iterate(p, m, 1, Q, H, &moved)) return 1;
+        if (iterate(p, m, 1, &moved)) return 1;
     }
     return 0;
 }
@@ -90,7 +86,8 @@ static int step(const arterial_program *p, const memory *m, double dt, const dou
     const int32_t n = p->n_y, unknowns = p->n_Q + p->n_H;
     const double *const last = state + n + p->n_A + p->n_H, *const before = last + STAGES * unknowns;
     const double tau = GAMMA * dt;
-    double *const k = m->work + p->n_work, *const Q = k + STAGES * n, *const H = Q + p->n_Q, *const guess = H + p->n_H;
+    double *const k = m->work + p->n_work, *const guess = k + STAGES * n;
+    double *const Q = place(p, m, IN_Q), *const H = place(p, m, IN_H);
     double *const found = after + n + p->n_A + p->n_H, *const start = place(p, m, IN_START);
     int32_t i;
     if (!run(p, m, PREPARE)) return 0;
@@ -107,9 +104,7 @@ static int step(const arterial_program *p, const memory *m, double dt, const dou
         for (i = 0; i < unknowns; i++) rates[i] = 2.0 * last[s * unknowns + i] - before[s * unknowns + i];
         for (i = 0; i < p->n_Q; i++) Q[i] = start[p->at_Q + i] + tau * rates[i];
         memcpy(H, rates + p->n_Q, sizeof(double) * (size_t)p->n_H);
-        if (!solve(p, m, Q, H, guess)) return 0;
-        put(p, m, IN_Q_END, Q, p->n_Q);
-        if (!run(p, m, END)) return 0;
+        if (!solve(p, m, guess) || !run(p, m, END)) return 0;
         const double *const end = place(p, m, OUT_END), *const A_t = place(p, m, OUT_A_T);
         for (i = 0; i < n; i++) k_s[i] = (end[i] - start[i]) / tau;
         memcpy(k_s, A_t, sizeof(double) * (size_t)p->n_A); /* without the round-off of the difference */
@@ -137,8 +132,12 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
                        double *table)
 {
     const int32_t size = arterial_state_size(p), columns = 4 * p->n_inlets, D = own_drive ? B : 1;
-    for (int32_t i = 0; i < n; i++) {
-        for (int32_t b = 0; b < B; b++) {
+    const size_t bytes = sizeof(double) * (size_t)B * (size_t)size;
+    double *const given_state = state, *other;
+    int32_t i;
+    for (i = 0; i < n; i++) {
+        int32_t b;
+        for (b = 0; b < B; b++) {
             const memory m = memory_of(p, fixed + (int64_t)b * p->n_fixed, work);
             double *const from = state + (int64_t)b * size, *const to = spare + (int64_t)b * size;
             const double *const given = drive + (int64_t)i * columns * D + (own_drive ? b : 0);
@@ -146,10 +145,14 @@ int32_t arterial_steps(const arterial_program *p, int32_t n, int32_t B, double d
             put(p, &m, IN_H0, from + p->n_y + p->n_A, p->n_H);
             for (int32_t j = 0; j < columns; j++) place(p, &m, IN_DRIVE)[j] = given[(int64_t)j * D];
             put(p, &m, IN_VENOUS, venous + (int64_t)b * p->n_outlets, p->n_outlets);
-            if (!step(p, &m, dt, from, to)) return i;
+            if (!step(p, &m, dt, from, to)) break;
             report(p, &m, to, table + ((int64_t)i * B + b) * p->n_report);
         }
-        memcpy(state, spare, sizeof(double) * (size_t)B * (size_t)size);
+        if (b < B) break;
+        other = state;
+        state = spare;
+        spare = other;
     }
-    return n;
+    if (state != given_state) memcpy(given_state, state, bytes);
+    return i;
 }

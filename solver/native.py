@@ -82,12 +82,12 @@ class Engine:
     """The steps of a model, of length dt [s]. Raises NoEngine where it cannot make them."""
 
     def __init__(self, model: Model, dt: float) -> None:
-        self.model, self.dt, self.library, self.checked = model, dt, library(), False
+        self.model, self.dt, self.library = model, dt, library()
         try:
-            (self.program, places), arrays = recorded(model, GAMMA * dt)
+            self.recorded, arrays = recorded(model, GAMMA * dt)
         except Untraceable as reason:
             raise NoEngine(f"this network is not recorded: {reason}") from None
-        p, shapes, size = self.program, model.layout.shapes, math.prod
+        p, shapes, size = self.recorded.program, model.layout.shapes, math.prod
         self.n_inlets, self.n_outlets = len(model.inlets.by_flow), len(model.mesh.topology.outlet_segment)
         n_Q, n_H = size(shapes["Q"]), model.mesh.n_nodes
         pointers = (x.ctypes.data for x in (p.code, p.begin, p.index, p.constants))
@@ -96,17 +96,17 @@ class Engine:
             self.n_inlets, self.n_outlets, len(model.network.output_units()),
         )  # fmt: skip
         self._c = _Program(*pointers, *counts, tuple(p.address[name] for name in PLACES))
-        self._work = np.zeros(p.n_work + STAGES * model.layout.size + 2 * (n_Q + n_H))
-        self._fixed = self._bound(arrays, places)
+        self._work = np.zeros(p.n_work + STAGES * model.layout.size + n_Q + n_H)
+        self._fixed = self._bound(arrays)
         given = np.zeros((model.coefficients.B, self.n_outlets))
         for ends in model.coefficients.outlets:
             given[:, ends.index] = ends.given["P_venous"]
         self._venous = given
 
-    def _bound(self, arrays: list[Array], places: tuple[int, ...]) -> Array:
+    def _bound(self, arrays: list[Array]) -> Array:
         """(B, n_fixed): the numbers of every member, and what follows from them alone."""
-        fixed = np.zeros((self.model.coefficients.B, self.program.n_fixed))
-        for rows, place in zip(arrays, places, strict=True):
+        fixed = np.zeros((self.model.coefficients.B, self.recorded.program.n_fixed))
+        for rows, place in zip(arrays, self.recorded.places, strict=True):
             if place >= 0:
                 fixed[:, place // 4 : place // 4 + rows.shape[1]] = rows
         for row in fixed:
@@ -118,9 +118,9 @@ class Engine:
         """Steps from a state, drive : (n, n_inlets, 4) or (n, n_inlets, 4, B): how many were made, and the state after
         them; table : (n, B, n_outputs) takes the outputs.
 
-        The last of the first ones is compared with NumPy's. Raises NoEngine where it is another.
+        The last of the first ones that a program makes is compared with NumPy's. Raises NoEngine where it is another.
         """
-        if self.checked:
+        if self.recorded.checked:
             return self._steps(state, drive, table)
         done, before = self._steps(state, drive[:-1], table[:-1])
         if done < len(drive) - 1:
@@ -128,7 +128,7 @@ class Engine:
         more, after = self._steps(before, drive[-1:], table[-1:])
         if more:
             _compare(after, step(self.model, before, self.dt, drive[-1]))
-            self.checked = True
+            self.recorded.checked = True
         return done + more, after
 
     def _steps(self, state: State, drive: Array, table: Array) -> tuple[int, State]:

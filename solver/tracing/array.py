@@ -204,6 +204,14 @@ def _elementwise(r: Recorder, name: str, inputs: Sequence[Any]) -> Traced:
         name, inputs = _POWERS[inputs[1]], inputs[:1]
     if name not in ELEMENTWISE:
         raise Untraceable(f"np.{name} is not recorded")
+    if name == "divide":  # many divide by the same, which is then done once
+        with np.errstate(divide="ignore"):
+            inverse = (
+                _elementwise(r, "reciprocal", inputs[1:])
+                if isinstance(inputs[1], Traced)
+                else 1.0 / np.asarray(inputs[1])
+            )
+        return elementwise(r, "multiply", inputs[0], inverse)
     return elementwise(r, name, *inputs)
 
 

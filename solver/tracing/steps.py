@@ -8,9 +8,10 @@ that differ in numbers alone share a program.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -34,21 +35,23 @@ PHASES = ("bind", "prepare", "start", "correct", "finite", "refresh", "correct_f
 # where it takes and leaves its numbers, in the order there
 PLACES = (
     "y", "H0", "drive", "venous", "begun", "given", "small_Q", "small_H", "start", "given_now", "Q", "H",
-    "Q_new", "dH", "change_Q", "change_H", "Q_fresh_new", "dH_fresh", "change_Q_fresh", "change_H_fresh",
-    "Q_last", "finite", "Q_refresh", "H_refresh", "Q_fresh", "H_fresh", "Q_end", "end", "A_t", "margin",
-    "y_report", "A_t_report", "H_report", "report",
+    "Q_new", "dH", "change_Q", "change_H", "Q_new_fresh", "dH_fresh", "change_Q_fresh", "change_H_fresh",
+    "finite", "end", "A_t", "margin", "y_report", "A_t_report", "H_report", "report",
 )  # fmt: skip
 _PHASE = {name: number for number, name in enumerate(PHASES)}
 CORE = 32  # nodes that are inverted as a whole: compiled, a round costs less than in NumPy
-_KEPT = 32  # programs
+_KEPT = 16  # programs
 _MESH = ("segment", "parts", "left", "piece", "ends")
 
 
-class Recorded(NamedTuple):
-    """A program, and the address of each array of numbers of its models, -1 where none needs it."""
+@dataclass
+class Recorded:
+    """A program, and the address of each array of numbers of its models, -1 where none needs it. checked : whether a
+    step of it was compared with NumPy's."""
 
     program: Program
     places: tuple[int, ...]
+    checked: bool = False
 
 
 # --- a model as numbers and what they belong to --------------------------------------------------------------------
@@ -129,7 +132,7 @@ def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
     key = (tau, *leaves.kind)
     found = _programs.pop(key, None) or _Recording(leaves.recorder, m, tau).all(leaves, walls)
     while len(_programs) >= _KEPT:
-        _programs.pop(next(iter(_programs)))
+        _programs.pop(next(iter(_programs)), None)
     _programs[key] = found
     return found, leaves.arrays
 
@@ -139,7 +142,7 @@ class _Recording:
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
         self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
-        self.given, self.out = dict[str, Any](), dict[str, Any]()
+        self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
         self.o = operators_about(m, tau, m.at_rest(), np.broadcast_to(m.coefficients.P_0, (1, self.n_H)))
 
     def all(self, leaves: Leaves, walls: Any) -> Recorded:
@@ -150,14 +153,14 @@ class _Recording:
         self.refresh(stage)
         self.end(stage)
         self.report(state, walls)
-        places = {f"leaf {i}": leaf for i, leaf in enumerate(leaves.traced)}
-        program = compiled(self.recorder, len(PHASES), {**self.given, **places}, self.out)
+        places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
+        program = compiled(self.recorder, len(PHASES), self.m.mesh.n_elements, {**self.given, **places}, self.out)
         return Recorded(program, tuple(program.address.get(name, -1) for name in places))
 
     def take(self, name: str, phase: str, *shape: int) -> Any:
-        """An array that is given before a phase."""
-        self.given[name] = array(self.recorder, _PHASE[phase], (1, *shape))
-        return self.given[name]
+        """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
+        self.given[name].append(array(self.recorder, _PHASE[phase], (1, *shape)))
+        return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
         """What a step begins with: tolerances, what drives the inlets at its stages, the state with the new inflow."""
@@ -180,21 +183,21 @@ class _Recording:
 
     def correct(self, stage: Stage, phase: str, fresh: str, jacobian: Any) -> None:
         """A chord iteration, and how much it changes."""
-        Q, H = self.take("Q" + fresh, phase, *self.shapes["Q"]), self.take("H" + fresh, phase, self.n_H)
+        Q, H = self.take("Q", phase, *self.shapes["Q"]), self.take("H", phase, self.n_H)
         Q_new, dH = stage.correct(jacobian, Q, H)
-        self.out |= {f"Q{fresh}_new": Q_new, f"dH{fresh}": dH, f"change_H{fresh}": largest(dH)}
+        self.out |= {f"Q_new{fresh}": Q_new, f"dH{fresh}": dH, f"change_H{fresh}": largest(dH)}
         self.out[f"change_Q{fresh}"] = largest((Q_new - Q).reshape(1, -1))
 
     def refresh(self, stage: Stage) -> None:
         """Whether the last iterate is one to go on from, the Jacobian there, and iterations with it."""
-        s, Q = stage.start, self.take("Q_last", "finite", *self.shapes["Q"])
+        s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
-        Q, H = self.take("Q_refresh", "refresh", *self.shapes["Q"]), self.take("H_refresh", "refresh", self.n_H)
+        Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
         self.correct(stage, "correct_fresh", "_fresh", condense(self.m, self.o.loads, jacobian(s, Q), H, stage.behind))
 
     def end(self, stage: Stage) -> None:
         """The state at the end of the stage, and the smallest number that must be positive of a solution."""
-        m, Q = self.m, self.take("Q_end", "end", *self.shapes["Q"])
+        m, Q = self.m, self.take("Q", "end", *self.shapes["Q"])
         A_t: Any = stage.start.area_rate(Q)
         end: Any = stage.end(Q, A_t)
         checked = (later(self.recorder, x, _PHASE["check"]) for x in (m.layout.part(end, "A"), A_t, Q))
