@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from native_build import build
+from native_build import FILE, build
 from test_halving import LONG, jumping
 from test_several_inlets import fork
 from test_toy import Orifice, TissueSupport
@@ -78,6 +78,23 @@ def both(network: Network, duration: float = 0.2, **options: Any) -> tuple[Wavef
 
 def elastic(network: Network) -> dict[str, float]:
     return {f"{s.name}.{key}": 0.0 for s in network.segments for key in ("phi0", "phiNL")}
+
+
+def test_sources() -> None:
+    """C99 in at most 1200 lines, with no header but these: no allocation in a step, and no global that changes."""
+    sources = {path.name: path.read_text(encoding="utf-8") for path in FILE.parent.glob("*.[ch]")}
+    assert sum(text.count("\n") for text in sources.values()) <= 1200
+    for name, text in sources.items():
+        assert set(re.findall(r"#include [<\"](.+?)[>\"]", text)) <= {
+            "engine.h",
+            "run.h",
+            "math.h",
+            "stdint.h",
+            "string.h",
+        }, name
+        assert not re.search(
+            r"alloc\(|free\(|^(?!static const)(static )?\w+ \w+(\[.*\])? =", text, flags=re.MULTILINE
+        ), name
 
 
 # --- networks --------------------------------------------------------------------------------------------------------
