@@ -92,7 +92,7 @@ $(VENV)/installed-run: pyproject.toml | $(BIN)/python
 	@touch $@
 
 # the compiled engine, where there is a C compiler; a line says which
-$(ENGINE): $(wildcard native/*) | $(VENV)/installed-run
+$(ENGINE): $(wildcard native/*.c native/*.h native/*.py) | $(VENV)/installed-run
 	@$(BIN)/python native/build.py
 	@touch $@
 

@@ -16,8 +16,10 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-LIBRARY = HERE.parent / "solver" / "engine" / f"arterial_engine{SUFFIX}"
+sys.path.insert(0, str(HERE.parent))
+
+from solver.native import LIBRARY, sources  # noqa: E402
+
 # for every processor of its kind, and without contraction: the same numbers everywhere
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-Wall", "-Wextra", "-shared",
          "-fvisibility=hidden", *([] if sys.platform == "win32" else ["-fPIC"])]  # fmt: skip
@@ -39,8 +41,8 @@ def build(wanted: str | None = None, library: Path = LIBRARY) -> str:
         start = time.perf_counter()
         library.parent.mkdir(parents=True, exist_ok=True)
         beside = library.with_name(f".{os.getpid()}-{library.name}")
-        sources = sorted(map(str, HERE.glob("*.c")))
-        done = subprocess.run([*compiler, *FLAGS, *sources, "-o", str(beside), "-lm"], capture_output=True, text=True)
+        files = [f'-DARTERIAL_SOURCES="{sources()}"', *sorted(map(str, HERE.glob("*.c"))), "-o", str(beside), "-lm"]
+        done = subprocess.run([*compiler, *FLAGS, *files], capture_output=True, text=True)
         if done.returncode == 0:
             os.replace(beside, library)
             name = " ".join([Path(compiler[0]).name, *compiler[1:]])

@@ -14,9 +14,14 @@
 #define NAME(name) #name " "
 enum { GROUP, OPERATIONS(CODE) LAST };
 
-int arterial_fits(const char *operations, int32_t places, int32_t program)
+#ifndef ARTERIAL_SOURCES /* a digest, which native/build.py gives */
+#define ARTERIAL_SOURCES ""
+#endif
+
+int arterial_fits(const char *operations, int32_t places, int32_t program, const char *sources)
 {
-    return strcmp(operations, OPERATIONS(NAME)) == 0 && places == PLACES && program == (int32_t)sizeof(arterial_program);
+    return strcmp(operations, OPERATIONS(NAME)) == 0 && places == PLACES &&
+           program == (int32_t)sizeof(arterial_program) && (!*sources || strcmp(sources, ARTERIAL_SOURCES) == 0);
 }
 
 static double *at(const memory *m, int32_t address)

@@ -35,8 +35,9 @@ typedef struct {
     int32_t place[PLACES];
 } arterial_program;
 
-/* Whether it is made for these operations, in the order of their codes, so many places, and a program of this size. */
-ARTERIAL_API int arterial_fits(const char *operations, int32_t places, int32_t program);
+/* Whether it is made for these operations, in the order of their codes, so many places, a program of this size, and of
+   the sources with this digest, if it is not "". */
+ARTERIAL_API int arterial_fits(const char *operations, int32_t places, int32_t program, const char *sources);
 
 /* What the numbers of a parameter set make: the first phase. */
 ARTERIAL_API int arterial_bind(const arterial_program *p, double *fixed, double *work);

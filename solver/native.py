@@ -7,6 +7,7 @@ Python code, which halves it, or says what is wrong. Without the library everyth
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import math
 import sys
 from dataclasses import replace
@@ -48,6 +49,12 @@ class _Program(ctypes.Structure):
     ]  # fmt: skip
 
 
+def sources() -> str:
+    """A digest of the engine's sources, "" where they are not: a library of others is not used."""
+    files = sorted((Path(__file__).parents[1] / "native").glob("*.[ch]"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16] if files else ""
+
+
 @cache
 def library() -> ctypes.CDLL:
     """The library of the engine. Raises NoEngine where there is none that fits this code."""
@@ -56,8 +63,8 @@ def library() -> ctypes.CDLL:
     try:
         found = ctypes.CDLL(str(LIBRARY))
         operations = "".join(f"{name} " for name in OPERATIONS).encode()
-        if not found.arterial_fits(operations, len(PLACES), ctypes.sizeof(_Program)):
-            raise NoEngine(f"the compiled engine is another version's; {_BUILD}")
+        if not found.arterial_fits(operations, len(PLACES), ctypes.sizeof(_Program), sources().encode()):
+            raise NoEngine(f"the compiled engine is of other sources; {_BUILD}")
     except (OSError, AttributeError) as error:
         raise NoEngine(f"the compiled engine does not load: {error}") from None
     pointer, number = ctypes.c_void_p, ctypes.c_int32

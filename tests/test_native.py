@@ -396,6 +396,7 @@ def test_a_wrong_engine_is_found_out(sheep: Network, monkeypatch: pytest.MonkeyP
 def test_without_the_engine(sheep: Network, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Where no library is, or one of another version, NumPy does it; an unknown backend, and another scheme."""
     native.library.cache_clear()
+    built = native.LIBRARY
     monkeypatch.setattr(native, "LIBRARY", tmp_path / "none.so")
     try:
         run = simulate(sheep, duration=0.02, settings=COARSE, backend="auto")
@@ -404,6 +405,10 @@ def test_without_the_engine(sheep: Network, monkeypatch: pytest.MonkeyPatch, tmp
         (tmp_path / "none.so").write_bytes(b"no library")
         with pytest.raises(InputError, match=r"^backend = 'native': the compiled engine does not load: "):
             simulate(sheep, duration=0.02, settings=COARSE, backend="native")
+        monkeypatch.setattr(native, "LIBRARY", built)
+        monkeypatch.setattr(native, "sources", lambda: "0123456789abcdef")
+        with pytest.raises(native.NoEngine, match=r"^the compiled engine is of other sources; in a checkout, "):
+            native.library()
     finally:
         native.library.cache_clear()
     with pytest.raises(InputError, match=r"^backend = 'fortran': must be 'numpy', 'auto', 'native'\.$"):
