@@ -132,7 +132,9 @@ class _Places:
     def of(self, slot: Slot) -> int:
         """The address of a slot, which gets one the first time."""
         if slot not in self.address:
-            kind = _WORK if slot.phase > 0 else _FIXED if slot.phase == 0 else _CONSTANT
+            kind = (
+                _CONSTANT if slot.phase == CONSTANT else _FIXED if slot.phase == 0 and slot in self.lasting else _WORK
+            )
             if kind == _CONSTANT:
                 self.constants.append(np.zeros(slot.size) if slot.data is None else slot.data)
             if kind == _WORK and slot not in self.lasting and self.free[slot.size]:
@@ -156,7 +158,7 @@ class _Places:
             else:
                 code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
             for slot in {each.out, *(o.slot for o in each.operands)}:
-                if last[slot] == i and slot.phase > 0 and slot not in self.lasting:
+                if last[slot] == i and slot.phase != CONSTANT and slot not in self.lasting:
                     self.free[slot.size].append(self.address[slot])
         return code + group.encoded()
 
