@@ -20,7 +20,8 @@ def gap_shares(problem: NetworkProblem, found: SourceMap) -> tuple[float, ...]:
     """The share of the gap, as χ², that acts at every place of a map, in the order of its signals.
 
     With the whitened residual y of the map's walls alone and y_i of these with place i alone, place i takes c_i = y -
-    y_i out of it, and its share is yᵀc_i/|y|²: those of all places and of what is left add up to 1. A place may have less than 0, where it makes good what another one does. Empty where a simulation breaks down.
+    y_i out of it, and its share is yᵀc_i/|y|²: those of all places and of what is left add up to 1. A place may have
+    less than 0, where it makes good what another one does. Empty where a simulation breaks down.
     """
     at = problem.at((), found.unknowns, found.x)
 

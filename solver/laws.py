@@ -1,8 +1,8 @@
 """The laws of an arterial wall: elastic ones, and viscous ones, by name.
 
 They are written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 and strain rate ε̇. Two elastic laws (the
-paper's fit and its network differ by R0/R) and two viscous ones exist, each a small frozen object. Pressure, derivative
-and integral of a law are tied together by tests.
+paper's fit and its network differ by R0/R) and two viscous ones exist, each a small frozen object; beside them one that
+is learned from a record. Pressure, derivative and integral of a law are tied together by tests.
 """
 
 from __future__ import annotations
@@ -210,3 +210,50 @@ class Monotone:
 
 
 VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Monotone())}
+
+
+@dataclass(frozen=True)
+class LearnedStress:
+    """A further viscous stress whose form was found from a record, beside that of the viscous law:
+
+        σ_L = (rise u + fall (1 - u)) x + cubic x³ + friction tanh(4 x/rate),
+        u = (ε - low)/span within [0, 1],    x = ε̇ within [-rate, rate]
+
+    so that it is held beyond the strains and rates that it was learned from. With numbers that are not negative it is
+    odd and does not fall with ε̇, and σ_L ε̇ >= 0 at any ε: over no loop does it give out energy.
+    rise, fall [Pa·s]; cubic [Pa·s³]; friction [Pa]; low, span [-]; rate [1/s]; all like the strain.
+    """
+
+    rise: Array
+    fall: Array
+    cubic: Array
+    friction: Array
+    low: Array
+    span: Array
+    rate: Array
+
+    def stress(self, strain: Array, rate: Array) -> Array:
+        """σ_L [Pa]."""
+        u, x = self._held(strain, rate)
+        shear = self.rise * u + self.fall * (1.0 - u)
+        return np.asarray((shear + self.cubic * x * x) * x + self.friction * np.tanh(_SATURATES * x / self.rate))
+
+    def by_rate(self, strain: Array, rate: Array) -> Array:
+        """∂σ_L/∂ε̇ [Pa·s]."""
+        u, x = self._held(strain, rate)
+        slope = _SATURATES / self.rate / np.cosh(_SATURATES * x / self.rate) ** 2
+        slope = self.rise * u + self.fall * (1.0 - u) + 3.0 * self.cubic * x * x + self.friction * slope
+        return np.where(np.abs(rate) <= self.rate, slope, 0.0)
+
+    def by_strain(self, strain: Array, rate: Array) -> Array:
+        """∂σ_L/∂ε [Pa]."""
+        _, x = self._held(strain, rate)
+        inside = (strain >= self.low) & (strain <= self.low + self.span)
+        return np.where(inside, (self.rise - self.fall) / self.span * x, 0.0)
+
+    def _held(self, strain: Array, rate: Array) -> tuple[Array, Array]:
+        u = np.clip((strain - self.low) / self.span, 0.0, 1.0)
+        return u, np.clip(rate, -self.rate, self.rate)
+
+
+_SATURATES = 4.0  # rates in the range that it was learned from, after which friction no longer grows
