@@ -1,0 +1,204 @@
+"""Learn a law of what no effect of the catalogue explains: some of the few terms that an effect says a law may have.
+
+    σ = … + Σ c_j f_j(ε, ε̇),    c_j >= 0
+
+Each f_j is odd in the strain rate and does not fall with it, so that the law gives out energy over no loop
+(:class:`solver.laws.LearnedStress`). Terms are added one by one while the evidence gains more than their price, each
+hypothesis refitted in full with all walls; what the others made dispensable is dropped. The law begins beside no
+effect, and beside what explains a part. It lies in the one wall of a bench, or in walls where the source map has
+something, and in all walls alike. Whether it stands is for its FMU to say, on the held-out beats.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fitting.inference import hierarchy
+from fitting.inference.added import extended
+from fitting.inference.bench import Bench
+from fitting.inference.fit import Fit
+from fitting.inference.forward import Forward
+from fitting.inference.network import NetworkProblem
+from fitting.inference.simulator import Runs
+from fitting.inference.terms import Term, searched
+from solver import effects
+from solver.effect import ALL_PLACES, WALL, Effect
+from solver.loop import derivative_matrix
+from solver.network import Network, Site
+
+from . import thresholds as at
+from .study import Study
+from .verdict import Naming
+from .weigh import weighed
+
+Array = np.ndarray
+
+_TRIED = 2  # terms that promise most, refitted at every step
+_ALONG = (0.0, 0.5, 1.0)  # x/L where a segment's strains are seen
+_SAMPLES = 4  # of a beat for each harmonic
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A law that the evidence favours.
+
+    fit : with its term last. keys : of the terms that it has. ranges : by variable, where it holds. seen : by segment,
+    lowest and highest strain [-] and highest strain rate [1/s] of the record. score : -2 ln of evidence and prior.
+    """
+
+    fit: Fit
+    keys: tuple[str, ...]
+    ranges: Mapping[str, float]
+    seen: Mapping[str, tuple[float, float, float]]
+    score: float
+
+    @property
+    def term(self) -> Term:
+        return self.fit.terms[-1]
+
+
+def learns(naming: Naming) -> bool:
+    """Whether more than noise remains that no effect of the catalogue explains."""
+    return naming.verdict == "partial" or (naming.verdict == "unknown" and not naming.base.explains)
+
+
+def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
+    """The most probable law of what remains; None where none is worth its price.
+
+    study : with the problem as it was prepared, without the errors of the model that a partial answer grants.
+    """
+    problem = study.problem.individual() if naming.problem.deviations else study.problem
+    problem = problem.sharpened(naming.base.fit, runs)
+    starts = [naming.base.fit, *([naming.best.fit] if naming.verdict == "partial" else [])]
+    found: list[Learnt] = []
+    for effect in (e for e in effects.ALL if e.library and e.source == WALL):
+        places = _places(naming, effect, problem)
+        waves = _waves(problem, naming.base.fit, runs) if places else {}
+        ranges = {f"{s}.{key}": x for s, (e, r) in waves.items() for key, x in effect.valid(e, r).items()}
+        seen = {s: (float(e.min()), float(e.max()), float(np.abs(r).max())) for s, (e, r) in waves.items()}
+        own = in_range(problem, ranges)
+        begun = [f for start in starts for f in _again(own, start, runs)]
+        for here in begun:
+            first = weighed(own, here, study.terms).score
+            for place in places if waves else ():
+                fit, keys, score = _Path(own, effect, place, 2.0 * math.log(len(places)), runs).walked(here, first)
+                if keys:
+                    found.append(Learnt(fit, keys, ranges, seen, score))
+    return min(found, key=lambda law: law.score, default=None)
+
+
+def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
+    """The same problem with a network that knows where a learned law holds, and has none yet."""
+    network = problem.network.with_terms(ranges)
+    if isinstance(problem, NetworkProblem):
+        return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
+    assert isinstance(problem, Bench)
+    return replace(problem, network=network)
+
+
+def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
+    """A fit searched on from where it is under the weights of this problem."""
+    network = problem.site is None
+    found = problem.refine([fit], runs) if network else problem.refit([fit.terms], fit, runs)
+    return [f for f in found if f is not None]
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A forward path at one place. choice : -2 ln of the prior of the place."""
+
+    problem: Forward
+    effect: Effect
+    place: str
+    choice: float
+    runs: Runs
+
+    def term(self, keys: Sequence[str]) -> Term:
+        """A law of some terms, all of them sizes."""
+        own = self.effect.learned(self.problem.network, self.place, keys)
+        return Term(self.effect.name, self.place, (self.place,), tuple(searched(self.effect, c) for c in own))
+
+    def price(self, keys: Sequence[str]) -> float:
+        """-2 ln of the prior of a law: a first term as a first effect, each further one as a second."""
+        each = 2.0 * math.log(len(self.effect.library))
+        return self.choice + at.FIRST + each + (len(keys) - 1) * (at.SECOND + each) if keys else 0.0
+
+    def walked(self, here: Fit, first: float) -> tuple[Fit, tuple[str, ...], float]:
+        """The fit, its terms and its score, from a fit without any, of score ``first``."""
+        plain = first - hierarchy.score(here)
+        beside, best, keys, score = here.terms, here, tuple[str, ...](), first
+
+        def tried(some: Sequence[tuple[str, ...]]) -> list[tuple[float, tuple[str, ...], Fit]]:
+            fits = self.problem.refit([(*beside, self.term(each)) for each in some], best, self.runs)
+            pairs = zip(some, fits, strict=True)
+            return [(hierarchy.score(f) + plain + self.price(each), each, f) for each, f in pairs if f is not None]
+
+        while len(keys) < len(self.effect.library):
+            more = tried([(*keys, key) for key in self._promising(best, keys)])
+            if not more or (nearest := min(more, key=lambda each: each[0]))[0] >= score:
+                break
+            score, keys, best = nearest
+        if len(keys) > 2:  # the last two were chosen beside all others
+            fewer = tried([tuple(k for k in keys if k != gone) for gone in keys[:-2]])
+            score, keys, best = min([(score, keys, best), *fewer], key=lambda each: each[0])
+        return best, keys, score
+
+    def _promising(self, best: Fit, keys: Sequence[str]) -> list[str]:
+        """The terms that promise the most evidence beside those that are there, by their columns."""
+        left = [key for key in self.effect.library if key not in keys]
+        whole = self.term(left)
+        columns = self.problem.columns(best, [whole], self.runs).get(whole.label)
+        if columns is None:
+            return left
+        promised = []
+        for key, unknown, column in zip(left, whole.unknowns, columns.T, strict=True):
+            J, x = np.column_stack([best.J, column]), np.append(best.x, 0.0)
+            linear = hierarchy.Linear.of_columns(best.z, J, x, (*best.unknowns, unknown), best.log_volume)
+            promised.append((linear.inferred().score, key))
+        return [key for _, key in sorted(promised)[:_TRIED]]
+
+
+# --- where, and in which range ----------------------------------------------------------------------------------------
+
+
+def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
+    """The wall of a bench; in a network those of the map, or that cannot be told from it, and all together."""
+    if problem.site is not None:
+        return [problem.site]
+    if naming.map is None:
+        return []
+    near = [p for r in naming.map.rivals if r.above < at.RULED_OUT for p in r.places]
+    walls = [p.name for p in (*naming.map.places, *near) if p.kind == effect.source]
+    return list(dict.fromkeys([*walls, ALL_PLACES])) if walls else []
+
+
+def _waves(problem: Forward, fit: Fit, runs: Runs) -> dict[str, tuple[Array, Array]]:
+    """Strains ε and strain rates [1/s] of every segment over a beat; nothing where the simulation breaks down."""
+    network = extended(problem.network, fit)
+    if isinstance(problem, Bench):
+        radii = {problem.site: problem.start[None]}
+        T = problem.loop.T
+    else:
+        assert isinstance(problem, NetworkProblem)
+        radii, T = _radii(problem, network, runs), problem.simulator.T
+    found = {}
+    for name, R in radii.items():
+        strain = R / network.segment(name).R0 - 1.0
+        found[name] = strain, strain @ derivative_matrix(R.shape[1], T).T
+    return found
+
+
+def _radii(problem: NetworkProblem, network: Network, runs: Runs) -> dict[str, Array]:
+    """(3, N) [m] along every segment."""
+    sites = [(s.name, Site(f"{s.name}_{i}_strain", s.name, x)) for s in network.segments for i, x in enumerate(_ALONG)]
+    seen = replace(network, sites=tuple(site for _, site in sites), channels=())
+    simulator = replace(problem.simulator, network=seen, names=tuple(f"{site.name}.R" for _, site in sites))
+    (X,) = simulator.coefficients(seen, {}, runs)
+    if np.isnan(X).any():
+        return {}
+    waves = np.fft.irfft(X, _SAMPLES * problem.K, axis=0, norm="forward").T
+    return {s.name: waves[[i for i, (name, _) in enumerate(sites) if name == s.name]] for s in network.segments}
