@@ -12,25 +12,30 @@ something, and in all walls alike. Whether it stands is for its FMU to say, on t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fitting.inference import hierarchy
-from fitting.inference.added import extended
+from fitting.inference.added import estimates, extended
 from fitting.inference.bench import Bench
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.network import NetworkProblem
 from fitting.inference.simulator import Runs
-from fitting.inference.terms import Term, searched
+from fitting.inference.terms import Term, effect_of, searched
+from fitting.inference.unknown import quantile
+from fitting.records.record import Record
 from solver import effects
 from solver.effect import ALL_PLACES, WALL, Effect
 from solver.loop import derivative_matrix
 from solver.network import Network, Site
 
 from . import thresholds as at
+from .confirm import agreement
+from .learned_law import LearnedLaw
+from .show import Run, fall, gap
 from .study import Study
 from .verdict import Naming
 from .weigh import weighed
@@ -40,6 +45,9 @@ Array = np.ndarray
 _TRIED = 2  # terms that promise most, refitted at every step
 _ALONG = (0.0, 0.5, 1.0)  # x/L where a segment's strains are seen
 _SAMPLES = 4  # of a beat for each harmonic
+_AGREE = 1e-3  # of a pulse, by which an FMU may differ from what was inferred
+
+Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,7 @@ class Learnt:
 
     fit : with its term last. keys : of the terms that it has. ranges : by variable, where it holds. seen : by segment,
     lowest and highest strain [-] and highest strain rate [1/s] of the record. score : -2 ln of evidence and prior.
+    instead : effects of a part, which it does without.
     """
 
     fit: Fit
@@ -55,6 +64,7 @@ class Learnt:
     ranges: Mapping[str, float]
     seen: Mapping[str, tuple[float, float, float]]
     score: float
+    instead: tuple[str, ...] = ()
 
     @property
     def term(self) -> Term:
@@ -87,7 +97,8 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
             for place in places if waves else ():
                 fit, keys, score = _Path(own, effect, place, 2.0 * math.log(len(places)), runs).walked(here, first)
                 if keys:
-                    found.append(Learnt(fit, keys, ranges, seen, score))
+                    gone = () if here.terms else tuple(t.label for t in starts[-1].terms)
+                    found.append(Learnt(fit, keys, ranges, seen, score, gone))
     return min(found, key=lambda law: law.score, default=None)
 
 
@@ -160,6 +171,47 @@ class _Path:
             linear = hierarchy.Linear.of_columns(best.z, J, x, (*best.unknowns, unknown), best.log_volume)
             promised.append((linear.inferred().score, key))
         return [key for _, key in sorted(promised)[:_TRIED]]
+
+
+# --- its FMU ----------------------------------------------------------------------------------------------------------
+
+
+def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
+    """A law whose FMU bears it out: it closes most of the gap to the held-out beats, by more than chance, and is the
+    model that was inferred; else None.
+
+    before : the run without it. run : a law's FMU under the record's wave, and the FMU that is delivered.
+    """
+    own = replace(study, problem=in_range(study.problem, found.ranges))
+    network = extended(own.problem.network, found.fit)
+    after, archive = run(own, network, found.fit)
+    left = gap(own, before.X).total
+    fallen, sd = fall(own, before, after)
+    alike = agreement(own, found.fit, own.problem.wave(own.fitted, found.fit), after)
+    if alike is not None and not alike.difference <= _AGREE:
+        return None
+    if fallen <= at.FALL * sd or after.gap.total[1] > (1.0 - at.PART_CLOSED) * left[1]:
+        return None
+    fit, term = hierarchy.with_widths(found.fit), found.term
+    return LearnedLaw(
+        name=term.effect,
+        where=term.where,
+        formula=effect_of(term).formula(found.keys),
+        parameters=estimates(own.problem.network, fit, term, quantile(own.problem.dof_of_noise)),
+        seen=_where_it_is(found, term.where),
+        beside=tuple(t.label for t in found.fit.terms[:-1]),
+        instead=found.instead,
+        before=left,
+        after=after.gap.total,
+        record=(record.path, record.sha256),
+        network=network,
+        archive=archive,
+    )
+
+
+def _where_it_is(found: Learnt, where: tuple[str, ...]) -> dict[str, tuple[float, float, float]]:
+    own = {s: seen for s, seen in found.seen.items() if s in where}
+    return own or dict(found.seen)
 
 
 # --- where, and in which range ----------------------------------------------------------------------------------------

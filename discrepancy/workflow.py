@@ -47,6 +47,9 @@ from .confirm import agreement, confirmed
 from .first import first_of
 from .intervals import stated
 from .journal import Journal
+from .learned_law import LearnedLaw
+from .learned_text import FILES, learned_files, with_law
+from .learning import learns, learnt, stands
 from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round, verdict_json
 from .outliers import animal_without
@@ -62,7 +65,7 @@ Array = np.ndarray
 Progress = Callable[[float, str], None]
 
 _STATE = ".state"  # the journal's folder
-_FILES = ("model.toml", "model.fmu", "report.html", "verdict.json")  # of a study, in the order that they are written
+_FILES = ("model.toml", "model.fmu", *FILES, "report.html", "verdict.json")  # of a study, as they are written
 
 
 @single_threaded
@@ -229,8 +232,10 @@ class _Work:
             shown = extended if naming.verdict in ADDED else shown
         else:
             naming = confirmed(study, naming, before, None)
+        law = self._learned(naming, shown.after or shown.before) if learns(naming) else None
         self.progress(0.92, "comparing the candidates with the held-out beats")
-        return summary(self.record, self.model, self.study, naming, shown), shown.archive
+        outcome = summary(self.record, self.model, self.study, naming, shown)
+        return (outcome if law is None else with_law(outcome, law)), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -307,6 +312,22 @@ class _Work:
         alike = agreement(study, best, wave, after)
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
 
+    def _learned(self, naming: Naming, before: Run) -> LearnedLaw | None:
+        """A law of what remains, if there is one, its FMU bears it out, and time is left."""
+        self.progress(0.9, "learning a law of what remains")
+
+        def run(own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+            fmu = self._fmu(network, "learned")
+            after = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+            whole = own.problem.part(network) is network
+            return after, (fmu if whole else self._built(network, "learned_model")).read_bytes()
+
+        with suppress(OutOfTime, RunFailed), Workers(self.asked.jobs) as workers:
+            runs = Runs(deadline=self.deadline, clock=monotonic, workers=workers)
+            found = self.journal.stage("learned", lambda: learnt(self.study, naming, runs))
+            return None if found is None else stands(self.study, found, before, self.record, run)
+        return None
+
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
 
@@ -360,6 +381,7 @@ def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress
     files: dict[str, str | bytes] = {}
     if outcome.network_after is not None and fmu is not None:
         files = {"model.toml": dumps(outcome.network_after), "model.fmu": fmu}
+    files |= learned_files(outcome.learned, outcome.map if outcome.verdict in ("unknown", "partial") else None)
     files |= report.report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
     write_folder(folder, files, gone={*report.figure_files(), *_FILES} - set(files))
     progress(1.0, "done")
