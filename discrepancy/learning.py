@@ -20,7 +20,7 @@ import numpy as np
 from fitting.inference import hierarchy
 from fitting.inference.added import estimates, extended
 from fitting.inference.bench import Bench
-from fitting.inference.fit import Fit
+from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.network import NetworkProblem
 from fitting.inference.simulator import Runs
@@ -177,8 +177,8 @@ class _Path:
 
 
 def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner) -> LearnedLaw | None:
-    """A law whose FMU bears it out: it closes most of the gap to the held-out beats, by more than chance, and is the
-    model that was inferred; else None.
+    """A law whose FMU bears it out: it shrinks the gap to the held-out beats by more than chance, and closes most of
+    it where it leaves more than noise; and it is the model that was inferred. Else None.
 
     before : the run without it. run : a law's FMU under the record's wave, and the FMU that is delivered.
     """
@@ -190,7 +190,8 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
     alike = agreement(own, found.fit, own.problem.wave(own.fitted, found.fit), after)
     if alike is not None and not alike.difference <= _AGREE:
         return None
-    if fallen <= at.FALL * sd or after.gap.total[1] > (1.0 - at.PART_CLOSED) * left[1]:
+    explains = misfit(found.fit, own.problem.dof_of_noise) < at.MISFIT
+    if fallen <= at.FALL * sd or not (explains or after.gap.total[1] <= (1.0 - at.PART_CLOSED) * left[1]):
         return None
     fit, term = hierarchy.with_widths(found.fit), found.term
     return LearnedLaw(

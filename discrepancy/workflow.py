@@ -42,6 +42,7 @@ from solver.network import Network, to_dict
 from solver.units import INFLOW
 from solver.writing import check_destinations, make_folder, write_folder
 
+from . import thresholds as at
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
 from .first import first_of
@@ -93,7 +94,8 @@ def discover(
     written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
     default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
     covariance stand for the network file's and its spreads.
-    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
+    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. Learning a law of what
+    remains may take three tenths of it more. What is simulated once
     to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
     among them; the others import this package and nothing of the calling script, which needs no
     ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
@@ -323,7 +325,8 @@ class _Work:
             return after, (fmu if whole else self._built(network, "learned_model")).read_bytes()
 
         with suppress(OutOfTime, RunFailed), Workers(self.asked.jobs) as workers:
-            runs = Runs(deadline=self.deadline, clock=monotonic, workers=workers)
+            until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
+            runs = Runs(deadline=until, clock=monotonic, workers=workers)
             found = self.journal.stage("learned", lambda: learnt(self.study, naming, runs))
             return None if found is None else stands(self.study, found, before, self.record, run)
         return None
