@@ -1,6 +1,6 @@
 """Laws that are learned from records of another solver: what they leave of held-out beats and of another recording.
 
-    python benchmarks/learned.py [--seeds 3] [--nulls 10] [--dB 40] [--json FILE]
+    python benchmarks/learned.py [--seeds 3] [--nulls 10] [--dB 40] [--small] [--json FILE]
 
 Records of one artery by the generator of tests/truth, with a wall that no effect of the catalogue describes, judged and
 learned from as `discover` does; every law runs in its FMU on the held-out beats. Gaps are whitened RMS, 1 is noise: of
@@ -29,6 +29,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.table import Small
 from discrepancy.learned_law import LearnedLaw
 from discrepancy.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.show import Run, free_run
@@ -171,10 +172,12 @@ def main(
     seeds: Annotated[int, typer.Option(help="Records of every wall.")] = 3,
     null_records: Annotated[int, typer.Option("--nulls", help="Records that hide nothing.")] = 10,
     dB: Annotated[float, typer.Option("--dB", help="Noise.")] = 40.0,
+    small: Small = False,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
 ) -> None:
     """Measure and print."""
-    found = [row(site, h, dB, seed) for h in HIDDEN for site in SITES for seed in range(seeds)]
+    walls, sites = (HIDDEN[:1], SITES[:1]) if small else (HIDDEN, SITES)
+    found = [row(site, h, dB, seed) for h in walls for site in sites for seed in range(seeds)]
     columns = ("hidden", "site", "d′", "verdict", "law", "FMU, held out", "held out: law, true", "unseen: law, true")
     table = Table(*columns, title="gap of what is named → of the learned law, and of the true one")
     for r in found:

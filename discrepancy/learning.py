@@ -84,22 +84,30 @@ def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
     problem = study.problem.individual() if naming.problem.deviations else study.problem
     problem = problem.sharpened(naming.base.fit, runs)
     starts = [naming.base.fit, *([naming.best.fit] if naming.verdict == "partial" else [])]
+    begun = [f for start in starts for f in _again(problem, start, runs)]
     found: list[Learnt] = []
     for effect in (e for e in effects.ALL if e.library and e.source == WALL):
         places = _places(naming, effect, problem)
         waves = _waves(problem, naming.base.fit, runs) if places else {}
-        ranges = {f"{s}.{key}": x for s, (e, r) in waves.items() for key, x in effect.valid(e, r).items()}
-        seen = {s: (float(e.min()), float(e.max()), float(np.abs(r).max())) for s, (e, r) in waves.items()}
-        own = in_range(problem, ranges)
-        begun = [f for start in starts for f in _again(own, start, runs)]
-        for here in begun:
-            first = weighed(own, here, study.terms).score
-            for place in places if waves else ():
-                fit, keys, score = _Path(own, effect, place, 2.0 * math.log(len(places)), runs).walked(here, first)
+        for place in places if waves else ():
+            ranges, seen = _range(effect, place, waves)
+            path = _Path(in_range(problem, ranges), effect, place, 2.0 * math.log(len(places)), runs)
+            for here in begun:
+                fit, keys, score = path.walked(here, weighed(problem, here, study.terms).score)
                 if keys:
                     gone = () if here.terms else tuple(t.label for t in starts[-1].terms)
                     found.append(Learnt(fit, keys, ranges, seen, score, gone))
     return min(found, key=lambda law: law.score, default=None)
+
+
+def _range(
+    effect: Effect, place: str, waves: Mapping[str, tuple[Array, Array]]
+) -> tuple[dict[str, float], dict[str, tuple[float, float, float]]]:
+    """Where a law at a place holds, by variable, and what was seen by segment; in all walls it is one and the same."""
+    own = {place: waves[place]} if place in waves else waves
+    strain, rate = (np.concatenate([np.ravel(each[i]) for each in own.values()]) for i in (0, 1))
+    seen = {s: (float(e.min()), float(e.max()), float(np.abs(r).max())) for s, (e, r) in own.items()}
+    return {f"{s}.{key}": x for s in own for key, x in effect.valid(strain, rate).items()}, seen
 
 
 def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
@@ -199,7 +207,7 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
         where=term.where,
         formula=effect_of(term).formula(found.keys),
         parameters=estimates(own.problem.network, fit, term, quantile(own.problem.dof_of_noise)),
-        seen=_where_it_is(found, term.where),
+        seen=found.seen,
         beside=tuple(t.label for t in found.fit.terms[:-1]),
         instead=found.instead,
         before=left,
@@ -208,11 +216,6 @@ def stands(study: Study, found: Learnt, before: Run, record: Record, run: Runner
         network=network,
         archive=archive,
     )
-
-
-def _where_it_is(found: Learnt, where: tuple[str, ...]) -> dict[str, tuple[float, float, float]]:
-    own = {s: seen for s, seen in found.seen.items() if s in where}
-    return own or dict(found.seen)
 
 
 # --- where, and in which range ----------------------------------------------------------------------------------------
