@@ -20,6 +20,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
 import json
 import math
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,6 +36,7 @@ from discrepancy.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.show import Run, free_run
 from discrepancy.source import build_fmu
 from discrepancy.study import Study, judge, prepare
+from fitting.fmu_run import RunFailed
 from fitting.inference.added import extended
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
@@ -110,7 +112,9 @@ def fmu_of(study: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
 
 def offered(study: Study, base: Fit, found: Learnt, record: Record) -> LearnedLaw | None:
     before, _ = fmu_of(study, extended(study.network, base), base)
-    return stands(study, found, before, record, fmu_of)
+    with suppress(RunFailed):
+        return stands(study, found, before, record, fmu_of)
+    return None
 
 
 def true_law(study: Study, hidden: Hidden, base: Fit, site: str) -> tuple[dict[str, float], Fit]:

@@ -31,6 +31,7 @@ from solver import effects
 from solver.effect import ALL_PLACES, WALL, Effect
 from solver.loop import derivative_matrix
 from solver.network import Network, Site
+from solver.simulate import BROKEN
 
 from . import thresholds as at
 from .confirm import agreement
@@ -253,7 +254,10 @@ def _radii(problem: NetworkProblem, network: Network, runs: Runs) -> dict[str, A
     sites = [(s.name, Site(f"{s.name}_{i}_strain", s.name, x)) for s in network.segments for i, x in enumerate(_ALONG)]
     seen = replace(network, sites=tuple(site for _, site in sites), channels=())
     simulator = replace(problem.simulator, network=seen, names=tuple(f"{site.name}.R" for _, site in sites))
-    (X,) = simulator.coefficients(seen, {}, runs)
+    try:
+        (X,) = simulator.coefficients(seen, {}, runs)
+    except BROKEN:
+        return {}
     if np.isnan(X).any():
         return {}
     waves = np.fft.irfft(X, _SAMPLES * problem.K, axis=0, norm="forward").T

@@ -216,11 +216,11 @@ VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Mo
 class LearnedStress:
     """A further viscous stress whose form was found from a record, beside that of the viscous law:
 
-        σ_L = (rise u + fall (1 - u)) x + cubic x³ + friction tanh(4 x/rate),
-        u = (ε - low)/span within [0, 1],    x = ε̇ within [-rate, rate]
+        σ_L = (rise u + fall (1 - u)) ε̇ + cubic ε̇³ + friction tanh(4 ε̇/rate),    u = (ε - low)/span
 
-    so that it is held beyond the strains and rates that it was learned from. With numbers that are not negative it is
-    odd and does not fall with ε̇, and σ_L ε̇ >= 0 at any ε: over no loop does it give out energy.
+    It is held where it was learned: u stays within [0, 1], and beyond ±rate the viscosity ∂σ_L/∂ε̇ stays what it is
+    there. With numbers that are not negative σ_L is odd and does not fall with ε̇, and σ_L ε̇ >= 0 at any ε: over no
+    loop does it give out energy.
     rise, fall [Pa·s]; cubic [Pa·s³]; friction [Pa]; low, span [-]; rate [1/s]; all like the strain.
     """
 
@@ -234,26 +234,24 @@ class LearnedStress:
 
     def stress(self, strain: Array, rate: Array) -> Array:
         """σ_L [Pa]."""
-        u, x = self._held(strain, rate)
-        shear = self.rise * u + self.fall * (1.0 - u)
-        return np.asarray((shear + self.cubic * x * x) * x + self.friction * np.tanh(_SATURATES * x / self.rate))
+        x = np.clip(rate, -self.rate, self.rate)
+        inside = (self._shear(strain) + self.cubic * x * x) * x + self.friction * np.tanh(_SATURATES * x / self.rate)
+        return np.asarray(inside + self.by_rate(strain, x) * (rate - x))
 
     def by_rate(self, strain: Array, rate: Array) -> Array:
         """∂σ_L/∂ε̇ [Pa·s]."""
-        u, x = self._held(strain, rate)
+        x = np.clip(rate, -self.rate, self.rate)
         slope = _SATURATES / self.rate / np.cosh(_SATURATES * x / self.rate) ** 2
-        slope = self.rise * u + self.fall * (1.0 - u) + 3.0 * self.cubic * x * x + self.friction * slope
-        return np.where(np.abs(rate) <= self.rate, slope, 0.0)
+        return np.asarray(self._shear(strain) + 3.0 * self.cubic * x * x + self.friction * slope)
 
     def by_strain(self, strain: Array, rate: Array) -> Array:
         """∂σ_L/∂ε [Pa]."""
-        _, x = self._held(strain, rate)
         inside = (strain >= self.low) & (strain <= self.low + self.span)
-        return np.where(inside, (self.rise - self.fall) / self.span * x, 0.0)
+        return np.where(inside, (self.rise - self.fall) / self.span * rate, 0.0)
 
-    def _held(self, strain: Array, rate: Array) -> tuple[Array, Array]:
+    def _shear(self, strain: Array) -> Array:
         u = np.clip((strain - self.low) / self.span, 0.0, 1.0)
-        return u, np.clip(rate, -self.rate, self.rate)
+        return self.rise * u + self.fall * (1.0 - u)
 
 
 _SATURATES = 4.0  # rates in the range that it was learned from, after which friction no longer grows

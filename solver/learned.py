@@ -19,8 +19,8 @@ class LearnedWall(Effect):
 
     name = "learned_wall"
     equation = (
-        "σ = … + (rise u + fall (1 - u)) x + cubic x³ + friction tanh(4x/rate), u = (ε - low)/span in [0, 1], "
-        "x = ε̇ in [-rate, rate]"
+        "σ = … + (rise u + fall (1 - u)) ε̇ + cubic ε̇³ + friction tanh(4ε̇/rate), u = (ε - low)/span in [0, 1]; beyond "
+        "±rate its slope in ε̇ is held"
     )
     owner = "segment"
     places = ("all", "segment")
@@ -33,7 +33,9 @@ class LearnedWall(Effect):
         ),
         "learned_low": Quantity("1", "lowest strain of the learned law, held below", -0.9, 10.0, nominal=0.1),
         "learned_span": Quantity("1", "range of its strains, held above", 0.0, 10.0, nominal=0.1, open_low=True),
-        "learned_rate": Quantity("1/s", "highest strain rate of the law, held beyond", 0.0, 1e4, open_low=True),
+        "learned_rate": Quantity(
+            "1/s", "highest strain rate of the law, its slope held beyond", 0.0, 1e4, open_low=True
+        ),
     }
     neutral = dict.fromkeys(tuple(terms)[:5], 0.0) | {"learned_span": 1.0, "learned_rate": 1.0}
     how = ("learned_low", "learned_span", "learned_rate")

@@ -124,14 +124,16 @@ def test_no_loop_gives_out_energy(seed: int) -> None:
 
 
 def test_it_is_held_beyond_its_range() -> None:
-    """Below, above and faster it is what it is at the border; its derivatives there are 0."""
+    """Below and above it is what it is at the border; faster, its slope stays, and it has no step."""
     law = LearnedStress(*map(np.array, EVERY.values()))
     low, high, fast = 0.02, 0.10, 1.5
     for beyond, border in ((-0.3, low), (0.4, high)):
         assert law.stress(np.array(beyond), np.array(0.7)) == pytest.approx(law.stress(np.array(border), np.array(0.7)))
         assert law.by_strain(np.array(beyond), np.array(0.7)) == 0.0
-    assert law.stress(np.array(0.05), np.array(9.0)) == law.stress(np.array(0.05), np.array(fast))
-    assert law.by_rate(np.array(0.05), np.array(9.0)) == 0.0
+    inside, border, beyond = (law.stress(np.array(0.05), np.array(fast + h)) for h in (-1e-6, 0.0, 2.0))
+    slope = float(law.by_rate(np.array(0.05), np.array(fast)))
+    assert (border - inside) / 1e-6 == pytest.approx(slope, rel=1e-4)
+    assert (beyond - border) / 2.0 == pytest.approx(slope) == law.by_rate(np.array(0.05), np.array(9.0))
 
 
 def test_it_is_no_candidate_but_makes_laws(sheep: Network) -> None:
