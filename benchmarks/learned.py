@@ -67,7 +67,7 @@ class Hidden:
     name: str
     size: float
     key: str
-    low: float = -0.05
+    low: float = 0.0
     rate: float = 1e3
 
 
@@ -119,7 +119,7 @@ def offered(study: Study, base: Fit, found: Learnt, record: Record) -> LearnedLa
 
 def true_law(study: Study, hidden: Hidden, base: Fit, site: str) -> tuple[dict[str, float], Fit]:
     """The true form fitted, in a range that holds all of it."""
-    numbers = {"learned_low": hidden.low, "learned_span": 2.0, "learned_rate": hidden.rate}
+    numbers = {"learned_low": hidden.low, "learned_span": 0.4, "learned_rate": hidden.rate}
     ranges = {f"{site}.{key}": x for key, x in numbers.items()}
     problem = in_range(study.problem, ranges)
     (coordinate,) = LAW.learned(problem.network, site, (hidden.key,))
