@@ -33,8 +33,10 @@ def law_text(law: LearnedLaw) -> str:
     )
 
 
-def with_law(outcome: Outcome, law: LearnedLaw) -> Outcome:
-    """An outcome with a law, which its sentence says, too."""
+def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
+    """An outcome with a law, if there is one, which its sentence says, too."""
+    if law is None:
+        return outcome
     return replace(outcome, learned=law, sentence=f"{outcome.sentence} {law_text(law)}")
 
 

@@ -13,20 +13,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from time import monotonic
+from typing import Any
 
 import numpy as np
 
+from fitting.fmu_run import RunFailed
 from fitting.inference import hierarchy
 from fitting.inference.added import estimates, extended
 from fitting.inference.bench import Bench
 from fitting.inference.fit import Fit, misfit
 from fitting.inference.forward import Forward
 from fitting.inference.network import NetworkProblem
-from fitting.inference.simulator import Runs
+from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term, effect_of, searched
 from fitting.inference.unknown import quantile
 from fitting.records.record import Record
+from fitting.workers import Workers
 from solver import effects
 from solver.effect import ALL_PLACES, WALL, Effect
 from solver.loop import derivative_matrix
@@ -49,6 +54,7 @@ _SAMPLES = 4  # of a beat for each harmonic
 _AGREE = 1e-3  # of a pulse, by which an FMU may differ from what was inferred
 
 Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
+Stage = Callable[[str, Callable[[], Any]], Any]
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,20 @@ class Learnt:
 def learns(naming: Naming) -> bool:
     """Whether more than noise remains that no effect of the catalogue explains."""
     return naming.verdict == "partial" or (naming.verdict == "unknown" and not naming.base.explains)
+
+
+def law_of(
+    study: Study, naming: Naming, before: Run, record: Record, run: Runner, jobs: int, until: float, stage: Stage
+) -> LearnedLaw | None:
+    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left.
+
+    jobs : processes that simulate, until a time of ``time.monotonic`` [s]. stage : keeps what was found.
+    """
+    with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
+        runs = Runs(deadline=until, clock=monotonic, workers=workers)
+        found: Learnt | None = stage("learned", lambda: learnt(study, naming, runs))
+        return None if found is None else stands(study, found, before, record, run)
+    return None
 
 
 def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:

@@ -48,9 +48,8 @@ from .confirm import agreement, confirmed
 from .first import first_of
 from .intervals import stated
 from .journal import Journal
-from .learned_law import LearnedLaw
 from .learned_text import FILES, learned_files, with_law
-from .learning import learns, learnt, stands
+from .learning import law_of, learns
 from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round, verdict_json
 from .outliers import animal_without
@@ -95,9 +94,8 @@ def discover(
     default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
     covariance stand for the network file's and its spreads.
     time_limit : of naming and of every refit after it [s]; then the best answer so far is given. Learning a law of what
-    remains may take three tenths of it more. What is simulated once
-    to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
-    among them; the others import this package and nothing of the calling script, which needs no
+    remains may take three tenths of it more. What is simulated once to set up or to show it (FMUs, candidates on
+    held-out beats) comes on top. jobs : processes that simulate, this one among them; the others import this package and nothing of the calling script, which needs no
     ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
     it was.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
@@ -234,10 +232,11 @@ class _Work:
             shown = extended if naming.verdict in ADDED else shown
         else:
             naming = confirmed(study, naming, before, None)
-        law = self._learned(naming, shown.after or shown.before) if learns(naming) else None
+        until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
+        without, told = shown.after or shown.before, (self.asked.jobs, until, self.journal.stage)
+        law = law_of(self.study, naming, without, self.record, self._with_law, *told) if learns(naming) else None
         self.progress(0.92, "comparing the candidates with the held-out beats")
-        outcome = summary(self.record, self.model, self.study, naming, shown)
-        return (outcome if law is None else with_law(outcome, law)), shown.archive
+        return with_law(summary(self.record, self.model, self.study, naming, shown), law), shown.archive
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -314,22 +313,12 @@ class _Work:
         alike = agreement(study, best, wave, after)
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
 
-    def _learned(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of what remains, if there is one, its FMU bears it out, and time is left."""
-        self.progress(0.9, "learning a law of what remains")
-
-        def run(own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
-            fmu = self._fmu(network, "learned")
-            after = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
-            whole = own.problem.part(network) is network
-            return after, (fmu if whole else self._built(network, "learned_model")).read_bytes()
-
-        with suppress(OutOfTime, RunFailed), Workers(self.asked.jobs) as workers:
-            until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
-            runs = Runs(deadline=until, clock=monotonic, workers=workers)
-            found = self.journal.stage("learned", lambda: learnt(self.study, naming, runs))
-            return None if found is None else stands(self.study, found, before, self.record, run)
-        return None
+    def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+        """The free run of a learned law's FMU, and the FMU that is delivered."""
+        fmu = self._fmu(network, "learned")
+        run = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+        whole = own.problem.part(network) is network
+        return run, (fmu if whole else self._built(network, "learned_model")).read_bytes()
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
