@@ -95,9 +95,9 @@ def discover(
     covariance stand for the network file's and its spreads.
     time_limit : of naming and of every refit after it [s]; then the best answer so far is given. Learning a law of what
     remains may take three tenths of it more. What is simulated once to set up or to show it (FMUs, candidates on
-    held-out beats) comes on top. jobs : processes that simulate, this one among them; the others import this package and nothing of the calling script, which needs no
-    ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
-    it was.
+    held-out beats) comes on top. jobs : processes that simulate, this one among them; the others import this package
+    and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : told the fraction done
+    and the stage. An interrupted study goes on where it was.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
     record that can be read and not be used is a verdict, which replaces no study of another record; without a model it
     is refused.
