@@ -43,7 +43,8 @@ from .threads import single_threaded
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
-# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none
+# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none.
+# Where the model lacks more than noise, a tenth is none
 _NEAR, _SETTLED = 1e-2, 1e-4
 _FEWEST_STEPS = 20  # of the solver in a beat
 
@@ -57,7 +58,7 @@ def calibrate(
     varies: Sequence[str] = (),
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
-    max_iterations: int = 20,
+    max_iterations: int = 40,
     x0: Array | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -96,7 +97,8 @@ def calibrate(
 
     told.begin(0.6, 1.0, "second search")
     last, unmeasured = _weighted(problem, near)
-    best = minimum(last, near.search.x, near.batches, replace(rules, gain=_SETTLED))
+    rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
+    best = minimum(last, near.search.x, near.batches, rules)
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
