@@ -274,15 +274,10 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     one = max(recordings, key=lambda each: max(each.channels.values()))
     worst = max(one.channels, key=lambda name: one.channels[name])
     where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
-    weighed = f"weighed as if every harmonic were off by {_percent(errors)} of its channel's pulse (sd)"
+    means, rest = (f"{100.0 * a:.2g} %" for a in errors)
+    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulse, means by {means} (sd)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
         f"({one.channels[worst]:.3g} times its noise); rms of what is left: {sizes(one.rms, one.channels)}; "
         + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]
-
-
-def _percent(errors: Array) -> str:
-    """ "2.9 %", "2.9 to 4 %"."""
-    low, high = (f"{100.0 * e:.2g}" for e in (errors.min(), errors.max()))
-    return f"{high} %" if low == high else f"{low} to {high} %"

@@ -1,10 +1,12 @@
 """What the model of a calibration lacks, as a random error of its channels: its size by evidence at the current point.
 
-Every harmonic of a channel, its mean too, has an error of the standard deviation a s, independent of the others, where s
-is the standard deviation of the channel's mean beat and a a number of each recording, by restricted maximum likelihood
-(:mod:`fitting.inference.misfit`). It is 0 where the unknowns, refitted in the linear problem, leave noise alone. Far
-from the minimum a is large and the cost smooth; as the search comes nearer it falls by itself. Where the model is wrong
-it stays, and channels and harmonics count by what is left of them in mmHg or mL/s, not by a noise far below that.
+Every harmonic of a channel has an error of the standard deviation a s, independent of the others, where s is the
+standard deviation of the channel's mean beat and a one number of the means, which zeros of sensors and heights shift,
+and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.misfit`). Both are 0 where the unknowns,
+refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost smooth; as the
+search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and harmonics count by
+what is left of them in mmHg or mL/s, not by a noise far below that. All recordings and channels have the same two: with
+its own each could be fitted at the cost of the others.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ _SAME = 0.1  # relative change of an error that changes no weight
 
 @dataclass(frozen=True)
 class Ended:
-    """Where a search ended. errors : (r,) a of every recording. history : the cost at all points that were kept."""
+    """Where a search ended. errors : (2,) a of means and of harmonics. history : the cost at all points kept."""
 
     search: Search
     errors: Array
@@ -51,7 +53,7 @@ class Ended:
 
 def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Ended:
     """The search from x : (p,), whose batches are known, in turn with the errors of the model."""
-    errors, history = np.full(len(problem.parts), math.inf), list[float]()
+    errors, history = np.full(2, math.inf), list[float]()
     for _ in range(_ALTERNATIONS):
         told = model_errors(problem, x, batches)
         if np.all(np.abs(told - errors) <= _SAME * told):
@@ -65,37 +67,37 @@ def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) 
 
 
 def granted(problem: Problem, errors: Array) -> Problem:
-    """The problem with errors (r,) of its recordings in the covariance of their data."""
+    """The problem with errors (2,) of the model in the covariance of its data."""
     parts = []
-    for part, a in zip(problem.parts, errors, strict=True):
+    for part in problem.parts:
         assert part.target is not None
         t, size = part.target, pulses(part.beats, part.target.names)
-        wider = Target.of(t.names, t.X, t.covariance + np.diag((a * size) ** 2))
+        each = errors[np.minimum(np.arange(len(t.X)), 1)]
+        wider = Target.of(t.names, t.X, t.covariance + (each**2)[:, None, None] * np.diag(size**2))
         parts.append(replace(part, target=wider, log_volume=wider.log_volume - t.log_volume))
     return replace(problem, parts=tuple(parts))
 
 
 def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
-    """(r,) the errors of all recordings that make what is left most probable, about x : (p,)."""
+    """(2,) the errors that make what is left most probable, about x : (p,)."""
     point = problem.point(x, batches)
     n = len(point.z)
     fit = Fit((), problem.unknowns, x, point.z, point.J, np.zeros(n, int), np.zeros(n, int))
     if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
-        return np.zeros(len(problem.parts))
-    blocks = [b for i, (part, rows) in enumerate(zip(problem.parts, problem.rows(), strict=True))
-              for b in _blocks(part, rows.start, i)]  # fmt: skip
-    return estimated(fit, blocks, len(problem.parts))
+        return np.zeros(2)
+    each = zip(problem.parts, problem.rows(), strict=True)
+    return estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start)], 2)
 
 
-def _blocks(part: Part, start: int, i: int) -> Iterator[Block]:
+def _blocks(part: Part, start: int) -> Iterator[Block]:
     """The errors of every harmonic as they look in z, whose real parts of harmonics 1 … K come before the imaginary."""
     assert part.target is not None
     white, m = part.target.whitener * pulses(part.beats, part.target.names), len(part.target.names)
     own = start + np.arange(m)
-    yield Block(own, white[0].real, np.full(m, i))
+    yield Block(own, white[0].real, np.zeros(m, int))
     for k, W in enumerate(white[1:], 1):
         rows = np.concatenate([own + k * m, own + (k + len(white) - 1) * m])
-        yield Block(rows, np.block([[W.real, -W.imag], [W.imag, W.real]]), np.full(2 * m, i))
+        yield Block(rows, np.block([[W.real, -W.imag], [W.imag, W.real]]), np.ones(2 * m, int))
 
 
 def octaves(part: Part) -> Array:
@@ -106,8 +108,8 @@ def octaves(part: Part) -> Array:
 
 
 def widening(problem: Problem, z: Array, paid: float) -> float:
-    """By how much the covariance of the unknowns is too small: an error that is alike at all harmonics is less than that
-    of the octave which is worst. z : (n,) whitened with the error; paid : numbers that the unknowns took of them."""
+    """By how much the covariance of the unknowns is too small: an error that is alike at all harmonics is less than
+    that of the worst octave. z : (n,) whitened with the error; paid : numbers that the unknowns took of them."""
     left = z**2 * len(z) / max(len(z) - paid, 1.0)
     worst = [np.bincount(octaves(part), left[rows]) / np.maximum(np.bincount(octaves(part)), 1)
              for part, rows in zip(problem.parts, problem.rows(), strict=True)]  # fmt: skip
