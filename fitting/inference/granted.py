@@ -2,9 +2,9 @@
 
 Every harmonic of a channel has an error of the standard deviation a s, independent of the others, where s is the
 standard deviation of the channel's mean beat and a one number of the means, which zeros of sensors and heights shift,
-and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.misfit`). Both are 0 where the unknowns,
-refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost smooth; as the
-search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and harmonics count by
+and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.inference.misfit`). Both are 0 where the
+unknowns, refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost smooth; as
+the search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and harmonics count by
 what is left of them in mmHg or mL/s, not by a noise far below that. All recordings and channels have the same two: with
 its own each could be fitted at the cost of the others.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from ..records.noise import Target, pulses
 from .calibration import Part, Problem
 from .fit import Fit, Member
-from .gauss_newton import Rules, Search, search
+from .gauss_newton import LARGEST, Rules, Search, search
 from .misfit import Block, estimated, settled
 
 Array = np.ndarray
@@ -79,10 +79,16 @@ def granted(problem: Problem, errors: Array) -> Problem:
 
 
 def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
-    """(2,) the errors that make what is left most probable, about x : (p,)."""
+    """(2,) the errors that make what is left most probable, about x : (p,).
+
+    The linear problem's own minimum counts as far as one step of the search reaches.
+    """
     point = problem.point(x, batches)
-    n = len(point.z)
-    fit = Fit((), problem.unknowns, x, point.z, point.J, np.zeros(n, int), np.zeros(n, int))
+    n, near = len(point.z), tuple(
+        replace(u, low=u.low - here, high=u.high - here, prior_sd=LARGEST * u.typical_sd)
+        for u, here in zip(problem.unknowns, x, strict=True)
+    )  # fmt: skip
+    fit = Fit((), near, np.zeros(len(x)), point.z, point.J, np.zeros(n, int), np.zeros(n, int))
     if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
         return np.zeros(2)
     each = zip(problem.parts, problem.rows(), strict=True)
