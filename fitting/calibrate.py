@@ -232,6 +232,7 @@ def _result(
             "network.elastic_law": network.elastic_law,
             "network.viscous_law": network.viscous_law,
         },
+        model_errors=(float(best.errors[0]), float(best.errors[1])),
     )  # fmt: skip
 
 

@@ -92,7 +92,8 @@ def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
     if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
         return np.zeros(2)
     each = zip(problem.parts, problem.rows(), strict=True)
-    return estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start)], 2)
+    means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start)], 2)
+    return np.array([max(means, rest), rest])  # few means tell little of their error: it is not below the harmonics'
 
 
 def _blocks(part: Part, start: int) -> Iterator[Block]:
