@@ -68,8 +68,8 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
     fits = _refitted(problem, hypotheses, alone, base, columns, runs)
     yield (found := exact(problem, [base, *fits], columns, terms, runs))
     if found.best.fit.terms and not found.best.explains:
-        for found in coupled(found, runs) if problem.site else _with_one_more(found, runs):
-            yield found
+        for more in coupled(found, runs) if problem.site else _with_one_more(found, runs):
+            yield (found := more)
     yield (found := found.at_minimum(runs))
     if problem.site is None:
         yield from set_apart(found, runs)

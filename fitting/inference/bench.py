@@ -305,7 +305,7 @@ def _promise(problem: Bench, member: Member) -> float:
 def _evaluated(problem: Bench, trials: Sequence[Trial]) -> list[Point | None]:
     """The linear problem of trials, at the radius that was most probable where they step from."""
     radius = [problem.start if t.before is None else t.before.memory.after(t.step) for t in trials]
-    return [_linearised(problem, t.member, r) for t, r in zip(trials, radius, strict=True)]
+    return [_linearised(problem, t.member, r, t.by) for t, r in zip(trials, radius, strict=True)]
 
 
 def _settled(problem: Bench, member: Member) -> Point | None:
