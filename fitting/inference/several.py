@@ -102,11 +102,11 @@ class Several(Forward):
 
         Raises InputError for one of ``varies`` that names no number.
         """
-        numbers = self.first.part(self.network).parameter_quantities()
+        numbers = self.first.part(self.network).parameters()
         known = [(u, set(u.variables)) for u in self.first.hypothesis(())]
         found: dict[str, list[str]] = {}
         for pattern in self.varies:
-            there = [n for n, q in numbers.items() if not q.input and fnmatchcase(n, pattern)]
+            there = [n for n in numbers if fnmatchcase(n, pattern)]
             there = [n for n in there if self.site is None or ".outlet." not in n]
             mine = [variables for u, variables in known if named(u, pattern)]
             if not (there or mine):
