@@ -8,10 +8,11 @@ by one evidence. Viscosity and relaxation, which one heart rate cannot tell apar
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from fitting.first_search import FAR, OTHER_STARTS
+from fitting.first_search import ENOUGH, FAR, OTHER_STARTS
 from fitting.inference.fit import Fit, Member
 from fitting.inference.network import NetworkProblem
 from fitting.inference.several import Several
@@ -35,7 +36,7 @@ Array = np.ndarray
 Terms = tuple[Term, ...]
 
 _SEED = 1
-_STARTS = 3  # of other starts, those that cost least, which are searched from
+_ELSEWHERE = 0.2  # of the time that is left, at most, which searches from other starts may take
 
 
 def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs) -> Naming:
@@ -65,8 +66,10 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
     yield (found := Compared.of(problem, [base], {}, terms))
     columns = problem.columns(base, found.sought, runs)
     hypotheses = _hypotheses(found, alone, promised(base, found.sought, columns))
-    fits = _refitted(problem, hypotheses, alone, base, columns, runs)
-    yield (found := exact(problem, [base, *fits], columns, terms, runs))
+    for i in range(0, len(hypotheses), at.FEW):
+        fits = _refitted(problem, hypotheses[i : i + at.FEW], alone, base, columns, runs)
+        yield (found := found.joined_by(fits).with_columns(columns))
+    yield (found := exact(problem, found.fits, columns, terms, runs))
     if found.best.fit.terms and not found.best.explains:
         for more in coupled(found, runs) if problem.site else _with_one_more(found, runs):
             yield (found := more)
@@ -81,17 +84,24 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
 def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     """The model without effect, from where it costs least: as given, as each recording alone has it, or between them.
 
-    Where it ends far from the recordings, from all of these and from other starts, too.
+    Where it ends far from the recordings, from others of these and of the starts of a calibration, too, until one comes
+    near or three have not.
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
     first = problem.nearest([members], runs)[0]
     found = [f for f in problem.searched([first], runs) if f is not None]
-    if not found or _far(problem, found[0]):
-        others = [Member((), first.unknowns, x) for x in starting_points(first.unknowns, 1 + OTHER_STARTS, _SEED)[1:]]
-        lowest = np.argsort(problem.costs(others, runs))[:_STARTS]
-        again = [*(m for m in members if m is not first), *(others[i] for i in lowest)]
-        found += [f for f in problem.searched(again, runs) if f is not None]
+    if found and not _far(problem, found[0]):
+        return found[0]
+    more = starting_points(first.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
+    starts = [*(m for m in members if m is not first), *(Member((), first.unknowns, x) for x in more)]
+    share = runs.part(_ELSEWHERE) if found else runs
+    with suppress(OutOfTime):
+        for i in np.argsort(problem.costs(starts, share))[:ENOUGH]:
+            found += [f for f in problem.searched([starts[i]], share) if f is not None]
+            if found and not _far(problem, found[-1]):
+                break
     if not found:
+        runs.check()
         raise InputError("the model as given cannot be simulated with these recordings")
     return min(found, key=lambda f: f.cost)
 
