@@ -25,7 +25,7 @@ from fitting.records.noise import pulses
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared, exact
+from .compare import Compared, exact, last_of
 from .couples import coupled
 from .intervals import profiled
 from .outliers import set_apart
@@ -45,16 +45,8 @@ def name_together(problem: Several, alone: Sequence[Naming], terms: Terms, runs:
     Not complete where the time was over in one of these, or in comparing.
     Raises OutOfTime where it was over before the model without effect was refitted to all.
     """
-    complete, known = all(naming.complete for naming in alone), None
-    stages = _stages(problem, alone, terms, runs)
-    try:
-        while (later := next(stages, None)) is not None:
-            known = later
-    except OutOfTime:
-        complete = False
-        if known is None:
-            raise
-    assert known is not None
+    known, complete = last_of(_stages(problem, alone, terms, runs))
+    complete &= all(naming.complete for naming in alone)
     several = known.problem
     assert isinstance(several, Several)
     return profiled(decided(known, terms, lambda n: several.beside(n.fit), complete), runs)
