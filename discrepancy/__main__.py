@@ -53,9 +53,7 @@ def discover_command(
     further: Further = None,
     varies: Annotated[
         list[str] | None,
-        typer.Option(
-            help='Numbers that each recording has of its own, repeatable: "*.outlet.R2", "*.outlet.P_venous".'
-        ),
+        typer.Option(help='Numbers that each recording has of its own, repeatable: "*.outlet.R2", "*.E".'),
     ] = None,
     hold_out: HeldOutFiles = None,
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,

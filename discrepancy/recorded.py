@@ -65,10 +65,19 @@ def rows(recordings: Sequence[Recorded]) -> list[tuple[str, ...]]:
             f"{60.0 / each.period:.0f}/min",
             " → ".join(number(pair[1]) for pair in (each.gap_before, each.gap_after) if pair),
             sizes(each.rms_after or each.rms_before),
-            ", ".join(f"{name} {_in_unit(name, value)}" for name, value in each.own.items()) or DASH,
+            _own(each.own) or DASH,
         )
         for each in recordings
     ]
+
+
+def _own(numbers: Mapping[str, float]) -> str:
+    """Numbers with their units; those of one kind that are the same together, "all.outlet.P_venous 5 mmHg"."""
+    same: dict[tuple[str, str], list[str]] = {}
+    for name, value in numbers.items():
+        same.setdefault((name.partition(".")[2], _in_unit(name, value)), []).append(name)
+    said = ((names[0] if len(names) == 1 else f"all.{key}", value) for (key, value), names in same.items())
+    return ", ".join(f"{name} {value}" for name, value in said)
 
 
 def _in_unit(name: str, value: float) -> str:

@@ -40,6 +40,7 @@ from .usable import check_beats, check_record
 from .verdict import Naming
 
 Array = np.ndarray
+_VENOUS = "*.outlet.P_venous"  # what lies behind the arteries is no part of them
 FreeRun = Callable[[str, Fit, Array, Mapping[str, float], Study], Run]  # of a stage; under a wave, with start values
 
 
@@ -63,7 +64,8 @@ class Recordings:
         """All that are fitted, as one record. Raises InputError for a number that cannot vary."""
         parts = tuple(s.problem for s in self.studies)
         beats = tuple((s.fitted, s.held_out) for s in self.studies)
-        found = Several(parts, tuple(self.labels[: len(parts)]), self.varies, beats)
+        varies = (*self.varies, *(() if parts[0].site else (_VENOUS,)))
+        found = Several(parts, tuple(self.labels[: len(parts)]), varies, beats)
         assert found.added is not None  # looked for now
         return found
 
