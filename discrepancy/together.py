@@ -76,9 +76,9 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
 def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
     """The model without effect, from where it costs least: as given, as each recording alone has it, or between them.
 
-    Where it ends far from the recordings, from others of these, from where each recording has it searched for from the
-    file's values (a map of a wrong model bends walls), and from the starts of a calibration, until one comes near or
-    three have not.
+    Where it ends far from the recordings, also from where each recording has it searched for from the file's values (a
+    map of a wrong model bends walls), and from the nearest three others of these and of a calibration's starts, until
+    one comes near.
     """
     members = [*problem.begin(()), *_of_each(problem, (), alone)]
     first = problem.nearest([members], runs)[0]
@@ -90,9 +90,10 @@ def _base(problem: Several, alone: Sequence[Fit], runs: Runs) -> Fit:
         anew = [part.refit([()], runs=share)[0] for part in problem.parts]
         fresh = _of_each(problem, (), [b if a is None else a for a, b in zip(anew, alone, strict=True)])
         more = starting_points(first.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
-        starts = [*(m for m in members if m is not first), *fresh, *(Member((), first.unknowns, x) for x in more)]
-        for i in np.argsort(problem.costs(starts, share))[:ENOUGH]:
-            found += [f for f in problem.searched([starts[i]], share) if f is not None]
+        others = [*(m for m in members if m is not first), *(Member((), first.unknowns, x) for x in more)]
+        nearest = np.argsort(problem.costs(others, share))[:ENOUGH]
+        for start in (*fresh, *(others[i] for i in nearest)):
+            found += [f for f in problem.searched([start], share) if f is not None]
             if found and not _far(problem, found[-1]):
                 break
     if not found:
