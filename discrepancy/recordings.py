@@ -85,9 +85,7 @@ class Recordings:
 
         def together() -> Naming:
             problem = whole if asked.chosen == COMMON else whole.individual()
-            own = zip(problem.parts, alone, strict=True)
-            parts = tuple(part.sharpened(naming.best.fit, runs) for part, naming in own)
-            return name_together(replace(problem, parts=parts), alone, self.terms, runs)
+            return name_together(problem, alone, self.terms, runs)
 
         return replace(journal.naming(whole, together), map=alone[0].map)
 

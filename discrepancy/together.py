@@ -61,10 +61,10 @@ def _stages(problem: Several, alone: Sequence[Naming], terms: Terms, runs: Runs)
     for i in range(0, len(hypotheses), at.FEW):
         fits = _refitted(problem, hypotheses[i : i + at.FEW], alone, base, columns, runs)
         yield (found := found.joined_by(fits).with_columns(columns))
-    yield (found := exact(problem, found.fits, columns, terms, runs))
+    yield (found := _with_base(exact(problem, found.fits, columns, terms, runs), base, runs))
     if found.best.fit.terms and not found.best.explains:
         for more in coupled(found, runs) if problem.site else _with_one_more(found, runs):
-            yield (found := more)
+            yield (found := _with_base(more, base, runs))
     yield (found := found.at_minimum(runs))
     if problem.site is None:
         yield from set_apart(found, runs)
@@ -125,6 +125,14 @@ def _far(problem: Several, fit: Fit) -> bool:
         power = np.abs(part.target.unwhiten(fit.z[rows, None])[..., 0]) ** 2
         left.append(np.sqrt(power[0] + 2.0 * power[1:].sum(axis=0)) / pulses(part.beats, part.signals))
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2))) > FAR
+
+
+def _with_base(found: Compared, base: Fit, runs: Runs) -> Compared:
+    """With the model without effect searched for under the last weights from where it was: where much is missing, the
+    one step that takes other fits to these leads it far off, and the FMUs are judged against it."""
+    (again,) = found.problem.refine([base], runs)
+    effects = [n.fit for n in found.ranked]
+    return found if again is None else Compared.of(found.problem, [again, *effects], found.columns, found.terms)
 
 
 # --- with effects -----------------------------------------------------------------------------------------------------

@@ -39,6 +39,8 @@ from .unknown import Unknown, bounds
 
 Array = np.ndarray
 
+_FARTHEST = 4.0  # stated spreads that a number which alone varies may be from the network's: R2 and P_venous imitate
+
 
 @dataclass(frozen=True)
 class Several(Forward):
@@ -117,7 +119,8 @@ class Several(Forward):
             for name in (n for n in there if not any(n in variables for variables in mine)):
                 where, _, key = name.partition(".")
                 found.setdefault(key, []).append(where)
-        return tuple(parse_unknown(f"{'+'.join(dict.fromkeys(w))}.{key}", self.network) for key, w in found.items())
+        names = [f"{'+'.join(dict.fromkeys(where))}.{key}" for key, where in found.items()]
+        return tuple(parse_unknown(name, self.network).within(_FARTHEST) for name in names)
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         mine = [u for t in terms for u in t.unknowns]
