@@ -212,7 +212,8 @@ def joined(gaps: Sequence[Gap]) -> Gap:
 
 def _seen(fit: Fit) -> Array:
     """(n, …) what of the effects of a fit no other of its numbers can take up, whitened."""
-    mine = np.array([any(u in t.unknowns for t in fit.terms) for u in fit.unknowns], bool)
+    names = {u.name for t in fit.terms for u in t.unknowns}  # of which some may be held
+    mine = np.array([u.name in names for u in fit.unknowns], bool)
     size = mine & np.array([u.of_size or bool(u.group) for u in fit.unknowns], bool)
     moves = ~mine & np.array([u.low < u.high for u in fit.unknowns], bool)
     prior = precision(fit.prior, fit.x)[moves]
