@@ -29,7 +29,7 @@ OTHER_STARTS = 8
 _SEED = 1
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
 FAR = 0.05  # of the RMS of the pulsation
-_ENOUGH = 3  # of 10 of 100 synthetic tubes whose own start ends far, none needs more others that end
+ENOUGH = 3  # of 10 of 100 synthetic tubes whose own start ends far, none needs more others that end
 
 
 def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ended, list[str]]:
@@ -48,7 +48,7 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ende
             failure = failure or error
             weighted = weighted if ended else None
             continue
-        if not far(weighted, ended[i]) or len(ended.keys() - {0}) == _ENOUGH:
+        if not far(weighted, ended[i]) or len(ended.keys() - {0}) == ENOUGH:
             break
     if weighted is None:
         sources = " + ".join(part.beats.source for part in problem.parts)

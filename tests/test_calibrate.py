@@ -125,8 +125,8 @@ def test_bounds_are_kept_and_reported() -> None:
 
 
 def test_a_wrong_mean_moves_nothing_else() -> None:
-    """B.R0 0.05 % wrong and not sought: χ²/dof says so and names the channel. Its mean is weighed by what is left of it,
-    so that E, which harmonics tell, keeps its value: the interval grows and holds the truth."""
+    """B.R0 0.05 % wrong and not sought: χ²/dof says so and names the channel. Its mean is weighed by what is left of
+    it, so that E, which harmonics tell, keeps its value: the interval grows and holds the truth."""
     wrong = NETWORK.with_parameters({"B.R0": 6.003e-3})
     noisy = record(exact(), 15, 0.01)
     found = calibrate(noisy, wrong, ["all.E:none"], settings=SETTINGS)
