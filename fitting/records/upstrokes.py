@@ -47,33 +47,35 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
         length = float(np.median(np.diff(marks)))
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
-    marks = tried[length]
-    found = [each for name in x if (each := _of(name, x[name], np.isnan(channels[name]), marks, length)) is not None]
-    return max(found, key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)), default=None)
+    found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
+    return max(
+        (each for each in found if len(each.at) >= _FEWEST),
+        key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
+        default=None,
+    )
 
 
-def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes | None:
+def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
     """A channel's upstrokes, one at each of the marks."""
     before, after, most, end = (max(2, round(part * length)) for part in (_BEFORE, _AFTER, _SEARCHED, _END))
     inside = marks[(marks >= before) & (marks < len(x) - end)]
     if len(inside) < _FEWEST:
-        return None
+        return Upstrokes(name, inside, inside)
     mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
     at = marks + int(_rise(mean, length).argmax()) - before
     at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
-    if len(at) < _FEWEST:
-        return None
-    for _ in range(2):
+    likeness = np.zeros(len(at))
+    for _ in range(2 if len(at) else 0):
         near = np.rint(at).astype(int)
-        mean = x[near[:, None] + np.arange(-before, after)].mean(axis=0)
-        r = np.stack([_alike_near(x[p - before - most : p + after + most], mean) for p in near])
+        alike = _alike(x, x[near[:, None] + np.arange(-before, after)].mean(axis=0))
+        r = alike[near[:, None] - before + np.arange(-most, most + 1)]
         best = r.argmax(axis=1)
-        likeness = r[np.arange(len(r)), best]
+        likeness = r.max(axis=1)
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
     sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
-    return Upstrokes(name, at[sure], likeness[sure]) if sure.sum() >= _FEWEST else None
+    return Upstrokes(name, at[sure], likeness[sure])
 
 
 def _beats(x: Array, length: float) -> Array:
@@ -112,19 +114,11 @@ def _alike(x: Array, beat: Array) -> Array:
     """The correlation of a beat with each stretch of x that is as long."""
     from scipy.signal import fftconvolve
 
-    w, beat = len(beat), beat - beat.mean()
+    w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
     total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
     power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
-    size = np.sqrt(np.maximum(power, 1e-9 * w) * max(float(beat @ beat), np.finfo(float).tiny))
+    size = np.sqrt(np.maximum(power, 1e-9 * w * float(x.var())) * max(float(beat @ beat), np.finfo(float).tiny))
     return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
-
-
-def _alike_near(x: Array, beat: Array) -> Array:
-    """The same of a short x, to rounding also where x is flat."""
-    windows, beat = np.lib.stride_tricks.sliding_window_view(x, len(beat)), beat - beat.mean()
-    windows = windows - windows.mean(axis=1, keepdims=True)
-    size = np.linalg.norm(windows, axis=1) * np.linalg.norm(beat)
-    return np.asarray(windows @ beat / np.maximum(size, np.finfo(float).tiny))
 
 
 def vertex(r: Array, at: Array) -> Array:
