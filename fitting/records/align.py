@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from solver.errors import InputError
 
 from ..threads import single_threaded
 from .beats import Beats, require_phases
-from .harmonic_model import Normal, evaluate, highest
+from .harmonic_model import evaluate, harmonics
 from .period import FEWEST, strict_period, usual_period
 from .record import Array, Record
 from .rounding import converter_step
@@ -41,8 +40,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     if period is not None:
         _check(period, record)
     T, whole, said = _rhythm(record, period)
-    samples = _grid(record, T) if whole is None else whole.edges[whole.serving][:, None] + np.arange(whole.N)
-    samples = np.minimum(samples, len(record.time) - 1)
+    samples = np.minimum(_grid(record, T) if whole is None else whole.samples, len(record.time) - 1)
     steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
     slip = 0.0 if whole is None else _SLIP_OF_CUTS
     cleaned = {name: without_spikes(x, samples, steps.get(name, 0.0), slip) for name, x in record.channels.items()}
@@ -51,7 +49,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     for name, each in channels.items():
         require_phases((~np.isnan(each[samples])).sum(axis=0), name, record.path)
     if whole is None:
-        equal = {name: without_slope(each) for name, each in _equal(channels, record.dt / T, samples).items()}
+        equal = {name: without_slope(_equal(each, record.dt / T, samples)) for name, each in channels.items()}
         values, shifts = without_jitter(equal, T)
     else:
         T, values, shifts = whole.T, {name: whole.of(each) for name, each in channels.items()}, np.zeros(len(samples))
@@ -134,8 +132,8 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     return float(period), whole, said
 
 
-def _equal(channels: Mapping[str, Array], f: float, samples: Array) -> dict[str, Array]:
-    """Equal beats : (n_beats, N) each; samples : the nearest to each phase j/N; f : cycles a sample.
+def _equal(x: Array, f: float, samples: Array) -> Array:
+    """Equal beats of a channel : (n_beats, N); samples : the nearest to each phase j/N; f : cycles a sample.
 
     Samples as they are if the beats keep step with them, else the harmonic model plus the residual of the nearest one.
 
@@ -144,24 +142,11 @@ def _equal(channels: Mapping[str, Array], f: float, samples: Array) -> dict[str,
     to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low harmonics it
     is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
     """
-    (n_beats, N), n = samples.shape, len(next(iter(channels.values())))
+    (n_beats, N), n = samples.shape, len(x)
     if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
-        return {name: each[samples] for name, each in channels.items()}
-    shared: Normal | None = None
-    cut = {}
-    for name, values in channels.items():
-        there = ~np.isnan(values)
-        whole = bool(there.all())
-        middle = values[there].mean()
-        x = np.where(there, values - middle, 0.0)
-        if whole and shared is None:
-            shared = Normal.of(None, f, highest(f, n, n), n)
-        measured = int(there.sum())
-        normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
-        c = normal.solve(x)
-        residual = values - middle - evaluate(c, f, n)
-        moved = residual[samples]
-        spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
-        spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
-        cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
-    return cut
+        return np.asarray(x[samples])
+    c = harmonics(x, f)
+    moved = (x - evaluate(c, f, n))[samples]
+    spectrum = np.fft.rfft(np.nanmean(moved, axis=0))
+    spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
+    return np.asarray(moved - np.fft.irfft(spectrum, N) + evaluate(c, 1.0 / N, N))

@@ -88,6 +88,21 @@ class Normal:
         return np.concatenate([X[:1].real, 2.0 * X[1:]])
 
 
+@lru_cache(maxsize=2)
+def _without_gaps(f: float, K: int, n: int) -> Normal:
+    return Normal.of(None, f, K, n)
+
+
+def harmonics(x: Array, f: float) -> Array:
+    """c_k, k = 0..K, of a channel x : (n,), NaN in gaps, by least squares."""
+    there, n = ~np.isnan(x), len(x)
+    K, middle = highest(f, n, int(there.sum())), x[there].mean()
+    normal = _without_gaps(f, K, n) if there.all() else Normal.of(there.astype(float), f, K, n)
+    c = normal.solve(np.where(there, x - middle, 0.0))
+    c[0] += middle
+    return c
+
+
 def refine(channels: Sequence[Array], f: float) -> float:
     """The f of all channels, (n,) each, on growing stretches: each tells it well enough not to lose count in the next.
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -112,7 +111,7 @@ def target(
     the mean beat, and what is not known of it enters the covariance.
     """
     K = len(solver_error) - 1
-    share, steady = _steady(beats, names, response, felt)
+    share, steady = steady_beats(beats, names, response, felt)
     H = response[: K + 1]
     one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
     gain = np.concatenate([one, -(share[: K + 1, None] * H)[..., None]], axis=2)
@@ -131,22 +130,25 @@ def target(
     return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
 
 
-def _steady(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> tuple[Array, Beats]:
-    """The share of the inflow's change that is noise, and beats without the change of channels that is not.
+def steady_beats(
+    beats: Beats, names: Sequence[str], response: Array, felt: Felt | None, drive: str = INFLOW
+) -> tuple[Array, Beats]:
+    """The share (n,) of the drive's change from beat to beat that is noise, and beats of drive and channels without the
+    change of channels that is not.
 
-    What is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
-    inflow as measured: a covariance that can be pooled and shrunk.
+    What is left of the channels when the real part of the drive's change is taken out has nothing in common with the
+    drive as measured: a covariance that can be pooled and shrunk.
     """
-    moved = _change(beats, names, response, felt)
+    moved = following(beats, response, felt, drive)
     share = noise_share(beats, names, moved, len(response))
     values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
-    return share, replace(beats, values={INFLOW: beats.values[INFLOW], **values})
+    return share, replace(beats, values={drive: beats.values[drive], **values})
 
 
 def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
     """Variance (n, m) of the mean beats' coefficients by the channels' own noise, and by what is not known of the seam;
     response : (n, m)."""
-    S = np.einsum("kii->ki", _steady(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
+    S = np.einsum("kii->ki", steady_beats(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
     if felt is None:
         return S
     seam, doubt = (np.abs(coefficients(x)[:, : len(S)].T) ** 2 for x in (felt.seam, felt.doubt))
@@ -155,13 +157,17 @@ def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt
 
 def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
     """Variance (n,) of the mean inflow's coefficients by the noise of its meter alone; response : (n, m)."""
-    share = noise_share(beats, names, _change(beats, names, response, felt), len(response))
+    share = noise_share(beats, names, following(beats, response, felt), len(response))
     return np.asarray(share * beats.covariance((INFLOW,))[: len(response), 0, 0].real)
 
 
-def _change(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> Any:
-    """What the channels would do from beat to beat if they followed the measured inflow."""
-    return _following(beats, names, response) if felt is None else felt.change
+def following(beats: Beats, response: Array, felt: Felt | None, drive: str = INFLOW) -> Array:
+    """(m, n_beats, N) what channels of that response (n, m) would do from beat to beat if they followed the drive as it
+    was measured."""
+    if felt is not None:
+        return felt.change
+    change = np.nan_to_num(beats.values[drive] - beats.mean(drive), nan=0.0)
+    return np.stack([scaled(change, H) for H in response.T])
 
 
 def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[str, ...]:
@@ -246,12 +252,6 @@ def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
     return np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:]) + _ROUND_OFF * pulse
 
 
-def _following(beats: Beats, names: Sequence[str], response: Array) -> Array:
-    """(m, n_beats, N) what channels of that response (n, m) would do if they followed the measured inflow."""
-    change = np.nan_to_num(beats.values[INFLOW] - beats.mean(INFLOW), nan=0.0)
-    return np.stack([scaled(change, H) for H in response.T])
-
-
 def scaled(x: Array, h: Array) -> Array:
     """The harmonics of beats (n_beats, N) times h : (n,), none beyond."""
     n = min(len(h), x.shape[1] // 2 + 1)
@@ -259,9 +259,9 @@ def scaled(x: Array, h: Array) -> Array:
 
 
 def noise_share(beats: Beats, names: Sequence[str], following: Array, n: int) -> Array:
-    """The part (n,) of the inflow's variance from beat to beat that no channel follows: noise of the flow meter.
+    """The part (n,) of the drive's variance from beat to beat that no channel follows: noise of its meter.
 
-    By regression of the channels on what they would do, each weighted by its own variance: 0 if the flow is measured
+    By regression of the channels on what they would do, each weighted by its own variance: 0 if the drive is measured
     exactly, 1 if it is the same in every beat and all change is noise.
     """
     m = len(names)

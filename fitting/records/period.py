@@ -8,7 +8,7 @@ period, too; a strict one is refined in :mod:`fitting.records.harmonic_model`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,12 +110,9 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"(best correlation {best.max():.2f}, in {names[int(best.argmax())]}); record at least two whole beats of "
             f"{FEWEST} samples or more each, or give the period."
         )
-    worst = [float((each.alike / best)[votes].min()) for each in tried]
-    lags = [each.lag for each, score in zip(tried, worst, strict=True) if score >= min(_ALIKE, max(worst))]
-    broken = [
-        lag for lag in lags if lag == lags[0] or 0.25 < lag / lags[0] % 1.0 < 0.75
-    ]  # no multiples of the shortest
-    lag = next((lag for lag in broken if _whole(x[votes], lag, candidates)), lags[0])
+    scores = [float((each.alike / best)[votes].min()) for each in tried]
+    lags = [each.lag for each, score in zip(tried, scores, strict=True) if score >= min(_ALIKE, max(scores))]
+    lag = next((lag for lag in lags if _whole(x[votes], lag, candidates)), lags[0])
     T = lag * step
     if 2.0 * T > span * 1.02:
         raise InputError(
@@ -123,19 +120,16 @@ def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found
             f"record at least two whole beats of {FEWEST} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
-    passed = [(each.lag, score) for each, score in zip(tried, worst, strict=True)]
+    passed = [(each.lag, score) for each, score in zip(tried, scores, strict=True)]
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
 def _tried(x: Array, lags: Array) -> list[_Later]:
     """What follows stretches of the shortest lag after each of the lags, until all channels go on alike after one."""
     found: list[_Later] = []
-    if not len(lags):
-        return found
-    stretches = _Stretches(x, lags[0])
-    for lag in lags:
-        found.append(stretches.later(lag))
-        if (found[-1].alike >= _ALIKE).all() and _whole(x, found[-1].lag, lags):
+    for each in _later(x, lags[0], lags) if len(lags) else ():
+        found.append(each)
+        if (each.alike >= _ALIKE).all() and _whole(x, each.lag, lags):
             break
     return found
 
@@ -150,10 +144,9 @@ def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
     """What follows stretches of one lag [samples], in the middle of the record, after it and after up to four of it."""
     most = round(_STRETCHES * 0.45 * lag)
     start = max(0, (x.shape[1] - most) // 2)
-    stretches = _Stretches(x[:, start : start + most], lag)
-    longest = stretches.y.shape[1] / stretches.w - 2.0
-    later = [each for each in candidates if 1.5 < each / lag < 4.5 and each / lag <= longest]
-    return [stretches.later(each) for each in (lag, *later)]
+    part = x[:, start : start + most]
+    longest = min(4.5, part.shape[1] / lag - 2.0)
+    return list(_later(part, lag, (lag, *(each for each in candidates if 1.5 < each / lag < longest))))
 
 
 def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> Found:
@@ -299,32 +292,28 @@ def _correlation(x: Array, lags: int) -> Array:
     return np.where(spread > floor, (products - head * tail / count) / np.sqrt(np.maximum(spread, floor)), 0.0)
 
 
-class _Stretches:
-    """Stretches of one length [samples] of x : (m, n), half of it apart, to be compared with what follows them."""
-
-    def __init__(self, x: Array, length: float) -> None:
-        self.h = max(1.0, length / _SAMPLES)
-        self.y, self.w = _resampled(x, self.h), round(length / self.h)
-        self.windows = np.lib.stride_tricks.sliding_window_view(self.y, self.w, axis=1)
-        total, squares = ((t := _total(each))[:, self.w :] - t[:, : -self.w] for each in (self.y, self.y**2))
-        self.means = total / self.w
-        self.powers = np.maximum(squares - self.w * self.means**2, _EXACT)
-
-    def later(self, lag: float) -> _Later:
-        """What follows them some lag later [samples]."""
-        there, reach = round(lag / self.h), round(_ELASTIC * lag / self.h)
-        last = self.powers.shape[1] - 1 - there - reach
-        if last < self.w:  # as far as the record is long
-            last = max(0, self.powers.shape[1] - 1 - there)
-        t = np.arange(0, last + 1, max(self.w // 2, -(-last // _STRETCHES)))
+def _later(x: Array, length: float, lags: Iterable[float]) -> Iterator[_Later]:
+    """How stretches of x : (m, n), of one length and half of it apart, go on after each of the lags [samples]."""
+    h = max(1.0, length / _SAMPLES)
+    y, w = _resampled(x, h), round(length / h)
+    windows = np.lib.stride_tricks.sliding_window_view(y, w, axis=1)
+    means = windows.mean(axis=2)
+    powers = np.maximum((windows**2).sum(axis=2) - w * means**2, _EXACT)
+    for lag in lags:
+        there, reach = round(lag / h), round(_ELASTIC * lag / h)
+        last = powers.shape[1] - 1 - there - reach
+        if last < w:  # as far as the record is long
+            last = max(0, powers.shape[1] - 1 - there)
+        t = np.arange(0, last + 1, max(w // 2, -(-last // _STRETCHES)))
         shifts = there + np.arange(-reach, reach + 1)
-        after = self.y[:, np.minimum(t[:, None] + np.arange(shifts[0], shifts[-1] + self.w), self.y.shape[1] - 1)]
-        first = self.windows[:, t] - self.means[:, t, None]
-        own = self.powers[:, t]
-        other = self.powers[:, np.minimum(t[:, None] + shifts, self.powers.shape[1] - 1)]
-        products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, self.w, axis=2), first[..., None])
+        after = y[:, np.minimum(t[:, None] + np.arange(shifts[0], shifts[-1] + w), y.shape[1] - 1)]
+        own = powers[:, t]
+        other = powers[:, np.minimum(t[:, None] + shifts, powers.shape[1] - 1)]
+        first = windows[:, t] - means[:, t, None]
+        products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, w, axis=2), first[..., None])
         r = products[..., 0] / np.sqrt(own[..., None] * other)
-        joint = np.einsum("cts,ct->ts", r, np.sqrt(own / own.mean(axis=1, keepdims=True)))
+        part = own / own.mean(axis=1, keepdims=True)
+        joint = np.einsum("cts,ct->ts", r, np.sqrt(part))
         row, best = np.arange(len(t)), joint.argmax(axis=1)
         offset = vertex(joint, best) - best
         left, r, right = (r[:, row, np.clip(best + i, 0, len(shifts) - 1)] for i in (-1, 0, 1))
@@ -332,13 +321,7 @@ class _Stretches:
         other = other[:, row, best]
         size = np.sqrt(own * other)
         unlike = (own + other - 2.0 * r * size) / (2.0 * own.mean(axis=1, keepdims=True))
-        shift = (shifts[best] + offset) * self.h
-        return _Later(_weighted_median(r, size), unlike, shift, (own / own.mean(axis=1, keepdims=True)).sum(axis=0))
-
-
-def _total(x: Array) -> Array:
-    """The sums of the first 0 … n of x : (m, n)."""
-    return np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
+        yield _Later(_weighted_median(r, size), unlike, (shifts[best] + offset) * h, part.sum(axis=0))
 
 
 def _weighted_median(r: Array, weights: Array) -> Array:
@@ -352,7 +335,6 @@ def _weighted_median(r: Array, weights: Array) -> Array:
 def _resampled(x: Array, h: float) -> Array:
     """Means of x : (m, n) over intervals of h samples, h >= 1."""
     n = x.shape[1]
-    total = _total(x)
     edges = np.arange(int(n / h) + 1) * h
-    whole = np.minimum(edges.astype(int), n - 1)
-    return np.asarray(np.diff(total[:, whole] + (edges - whole) * x[:, whole], axis=1) / h)
+    total = np.array([np.interp(edges, np.arange(n + 1), np.concatenate([[0.0], np.cumsum(each)])) for each in x])
+    return np.asarray(np.diff(total, axis=1) / h)

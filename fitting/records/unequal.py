@@ -29,10 +29,8 @@ _USUAL = 6.0  # times as much as beats usually do
 _ORDINARY = (0.05, 0.95)  # quantiles: spikes are beyond them
 _MISSING = 3  # odd beats in a row that do not end a stretch
 _MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
-_SAME = 0.1  # of a beat, by which a period may differ from the usual interval and still be that of equal beats
 _ONE = 1.5  # times more or less often than the period says: these upstrokes are not one a beat
 _END = 0.06  # of a beat: its end, from which it goes on
-_FEWEST = 4  # upstrokes
 _NAMED = 3
 _UNSTEADY = 0.05  # of the mean length: more is worth a sentence
 
@@ -61,6 +59,11 @@ class Whole:
     def T(self) -> float:
         """The period [s]: N samples."""
         return self.N * self.dt
+
+    @property
+    def samples(self) -> Array:
+        """Numbers of the samples of the beats that serve : (m, N); of a short one, into the next."""
+        return np.asarray(self.edges[self.serving][:, None] + np.arange(self.N))
 
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
@@ -94,23 +97,24 @@ def unlikeness(beats: Array) -> Array:
 def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     """The beats, T [s] long or near it, if their intervals or pulses differ; else None."""
     found = find_upstrokes(channels, T / dt)
-    if found is None or len(found.at) < _FEWEST or np.median(found.likeness) < _ALIKE:
+    if found is None:
         return None
     intervals = np.diff(found.at)
     usual = _usual(intervals)
     passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
-    intervals = intervals / passed
-    beats = T / dt / usual
-    if not 1.0 / _ONE < beats < _ONE:
+    near = np.abs(intervals / passed - usual) <= _NEAR * usual
+    if near.mean() < _MOSTLY or not 1.0 / _ONE < T / dt / usual < _ONE:
         return None
-    x = without_gaps(channels[found.channel])
-    near = np.abs(intervals - usual) <= _NEAR * usual
-    if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
+    x = channels[found.channel]
+    alike = _likeness(x, found.at[:-1][near], usual)
+    if alike < _ALIKE:
         return None
-    pulses = _pulses(channels[found.channel], found.at)
+    beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
+    pulses = np.array([np.ptp(np.quantile(beat, _ORDINARY)) for beat in beats if not np.isnan(beat).any()] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
-    varied = pulses.std() > max(_PULSES, _NOISE * noise) * pulses.mean()
-    if abs(beats - 1.0) <= _SAME and not (varied or _wander(found.at, passed) > _UNEQUAL * usual):
+    count = np.concatenate([[0.0], np.cumsum(passed)])
+    wander = np.std(found.at - np.polyval(np.polyfit(count, found.at, 1), count))  # about t_b = t_0 + b T
+    if wander <= _UNEQUAL * usual and pulses.std() <= max(_PULSES, _NOISE * noise) * pulses.mean():
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     return _whole(channels, dt, edges[edges >= 0], usual)
@@ -131,26 +135,13 @@ def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float)
     return Whole(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
 
 
-def _wander(at: Array, passed: Array) -> float:
-    """Standard deviation [samples] of upstrokes about their regression t_b = t_0 + b T, an equal grid of beats."""
-    count = np.concatenate([[0.0], np.cumsum(passed)])
-    return float(np.std(at - np.polyval(np.polyfit(count, at, 1), count)))
-
-
 def _likeness(x: Array, at: Array, length: float) -> float:
     """The median correlation of whole beats with their mean."""
-    n = int(0.9 * length)
-    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int)])
+    beats = without_gaps(x)[np.rint(at).astype(int)[:, None] + np.arange(int(0.9 * length))]
     beats = beats - beats.mean(axis=1, keepdims=True)
     mean = beats.mean(axis=0)
     size = np.linalg.norm(beats, axis=1) * np.linalg.norm(mean)
     return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
-
-
-def _pulses(x: Array, at: Array) -> Array:
-    """The range of each beat that was measured, but for spikes."""
-    beats = [x[round(a) : round(b)] for a, b in zip(at, at[1:], strict=False)]
-    return np.array([np.ptp(np.quantile(beat, _ORDINARY)) for beat in beats if not np.isnan(beat).any()] or [1.0])
 
 
 def _usual(intervals: Array) -> float:
