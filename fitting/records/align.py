@@ -9,22 +9,16 @@ import numpy as np
 from solver.errors import InputError
 
 from ..threads import single_threaded
+from . import thresholds as limit
 from .beats import Beats, require_phases
 from .harmonic_model import evaluate, harmonics
-from .period import FEWEST, strict_period, usual_period
+from .period import strict_period, usual_period
 from .record import Array, Record
 from .rounding import converter_step
 from .spikes import without_spikes
 from .timing import without_jitter, without_slope
 from .unequal import Whole, unequal
 from .upstrokes import without_gaps
-
-_WHOLE = 1e-6  # samples that the beats may slip against the samples over the whole record and still be reshaped
-_UNSTEADY = 0.1  # of the period: beats longer or shorter by more are refused
-_SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
-_SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
-_VAGUE = 0.1  # of a beat, by which a given period may differ from the mean of beats that vary
-_TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
 
 
 @single_threaded
@@ -42,7 +36,7 @@ def align(record: Record, period: float | None = None) -> Beats:
     T, whole, said = _rhythm(record, period)
     samples = np.minimum(_grid(record, T) if whole is None else whole.samples, len(record.time) - 1)
     steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
-    slip = 0.0 if whole is None else _SLIP_OF_CUTS
+    slip = 0.0 if whole is None else limit.SLIP_OF_CUTS
     cleaned = {name: without_spikes(x, samples, steps.get(name, 0.0), slip) for name, x in record.channels.items()}
     spikes = {name: count for name, (_, count) in cleaned.items() if count}
     channels = {name: each for name, (each, _) in cleaned.items()}
@@ -56,10 +50,10 @@ def align(record: Record, period: float | None = None) -> Beats:
         whole = replace(whole, channels={name: without_gaps(each) for name, each in channels.items()})
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, whole, record.told,
                   (*record.said, *said))  # fmt: skip
-    if beats.unsteadiness > _UNSTEADY:
+    if beats.unsteadiness > limit.NEAR:
         raise InputError(
             f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "
-            f"before by up to {beats.unsteadiness:.0%} of that, and more than {_UNSTEADY:.0%} cannot be aligned; "
+            f"before by up to {beats.unsteadiness:.0%} of that, and more than {limit.NEAR:.0%} cannot be aligned; "
             "use a stretch of the record with a steady rate."
         )
     return beats
@@ -69,10 +63,10 @@ def _grid(record: Record, T: float) -> Array:
     """(n_beats, N) the sample that is nearest to each phase of equal beats. Raises ValueError if there are too few."""
     f, n = record.dt / T, len(record.time)
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
-    if N < FEWEST:
+    if N < limit.FEWEST_SAMPLES:
         raise InputError(
-            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times a beat or "
-            f"more often, or check the unit of its time column."
+            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample "
+            f"{limit.FEWEST_SAMPLES} times a beat or more often, or check the unit of its time column."
         )
     if n_beats < 2:
         raise InputError(
@@ -92,7 +86,7 @@ def _check(period: float, record: Record) -> None:
             f"{record.path}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
         )
-    if period < FEWEST * record.dt:
+    if period < limit.FEWEST_SAMPLES * record.dt:
         _grid(record, period)
 
 
@@ -102,7 +96,7 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     channels, dt, source = record.channels, record.dt, record.path
     try:
         usual = usual_period(channels, dt, source)
-        if period is not None and abs(period / usual.other - 1.0) <= _VAGUE:  # of the two, the record does not say
+        if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # of the two, the record does not say
             usual = replace(usual, T=period)
         whole = unequal(channels, dt, usual.T)
         T = strict_period(usual.T, channels, dt) if whole is None else whole.T
@@ -122,7 +116,7 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * len(record.time) * dt / period
-    if abs(beats - count) > _VAGUE if whole is not None else slip > _SLIP:
+    if abs(beats - count) > limit.NEAR if whole is not None else slip > limit.SLIP:
         raise InputError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
@@ -143,10 +137,10 @@ def _equal(x: Array, f: float, samples: Array) -> Array:
     is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
     """
     (n_beats, N), n = samples.shape, len(x)
-    if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
+    if abs(N * f - 1.0) * n < limit.IN_STEP and n_beats * N <= n:
         return np.asarray(x[samples])
     c = harmonics(x, f)
     moved = (x - evaluate(c, f, n))[samples]
     spectrum = np.fft.rfft(np.nanmean(moved, axis=0))
-    spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
+    spectrum[len(c) :] = spectrum[: N // limit.MOVED] = 0.0
     return np.asarray(moved - np.fft.irfft(spectrum, N) + evaluate(c, 1.0 / N, N))

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.polynomial import Legendre
 from scipy.linalg import cho_factor, cho_solve
 
+from . import thresholds as limit
+
 Array = np.ndarray
 
-_ORDINARY = (0.02, 0.98)  # quantiles: what lies beyond them by the distance between them is a spike
 _ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends the search
-_MANY = 200.0  # beats
 _EXACT = 1e-14  # of a channel: noise that is assumed at least, the rounding of doubles
-MOST = 128  # harmonics of a model; what lies above is left to the residual
 
 
 def _block(n: int) -> int:
@@ -60,7 +59,7 @@ def evaluate(c: Array, f: float, n: int) -> Array:
 def highest(f: float, n: int, measured: int) -> int:
     """The highest harmonic that n samples, of which some are ``measured``, tell from its alias."""
     K = int(0.5 / f - 0.5 / max(1.0, n * f))  # distance to the alias: a whole turn over the record
-    return max(1, min(K, MOST, measured // 4))
+    return max(1, min(K, limit.MOST_HARMONICS, measured // 4))
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,7 @@ def refine(channels: Sequence[Array], f: float) -> float:
 
 def _measured(values: Array) -> tuple[Array, Array]:
     """A channel about its mean, 0 in gaps and at spikes, and 1 where there are none."""
-    low, high = np.nanquantile(values, _ORDINARY)
+    low, high = np.nanquantile(values, limit.ORDINARY)
     there = np.abs(np.nan_to_num(values, nan=np.inf) - 0.5 * (low + high)) <= 1.5 * (high - low)
     return np.where(there, values - values[there].mean(), 0.0), there.astype(float)
 
@@ -151,7 +150,7 @@ def _gauss_newton(x: Array, there: Array, f: float) -> float:
 
 def _drift(n: int, f: float) -> Array:
     """Polynomials of degree 1 to 3 over a stretch : (3, n); none for many beats, whose period no drift can feign."""
-    degrees = range(1, 4) if n * f < _MANY else range(0)
+    degrees = range(1, 4) if n * f < limit.MANY_BEATS else range(0)
     return np.array([Legendre.basis(d)(np.linspace(-1.0, 1.0, n)) for d in degrees]).reshape(len(degrees), n)
 
 

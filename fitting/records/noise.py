@@ -22,20 +22,15 @@ from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
+from . import thresholds as limit
 from .beats import Beats
 from .felt import Felt
 from .spectral import coefficients
 
 Array = np.ndarray
 
-MAX_HARMONICS = 40
-_ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel has as much is left out
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
-NEIGHBOURS = 3  # harmonics on either side that Beats.covariance takes together with one
-_POOLED = 2.0 * NEIGHBOURS + 1.0
-SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
-_SEAM_SAID = 3.0  # times the noise: more of what is not known of the seam is worth a sentence
-_TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
+_POOLED = 2.0 * limit.NEIGHBOURS + 1.0
 
 
 @dataclass(frozen=True)
@@ -97,7 +92,7 @@ def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = Fals
     real : count the real and the imaginary part, which one channel's variance may; a covariance of channels is one of
     complex numbers. at_ends : where the spectrum begins and ends, there are neighbours on one side only.
     """
-    pooled = NEIGHBOURS + 1.0 if at_ends else _POOLED
+    pooled = limit.NEIGHBOURS + 1.0 if at_ends else _POOLED
     return (2.0 if real else 1.0) * pooled * (n_beats - 1.0)
 
 
@@ -124,7 +119,7 @@ def target(
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
     if felt is not None:
         seam, doubt = (coefficients(x)[:, : K + 1].T for x in (felt.seam, felt.doubt))
-        covariance[:, at, at] += np.abs(SEAM_ERROR * seam) ** 2
+        covariance[:, at, at] += np.abs(limit.SEAM_ERROR * seam) ** 2
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
     return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
@@ -152,7 +147,7 @@ def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt
     if felt is None:
         return S
     seam, doubt = (np.abs(coefficients(x)[:, : len(S)].T) ** 2 for x in (felt.seam, felt.doubt))
-    return np.asarray(S + SEAM_ERROR**2 * seam + doubt)
+    return np.asarray(S + limit.SEAM_ERROR**2 * seam + doubt)
 
 
 def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
@@ -177,10 +172,10 @@ def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
         return ()
     seam, doubt = (np.abs(coefficients(x)) ** 2 for x in (felt.seam, felt.doubt))
     weight = np.where(np.arange(seam.shape[1]) == 0, 1.0, 2.0)
-    error = np.sqrt((SEAM_ERROR**2 * seam + doubt) @ weight)
+    error = np.sqrt((limit.SEAM_ERROR**2 * seam + doubt) @ weight)
     noise = np.sqrt(np.einsum("kii->ik", beats.covariance(names)).real @ weight)
     i = int(np.argmax(error / noise))
-    if error[i] < _SEAM_SAID * noise[i]:
+    if error[i] < limit.SEAM_SAID * noise[i]:
         return ()
     part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
     return (
@@ -211,7 +206,7 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
     X = mean_beat(beats, names, most)
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
-    above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
+    above = np.flatnonzero((np.abs(X) ** 2 > limit.ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
 
 
@@ -323,7 +318,7 @@ def _aliased(mean: Array, variance: Array) -> Array:
     k = np.arange(N // 2 + 1)
     whole, own = (np.pi / N) ** 2 / np.sin(np.pi * np.maximum(k, 1) / N) ** 2, 1.0 / np.maximum(k, 1) ** 2.0
     folded = np.where(k == 0, np.pi**2 / 3.0 / N**2, whole - own)
-    tail = k >= max(1, int(_TAIL * (N / 2.0)))
+    tail = k >= max(1, int(limit.TAIL * (N / 2.0)))
     power = np.abs(coefficients(mean)) ** 2 - variance
     C2 = float(np.mean(power[tail] / whole[tail] ** 2))
     return np.sqrt(max(C2, 0.0)) * folded

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from . import thresholds as limit
+
 Array = np.ndarray
 
-_WINDOW = 3  # harmonics on either side that share one estimate of the noise
-_JITTER = 1e-3  # probability of shifts as large as those found without any jitter, below which they are removed
-_TIMING = 48  # harmonics that tell the timing of a beat
 _EXACT = 1e-7  # of the pulse: noise that is assumed at least when beats are timed
 
 
@@ -20,7 +19,7 @@ def without_jitter(values: Mapping[str, Array], T: float) -> tuple[Mapping[str, 
 
     n_beats, N = next(iter(values.values())).shape
     turns, excess, dof, means = _timing(np.stack([_spectra(beats) for beats in values.values()]), N)
-    if n_beats < 3 or f_distribution.sf(excess / (n_beats - 2), n_beats - 2, dof) > _JITTER:
+    if n_beats < 3 or f_distribution.sf(excess / (n_beats - 2), n_beats - 2, dof) > limit.JITTER:
         return values, np.zeros(n_beats)
     moved = {}
     for (name, beats), mean in zip(values.items(), means, strict=True):
@@ -49,7 +48,7 @@ def _timing(F: Array, N: int) -> tuple[Array, float, float, Array]:
         turned -= mean[:, None]
         S = _pooled(_power(turned)) / (n_beats - 1) if S is None else S
         S = np.maximum(S, _EXACT**2 * (np.abs(mean) ** 2).sum(axis=1, keepdims=True))
-        mean *= np.abs(mean) ** 2 > 9.0 * S / n_beats
+        mean *= np.abs(mean) ** 2 > limit.ABOVE_NOISE**2 * S / n_beats
         tau, size = -2j * np.pi * k * mean, _inner(line, line, S)
         template = tau - line * (_inner(tau, line, S) / size)
         information = float(_inner(template, template, S).sum())
@@ -66,7 +65,7 @@ def _timing(F: Array, N: int) -> tuple[Array, float, float, Array]:
         excess = 2.0 * information * float(turns @ turns)
         if np.abs(change).max() ** 2 * information < 1e-6:
             break
-    return turns, excess, 2.0 * (2 * _WINDOW + 1) * max(n_beats - 2, 1), mean
+    return turns, excess, 2.0 * (2 * limit.NEIGHBOURS + 1) * max(n_beats - 2, 1), mean
 
 
 def _spectra(beats: Array) -> Array:
@@ -75,7 +74,7 @@ def _spectra(beats: Array) -> Array:
     if not there.all():
         beats = np.where(there, beats, np.nanmean(beats, axis=0))
     N = beats.shape[1]
-    return np.fft.rfft(beats, axis=1)[:, 1 : min(_TIMING, (N - 1) // 2) + 1] / N
+    return np.fft.rfft(beats, axis=1)[:, 1 : min(limit.TIMING, (N - 1) // 2) + 1] / N
 
 
 def _power(X: Array) -> Array:
@@ -92,7 +91,7 @@ def _pooled(S: Array) -> Array:
     """The mean over neighbouring harmonics, fewer at the ends : (m, K)."""
     K = S.shape[1]
     total = np.concatenate([np.zeros((len(S), 1)), np.cumsum(S, axis=1)], axis=1)
-    low, high = np.maximum(np.arange(K) - _WINDOW, 0), np.minimum(np.arange(K) + _WINDOW + 1, K)
+    low, high = np.maximum(np.arange(K) - limit.NEIGHBOURS, 0), np.minimum(np.arange(K) + limit.NEIGHBOURS + 1, K)
     return np.asarray((total[:, high] - total[:, low]) / (high - low))
 
 

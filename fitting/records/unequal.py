@@ -13,26 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from . import thresholds as limit
 from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
-
-# In 400 steady synthetic recordings of 20 to 50 dB, upstrokes stray by at most 0.1 % in 95 %. They exceed _UNEQUAL in
-# 1.5 % of the recordings, and the pulses exceed both _PULSES and _NOISE in 1 %.
-_UNEQUAL = 0.02  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
-_PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
-_NOISE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
-_ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
-_NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
-_UNLIKE = 0.35  # of the pulse, by which a beat may differ
-_USUAL = 6.0  # times as much as beats usually do
-_ORDINARY = (0.05, 0.95)  # quantiles: spikes are beyond them
-_MISSING = 3  # odd beats in a row that do not end a stretch
-_MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
-_ONE = 1.5  # times more or less often than the period says: these upstrokes are not one a beat
-_END = 0.06  # of a beat: its end, from which it goes on
-_NAMED = 3
-_UNSTEADY = 0.05  # of the mean length: more is worth a sentence
 
 
 @dataclass(frozen=True)
@@ -68,7 +52,7 @@ class Whole:
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         starts, ends, at = self.edges[:-1, None], self.edges[1:, None], np.arange(self.N)
-        half = max(1, round(_END * self.N / 2))
+        half = max(1, round(limit.DIASTOLE * self.N / 2))
         last = x[ends - 2 * half + np.arange(2 * half)]
         early, late = mean(last[:, :half]), mean(last[:, half:])
         slope = mean((late - early)[self.steady]) / half
@@ -102,32 +86,32 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     intervals = np.diff(found.at)
     usual = _usual(intervals)
     passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
-    near = np.abs(intervals / passed - usual) <= _NEAR * usual
-    if near.mean() < _MOSTLY or not 1.0 / _ONE < T / dt / usual < _ONE:
+    near = np.abs(intervals / passed - usual) <= limit.NEAR * usual
+    if near.mean() < limit.MOSTLY or not 1.0 / limit.ONE < T / dt / usual < limit.ONE:
         return None
     x = channels[found.channel]
     alike = _likeness(x, found.at[:-1][near], usual)
-    if alike < _ALIKE:
+    if alike < limit.ALIKE:
         return None
     beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
-    pulses = np.array([np.ptp(np.quantile(beat, _ORDINARY)) for beat in beats if not np.isnan(beat).any()] or [1.0])
+    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in beats if not np.isnan(beat).any()] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
     count = np.concatenate([[0.0], np.cumsum(passed)])
     wander = np.std(found.at - np.polyval(np.polyfit(count, found.at, 1), count))  # about t_b = t_0 + b T
-    if wander <= _UNEQUAL * usual and pulses.std() <= max(_PULSES, _NOISE * noise) * pulses.mean():
+    if wander <= limit.VARIES * usual and pulses.std() <= max(limit.VARIES, limit.NO_PULSE * noise) * pulses.mean():
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     return _whole(channels, dt, edges[edges >= 0], usual)
 
 
 def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> Whole | None:
-    """The longest stretch of steady beats that no more than _MISSING odd ones in a row interrupt; None if not two."""
-    near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= _NEAR * usual + 1.0)
+    """The longest stretch of steady beats that no more than MISSING odd ones in a row interrupt; None if not two."""
+    near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limit.NEAR * usual + 1.0)
     if len(near) < 2:
         return None
     odd = _odd(channels, Whole({}, dt, edges, near, near))
     alike = np.setdiff1d(near, odd)
-    alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > _MISSING + 1) + 1), key=len)
+    alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > limit.MISSING + 1) + 1), key=len)
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
@@ -146,7 +130,7 @@ def _likeness(x: Array, at: Array, length: float) -> float:
 
 def _usual(intervals: Array) -> float:
     """The interval that most others are near to."""
-    near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= _NEAR
+    near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
     best = int(near.sum(axis=0).argmax())
     return float(np.median(intervals[near[:, best]]))
 
@@ -157,7 +141,7 @@ def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
     for x in channels.values():
         rows = whole.of(x)
         size, pulse = unlikeness(rows), float(np.nanstd(np.nanmedian(rows, axis=0)))
-        far |= size > max(_UNLIKE * pulse, _USUAL * float(np.nanmedian(size)))
+        far |= size > max(limit.UNLIKE * pulse, limit.USUAL * float(np.nanmedian(size)))
     return whole.serving[far]
 
 
@@ -166,18 +150,19 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
     used, said = lengths[alike], []
-    if np.abs(used - used.mean()).max() > _UNSTEADY * used.mean():
+    if np.abs(used - used.mean()).max() > limit.UNSTEADY * used.mean():
         said.append(
             f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each "
             "was cut at the end of diastole."
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
     for which, why in (
-        (irregular, f"more than {_NEAR:.0%} longer or shorter than the others"),
+        (irregular, f"more than {limit.NEAR:.0%} longer or shorter than the others"),
         (odd[(odd >= first) & (odd < last)], "unlike the others in shape"),
     ):
         if len(which):
-            begin = ", ".join(f"{times[i]:.4g}" for i in which[:_NAMED]) + (" …" if len(which) > _NAMED else "")
+            begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
+            begin += " …" if len(which) > limit.NAMED else ""
             said.append(f"beats left out ({len(which)}, {begin} s after the record's start): {why}.")
     outside = len(lengths) - (last - first)
     if outside:

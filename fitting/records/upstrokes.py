@@ -7,20 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import thresholds as limit
+
 Array = np.ndarray
 
-_NEAREST = 0.6  # of the period: two beats are no closer
-_WIDE = 0.08  # of the period: means on either side whose difference is the rise; the one after a notch is shorter
 _SMOOTH = 0.04  # of the period, over which samples are averaged before slopes are taken
-_BEFORE, _AFTER = 0.12, 0.28  # of the period: the part of a beat that tells its time
-_END = 0.73  # of the period after an upstroke: the part that tells one beat from half of another
-_RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
-_SEARCHED = 0.08  # of the period, by which an upstroke may come earlier or later than the mean beat says
-_FLAT = 0.1  # of the steepest slope: where the foot is
-_FEWEST = 3  # upstrokes
-_ORDINARY = (0.02, 0.98)  # quantiles: the usual range
 _PASSES = 6  # at most, that find the length of a beat
-_SURE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor that is dead for some beats
 
 
 @dataclass(frozen=True)
@@ -42,14 +34,14 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
         tried[length] = marks = _beats(ordinary, length)
-        if len(marks) < _FEWEST:
+        if len(marks) < limit.FEWEST_UPSTROKES:
             return None
         length = float(np.median(np.diff(marks)))
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
     found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
     return max(
-        (each for each in found if len(each.at) >= _FEWEST),
+        (each for each in found if len(each.at) >= limit.FEWEST_UPSTROKES),
         key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
         default=None,
     )
@@ -57,9 +49,11 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
 
 def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
     """A channel's upstrokes, one at each of the marks."""
-    before, after, most, end = (max(2, round(part * length)) for part in (_BEFORE, _AFTER, _SEARCHED, _END))
+    before, after, most, end = (
+        max(2, round(part * length)) for part in (limit.BEFORE, limit.AFTER, limit.SEARCHED, limit.ANOTHER)
+    )
     inside = marks[(marks >= before) & (marks < len(x) - end)]
-    if len(inside) < _FEWEST:
+    if len(inside) < limit.FEWEST_UPSTROKES:
         return Upstrokes(name, inside, inside)
     mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
     at = marks + int(_rise(mean, length).argmax()) - before
@@ -74,7 +68,7 @@ def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstro
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
+    sure = (likeness >= limit.UPSTROKE * np.median(likeness)) & (lost[around + after] == lost[around - before])
     return Upstrokes(name, at[sure], likeness[sure])
 
 
@@ -85,7 +79,7 @@ def _beats(x: Array, length: float) -> Array:
     """
     from scipy.signal import find_peaks  # takes half a second
 
-    before, end, block = (max(2, round(part * length)) for part in (_BEFORE, _END, 1.0))
+    before, end, block = (max(2, round(part * length)) for part in (limit.BEFORE, limit.ANOTHER, 1.0))
     x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
     rise = np.sum([np.maximum(_rise(each, length), 0.0) for each in x], axis=0)
     starts = range(0, max(1, x.shape[1] - block + 1), block)
@@ -96,7 +90,7 @@ def _beats(x: Array, length: float) -> Array:
         windows = padded[:, at[:, None] + np.arange(before + end)]
         alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
-        at, _ = find_peaks(alike, height=_RESEMBLING * usual, distance=max(1, round(_NEAREST * length)))
+        at, _ = find_peaks(alike, height=limit.RESEMBLING * usual, distance=max(1, round(limit.NEAREST * length)))
         if not len(at):
             break
     return np.asarray(at)
@@ -104,7 +98,7 @@ def _beats(x: Array, length: float) -> Array:
 
 def _rise(x: Array, length: float) -> Array:
     """By how much the mean after a sample is higher than that before it : (n,)."""
-    half = max(1, round(_WIDE * length))
+    half = max(1, round(limit.RISING * length))
     total = np.concatenate([[0.0], np.cumsum(np.pad(x, half, mode="edge"))])
     j = np.arange(half, half + len(x))
     return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
@@ -143,7 +137,7 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
         slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
         middle = slice(reach - reach // 2, reach + reach // 2)
         steepest = middle.start + int(slope[middle].argmax())
-        flat = np.flatnonzero(slope[:steepest] < _FLAT * slope[steepest])
+        flat = np.flatnonzero(slope[:steepest] < limit.FLAT_FOOT * slope[steepest])
         leads.append(reach - (int(flat[-1]) if len(flat) else 0))
     return max(leads)
 
@@ -159,5 +153,5 @@ def without_gaps(x: Array) -> Array:
 
 def without_extremes(x: Array) -> Array:
     """x with what lies beyond its usual range by as much brought to there: a few spikes must not hide the beat."""
-    low, high = np.quantile(x, _ORDINARY)
+    low, high = np.quantile(x, limit.ORDINARY)
     return np.clip(x, low - (high - low), high + (high - low))
