@@ -15,6 +15,7 @@ from numpy.polynomial import Legendre
 from scipy.linalg import cho_factor, cho_solve
 
 from . import thresholds as limit
+from .upstrokes import usual_range
 
 Array = np.ndarray
 
@@ -144,7 +145,8 @@ def refine(channels: Sequence[Array], f: float) -> float:
     A channel counts in units of its own noise.
     """
     n = len(channels[0])
-    there = np.array([_ordinary(values) for values in channels])
+    ranges = [usual_range(values) for values in channels]
+    there = np.array([(low <= x) & (x <= high) for x, (low, high) in zip(channels, ranges, strict=True)])
     x = np.array([np.where(t, values - values[t].mean(), 0.0) for t, values in zip(there, channels, strict=True)])
     length = min(n, int(6.0 / f) + 1)
     while True:
@@ -154,12 +156,6 @@ def refine(channels: Sequence[Array], f: float) -> float:
         if length == n:
             return f
         length = min(n, 3 * length)
-
-
-def _ordinary(values: Array) -> Array:
-    """Where a channel was measured, and is no spike."""
-    low, high = np.nanquantile(values, limit.ORDINARY)
-    return np.asarray(np.abs(np.nan_to_num(values, nan=np.inf) - 0.5 * (low + high)) <= 1.5 * (high - low))
 
 
 def _gauss_newton(x: Array, there: Array, f: float) -> float:

@@ -17,7 +17,7 @@ from solver.errors import InputError
 
 from . import thresholds as limit
 from .harmonic_model import refine
-from .upstrokes import vertex, without_extremes, without_gaps
+from .upstrokes import usual_range, vertex, without_gaps
 
 Array = np.ndarray
 
@@ -148,7 +148,7 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     together, another_part = other.lag * step, one.alike[which] < limit.SAME * other.alike[which]
     next_one, as_many = (_change(one, beats) for beats in (1, count))
     timely = next_one <= max(limit.NEAR * lag, limit.UNTIMELY * as_many)
-    if times > limit.MUCH and count <= limit.UPSTROKES and (another_part or not timely):
+    if count <= limit.UPSTROKES and (another_part or not timely):
         nearly = timely and one.alike[which] >= limit.NEARLY_SAME * other.alike[which]
         why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
         said = (
@@ -228,7 +228,8 @@ def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Arra
         there = ~np.isnan(values[part])
         if np.count_nonzero(there) < max(2 * limit.FEWEST_SAMPLES, 0.5 * len(there)):
             continue
-        x = without_extremes(without_gaps(values[part]))
+        x = without_gaps(values[part])
+        x = np.clip(x, *usual_range(x))
         x = _without_wander(x[: len(x) // few * few].reshape(-1, few).mean(axis=1), few * dt)
         names.append(name)
         found.append(x / max(float(x.std()), np.finfo(float).tiny))
@@ -250,7 +251,9 @@ def _without_wander(x: Array, step: float) -> Array:
 def _candidates(x: Array, step: float) -> Array:
     """Lags [samples] at which the mean correlation of the channels is the highest near by, in order."""
     count = min(int(limit.LONGEST / step) + 2, int(0.75 * x.shape[1]))
-    r = np.mean([_correlation(each, count) for each in x], axis=0)
+    n = x.shape[1]
+    power = (np.abs(np.fft.rfft(x, 2 * n, axis=1)) ** 2).mean(axis=0)
+    r = np.fft.irfft(power)[:count] / (n - np.arange(count))  # the mean of x_j x_{j+L}
     falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
     first = max(int(limit.SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
     lags = np.arange(first + 1, len(r) - 1)
@@ -258,21 +261,6 @@ def _candidates(x: Array, step: float) -> Array:
     highest = [r[int(lag * (1.0 - limit.ELASTIC)) : int(lag * (1.0 + limit.ELASTIC)) + 1].max() for lag in lags]
     lags = lags[r[lags] == highest]
     return vertex(np.broadcast_to(r, (len(lags), len(r))), lags)
-
-
-def _correlation(x: Array, lags: int) -> Array:
-    """Pearson's correlation of x[:-L] with x[L:], L = 0..lags-1: exactly 1 at the period of a periodic x."""
-    n = len(x)
-    size = 1 << int(np.ceil(np.log2(n + lags)))
-    spectrum = np.fft.rfft(x, size)
-    products = np.fft.irfft(spectrum * spectrum.conj(), size)[:lags]
-    sums, squares = np.concatenate([[0.0], np.cumsum(x)]), np.concatenate([[0.0], np.cumsum(x * x)])
-    count = n - np.arange(lags)
-    head, tail = sums[count], sums[n] - sums[:lags]
-    head2, tail2 = squares[count], squares[n] - squares[:lags]
-    spread = (head2 - head * head / count) * (tail2 - tail * tail / count)
-    floor = (1e-12 * squares[n]) ** 2
-    return np.where(spread > floor, (products - head * tail / count) / np.sqrt(np.maximum(spread, floor)), 0.0)
 
 
 def _later(x: Array, length: float, lags: Iterable[float]) -> Iterator[_Later]:

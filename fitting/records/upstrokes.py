@@ -30,7 +30,7 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     None if no channel has three.
     """
     x = {name: without_gaps(values) for name, values in channels.items()}
-    ordinary = np.array([without_extremes(each) for each in x.values()])
+    ordinary = np.array([np.clip(each, *usual_range(each)) for each in x.values()])  # spikes must not hide the beat
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
         tried[length] = marks = _beats(ordinary, length)
@@ -151,7 +151,7 @@ def without_gaps(x: Array) -> Array:
     return np.interp(index, index[there], x[there])
 
 
-def without_extremes(x: Array) -> Array:
-    """x with what lies beyond its usual range by as much brought to there: a few spikes must not hide the beat."""
-    low, high = np.quantile(x, limit.ORDINARY)
-    return np.clip(x, low - (high - low), high + (high - low))
+def usual_range(x: Array) -> tuple[float, float]:
+    """Between which a channel's values are, NaN in gaps: beyond, there are spikes."""
+    low, high = np.nanquantile(x, limit.ORDINARY)
+    return float(low - (high - low)), float(high + (high - low))
