@@ -1,8 +1,8 @@
 """Every number that decides what a record says: where beats begin, which are used, what is noise, what is refused.
 
-"Simulated" names a rate that was counted on synthetic records; "by" a derivation; all others are judgement, held by the
-100 000 recordings of benchmarks/periods.py, none of which has a wrong period without a note, and by the real pressures
-of benchmarks/real_pressure.py. Floors of rounding and resolutions of a search stand where they are used.
+"Simulated" names a rate that was counted on synthetic records; "by" a derivation. All others are judgement, held by
+benchmarks/periods.py, none of whose recordings has a wrong period without a note, and by benchmarks/real_pressure.py.
+Floors of rounding and resolutions of a search stand where they are used.
 """
 
 from __future__ import annotations
