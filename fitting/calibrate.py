@@ -37,7 +37,8 @@ from .inference.simulator import Meter
 from .inference.unknown import Unknown, parameter_intervals, parameter_values
 from .records.amounts import sizes
 from .records.beats import Beats
-from .records.noise import MAX_HARMONICS, check_flow_driven, harmonics_above_noise, pulses, solver_error
+from .records.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
+from .records.thresholds import MAX_HARMONICS
 from .threads import single_threaded
 
 Array = np.ndarray

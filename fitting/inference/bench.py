@@ -22,8 +22,9 @@ from solver.network import Network
 from ..bench import on_bench
 from ..records import spectral
 from ..records.beats import Beats
-from ..records.inflow import SAFE, undoable
+from ..records.inflow import undoable
 from ..records.noise import degrees_of_freedom
+from ..records.thresholds import SAFE
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
