@@ -60,9 +60,9 @@ class Journal:
         write_whole(path, to_bytes(self.key, result, _KINDS))
         return result
 
-    def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
-        """The stage "naming", which is kept without its problem: that is made anew, weighted as it was."""
-        kept, individual, weights = self.stage("naming", lambda: parted(compute()))
+    def naming(self, problem: Forward, compute: Callable[[], Naming], name: str = "naming") -> Naming:
+        """A stage of naming, which is kept without its problem: that is made anew, weighted as it was."""
+        kept, individual, weights = self.stage(name, lambda: parted(compute()))
         own = problem.individual() if individual else problem
         return replace(kept, problem=own.restored(weights))
 

@@ -16,6 +16,7 @@ from solver.units import SIGNAL_UNITS
 
 from . import thresholds
 from .learned_law import LearnedLaw, law_json
+from .recorded import Recorded
 from .shown_map import SourceMapShown, map_json
 
 if TYPE_CHECKING:
@@ -279,6 +280,7 @@ class Outcome(Shown):
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
     rounds: tuple[Round, ...] = ()
+    recordings: tuple[Recorded, ...] = ()  # of several; gaps are then over those fitted, figures of the first
     gap_before: tuple[float, float] | None = None
     gap_after: tuple[float, float] | None = None
     parity: float | None = None
@@ -367,6 +369,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "fmu_against_solver": outcome.parity,
         "fmu_against_inference": agreement and _agreement(agreement),
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
+        "recordings": {each.label: each.plain for each in outcome.recordings},
         "warnings": outcome.warnings,
         "notes": outcome.notes,
         "record": outcome.record,
