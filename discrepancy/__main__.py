@@ -91,6 +91,7 @@ def discover_command(
     from fitting.result_files import json_text
     from fitting.workers import cores
 
+    from .learned_text import FILES
     from .outcome import verdict_json
     from .workflow import discover  # takes a second
 
@@ -111,7 +112,7 @@ def discover_command(
         _show(outcome)
     if not quiet:
         say_notes((*outcome.notes, *outcome.warnings), aside=as_json)
-        files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu"))
+        files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu", *FILES))
         if outcome.written:
             say_written(*files, aside=as_json)
     if outcome.verdict == "unusable":

@@ -28,6 +28,7 @@ from solver.errors import InputError
 from solver.files import write_whole
 from solver.saved import dataclasses, from_bytes, to_bytes
 
+from .learning import Learnt
 from .show import Gap, Run
 from .verdict import Naming
 from .weigh import Named
@@ -37,7 +38,7 @@ Result = TypeVar("Result")
 # that stages hold
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
-    SourceMap, Signal, Law, Rival, Place, *sources.ALL,
+    SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
 )  # fmt: skip
 
 

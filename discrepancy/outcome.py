@@ -15,6 +15,7 @@ from solver.notebook.shown import Shown
 from solver.units import SIGNAL_UNITS
 
 from . import thresholds
+from .learned_law import LearnedLaw, law_json
 from .recorded import Recorded
 from .shown_map import SourceMapShown, map_json
 
@@ -245,8 +246,9 @@ class Outcome(Shown):
     agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
-    map : where something acts that the model lacks; None where that was not asked. written : whether there are files
-    of it. met : of ``unknown``, whether the model meets the record, but only with numbers that hardly any animal has.
+    map : where something acts that the model lacks; None where that was not asked. learned : a law of what remains, if
+    one was found that its FMU bears out. written : whether there are files of it. met : of ``unknown``, whether the
+    model meets the record, but only with numbers that hardly any animal has.
 
     As data frame: a row for each hypothesis that was refitted, best first.
     """
@@ -264,6 +266,7 @@ class Outcome(Shown):
     complete: bool = True
     met: bool = False
     map: SourceMapShown | None = None
+    learned: LearnedLaw | None = None
     walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
@@ -343,6 +346,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "global_p_value": outcome.p_value,
         "map": acting and map_json(acting),
         "map_leaves": acting and acting.left,
+        "learned": outcome.learned and law_json(outcome.learned),
         "gap": {
             "before": _gap(outcome.gap_before),
             "after": _gap(outcome.gap_after),

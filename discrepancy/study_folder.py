@@ -12,12 +12,13 @@ from solver.errors import InputError
 from solver.files import dumps
 from solver.writing import check_destinations, make_folder, write_folder
 
+from .learned_text import FILES, learned_files
 from .outcome import Outcome, verdict_json
 
 Progress = Callable[[float, str], None]
 
 _STATE = ".state"  # the journal's folder
-_FILES = ("model.toml", "model.fmu", "report.html", "verdict.json")  # of a study, in the order that they are written
+_FILES = ("model.toml", "model.fmu", *FILES, "report.html", "verdict.json")  # of a study, as they are written
 
 
 def check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -> None:
@@ -47,6 +48,7 @@ def write_study(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Pro
     files: dict[str, str | bytes] = {}
     if outcome.network_after is not None and fmu is not None:
         files = {"model.toml": dumps(outcome.network_after), "model.fmu": fmu}
+    files |= learned_files(outcome.learned, outcome.map if outcome.verdict in ("unknown", "partial") else None)
     files |= report.report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
     write_folder(folder, files, gone={*report.figure_files(), *_FILES} - set(files))
     progress(1.0, "done")

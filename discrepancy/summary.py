@@ -11,6 +11,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
+from fitting.inference.network import NetworkProblem
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
 from fitting.records.record import Record
@@ -22,6 +23,7 @@ from . import thresholds
 from .animal import odd_ones, walls_of
 from .confirm import met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
+from .gap_shares import gap_shares
 from .gap_words import changed, left
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
@@ -95,7 +97,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
     bent = _bent(walls, naming)
     remarks = naming.reason or None
-    acting = None if naming.map is None else shown_map(naming.map, study.network, study.fitted)
+    acting = _acting(study, naming)
     late = late_drive(effects, study.problem.signals) if after and study.site is None else ""
     return Outcome(
         verdict=naming.verdict,
@@ -135,6 +137,15 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         notes=(*_not_named(naming), *(() if bent else odd_ones(walls, study.network))),
         provenance=_provenance(record, model, study, shown.given),
     )
+
+
+def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
+    """The source map, with the share of the gap of every place where it has any."""
+    if naming.map is None:
+        return None
+    whole = study.problem if naming.map.signals else None
+    shares = gap_shares(whole, naming.map) if isinstance(whole, NetworkProblem) else ()
+    return shown_map(naming.map, study.network, study.fitted, shares)
 
 
 def _not_named(naming: Naming) -> tuple[str, ...]:

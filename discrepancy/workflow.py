@@ -41,11 +41,15 @@ from solver.files import write_network
 from solver.network import Network, to_dict
 from solver.units import INFLOW
 
+from . import thresholds as at
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
 from .first import first_of
 from .intervals import stated
 from .journal import Journal
+from .learned_law import LearnedLaw
+from .learned_text import with_law
+from .learning import law_of, learns
 from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round
 from .outliers import animal_without
@@ -95,11 +99,11 @@ def discover(
     written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
     default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
     covariance stand for the network file's and its spreads.
-    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
-    to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
-    among them; the others import this package and nothing of the calling script, which needs no
-    ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
-    it was.
+    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. Learning a law of what
+    remains may take three tenths of it more. What is simulated once to set up or to show it (FMUs, candidates on
+    held-out beats) comes on top. jobs : processes that simulate, this one among them; the others import this package
+    and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : told the fraction done
+    and the stage. An interrupted study goes on where it was.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
     record that can be read and not be used is a verdict, which replaces no study of another record; without a model it
     is refused.
@@ -235,10 +239,20 @@ class _Work:
         naming, shown, recordings, unjudged = self._judged(study, naming, base, fmu, shown)
         if naming.verdict not in ADDED:
             shown = Shown(given, before, agreement=without, gaps=shown.gaps)
+        law = self._law(naming, shown.after or shown.before)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         second = self.journal.stage("second_state", lambda: second_state(naming))
         outcome = summary(self.record, self.model, self.study, naming, replace(shown, second=second))
+        outcome = with_law(outcome, law)
         return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
+
+    def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
+        """A law of what remains of one recording."""
+        if self.several is not None or not learns(naming):
+            return None
+        until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
+        told = self.asked.jobs, until, self.journal.stage
+        return law_of(self.study, naming, before, self.record, self._with_law, *told)
 
     def _judged(
         self, study: Study, naming: Naming, base: Fit, fmu: Path, shown: Shown
@@ -326,6 +340,13 @@ class _Work:
         rounds = self._rounds(study, naming, shown.before, after)
         alike = agreement(study, best, wave, after)
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
+
+    def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+        """The free run of a learned law's FMU, and the FMU that is delivered."""
+        fmu = self._fmu(network, "learned")
+        run = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+        whole = own.problem.part(network) is network
+        return run, (fmu if whole else self._built(network, "learned_model")).read_bytes()
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
