@@ -80,6 +80,8 @@ def _odd(a: Acting) -> str:
     unit, factor = readable(a.unit, odd.display)
     value, file, shift = (f"{number(factor * x)} {unit}".rstrip() for x in (odd.value, odd.file, abs(odd.beyond)))
     off = f"{number(odd.beyond, 2)} times" if odd.factor else f"{shift} {'above' if odd.beyond > 0.0 else 'below'}"
+    if odd.only:
+        return f"{a.place.name} is {value}; the file says {file}"
     return f"{a.place.name} stands out from its kind: {value}, {off} what goes with the others (the file: {file})"
 
 

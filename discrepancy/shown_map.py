@@ -38,7 +38,7 @@ class OddNumber:
     """A number that stands out: the file's and this subject's [unit].
 
     beyond : what it differs by from what all of its kind have in common, a factor, or a shift [unit] if not ``factor``.
-    display : the unit that people read it in, or None for the usual one.
+    display : the unit that people read it in, or None for the usual one. only : the only one of its kind.
     """
 
     file: float
@@ -46,6 +46,7 @@ class OddNumber:
     beyond: float
     factor: bool
     display: str | None = None
+    only: bool = False
 
 
 @dataclass(frozen=True)
@@ -178,8 +179,10 @@ def _number(place: Place, found: SourceMap, network: Network) -> tuple[str, OddN
     own, step = found.unknowns[i], found.unknowns[i].size * float(found.x[i])
     value = float(parameter_values(found.unknowns, network, found.x)[place.name])
     file, quantity = network.parameters()[place.name], network.parameter_quantities()[place.name]
-    factor = own.kind == SCALE
-    return quantity.unit, OddNumber(file, value, math.exp(step) if factor else step, factor, quantity.display)
+    factor, kind = own.kind == SCALE, place.name.partition(".")[2]
+    same = {name for u in found.unknowns for name in u.variables if name.partition(".")[2] == kind}
+    beyond = math.exp(step) if factor else step
+    return quantity.unit, OddNumber(file, value, beyond, factor, quantity.display, len(same) == 1)
 
 
 def _part(source: Source) -> str:
