@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import discrepancy
-from fitting.record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped
+from fitting.record_options import AsMeasured, Beside, Columns, Decimal, Filters, Further, HeldOutFiles, Mapped
 from fitting.records.columns import Reading
 from solver import NonPhysicalState, NotPeriodic
 from solver.console import complain, faults, put, say, say_notes, say_written, sentences, show
@@ -50,6 +50,12 @@ def discover_command(
             autocompletion=networks_for,
         ),
     ] = None,
+    further: Further = None,
+    varies: Annotated[
+        list[str] | None,
+        typer.Option(help='Numbers that each recording has of its own, repeatable: "*.outlet.R2", "*.E".'),
+    ] = None,
+    hold_out: HeldOutFiles = None,
     period: Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')] = None,
     walls: Annotated[
         str | None,
@@ -85,6 +91,7 @@ def discover_command(
     from fitting.result_files import json_text
     from fitting.workers import cores
 
+    from .learned_text import FILES
     from .outcome import verdict_json
     from .workflow import discover  # takes a second
 
@@ -94,9 +101,10 @@ def discover_command(
         limit = parse_quantity(time_limit, "s", "--time-limit")
         progress(0.0, "reading")
         outcome = discover(
-            record, model, out, period=seconds, walls=walls, prior=prior, time_limit=limit,
-            jobs=cores() if jobs is None else jobs, reading=Reading.asked(mapped, decimal, beside),
-            filters=filters or (), as_measured=as_measured, progress=progress,
+            record, model, out, further=further or (), varies=varies or (), hold_out=hold_out or (), period=seconds,
+            walls=walls, prior=prior, time_limit=limit, jobs=cores() if jobs is None else jobs,
+            reading=Reading.asked(mapped, decimal, beside), filters=filters or (), as_measured=as_measured,
+            progress=progress,
         )  # fmt: skip
     if as_json:
         put(json_text(verdict_json(outcome)))
@@ -104,7 +112,7 @@ def discover_command(
         _show(outcome)
     if not quiet:
         say_notes((*outcome.notes, *outcome.warnings), aside=as_json)
-        files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu"))
+        files = (out / name for name in ("report.html", "verdict.json", "model.toml", "model.fmu", *FILES))
         if outcome.written:
             say_written(*files, aside=as_json)
     if outcome.verdict == "unusable":
@@ -153,7 +161,7 @@ def isolability_command(
 
 
 def _show(outcome: Outcome) -> None:
-    from .command_tables import effects_table, statements
+    from .command_tables import effects_table, recordings_table, statements
     from .wording import more_time
 
     say(outcome.sentence)
@@ -161,6 +169,8 @@ def _show(outcome: Outcome) -> None:
         say(more_time(outcome))
     if outcome.effects:
         show(effects_table(outcome))
+    if outcome.recordings:
+        show(recordings_table(outcome))
     for text in filter(None, statements(outcome)):
         say(text)
 

@@ -24,7 +24,8 @@ TIME_LIMIT = 300.0  # s
 class Asked:
     """period : of the beat [s], found by default. walls : "common" or "individual", by default as the record is more
     probable. prior : a calibration's file. time_limit : of naming and of every refit after it [s]. jobs : processes
-    that simulate. filters : known, of channels."""
+    that simulate. filters : known, of channels. further, hold_out : other recordings of the animal, and varies : what
+    each of them has of its own."""
 
     period: float | None = None
     walls: str | None = None
@@ -32,6 +33,9 @@ class Asked:
     time_limit: float = TIME_LIMIT
     jobs: int = 1
     filters: tuple[str, ...] = ()
+    further: tuple[str | os.PathLike[str], ...] = ()
+    varies: tuple[str, ...] = ()
+    hold_out: tuple[str | os.PathLike[str], ...] = ()
 
     def check(self) -> None:
         """Raise ValueError, one sentence, for what cannot be asked."""
@@ -41,6 +45,8 @@ class Asked:
             raise InputError(f'time limit {self.time_limit:g} s: must be above 0 s and finite, such as "5 min".')
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
             raise InputError(f"jobs {self.jobs!r}: must be a whole number of processes, at least 1.")
+        if self.varies and not self.further:
+            raise InputError(f"--varies {self.varies[0]}: there is one recording; give others with --and.")
         if self.prior is not None and self.walls == COMMON:
             raise InputError(
                 f"{os.fspath(self.prior)}: a calibration says how far each artery may differ, which walls {COMMON} "
@@ -78,6 +84,9 @@ class Asked:
             "period": "found" if self.period is None else {"value": self.period, "unit": "s"},
             "time_limit": {"value": self.time_limit, "unit": "s"},
             **({"filters": list(self.filters)} if self.filters else {}),
+            **({"and": [os.fspath(each) for each in self.further]} if self.further else {}),
+            **({"varies": list(self.varies)} if self.varies else {}),
+            **({"hold_out": [os.fspath(each) for each in self.hold_out]} if self.hold_out else {}),
         }
         if self.prior is None:
             return found

@@ -27,6 +27,7 @@ from solver.errors import InputError
 
 from . import thresholds as at
 from .compare import Compared, exact
+from .outliers import implausible
 from .weigh import promised
 
 Array = np.ndarray
@@ -258,6 +259,8 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
     yield (result := result.with_columns(columns))
     if result.none.explains:
         yield (result := _also_promising(result, columns, runs))
+        if implausible(result.none.fit):
+            yield (result := _of_the_file(result, found, runs))
     if not result.best.explains:
         yield (result := _elsewhere(result, found, runs))
     if result.best.fit.terms and (left := _left(result)):
@@ -275,6 +278,18 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     chosen = [t for score, t in gained[: at.FEW] if score < best - at.FIRST and t.label not in tried]
     fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
     return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
+
+
+def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
+    """With the laws that promise most from the walls of the file, and every outlet of another kind: where the model
+    without effect explains the record as an animal alone that there hardly is, its walls say nothing of where to begin.
+    """
+    problem = result.problem
+    assert isinstance(problem, NetworkProblem)
+    plain, walls = found.forced(problem, []), replace(found, x=np.zeros(len(found.x)))
+    laws = [t for t in result.terms if t.rewires or t in result.sought]
+    chosen = _few(_nearest(plain.granted(at.AFAR), walls, laws, runs, TYPICAL))
+    return result.joined_by(refitted(plain, walls, [[(b.term, b.x)] for b in chosen], runs)).polished(runs)
 
 
 def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:

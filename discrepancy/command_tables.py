@@ -14,6 +14,7 @@ from solver.legible import DASH, number
 from . import thresholds
 from .outcome import Outcome
 from .places import places_text, plain
+from .recorded import TITLES, rows
 from .sensor_plan import Gain, SensorPlan
 from .tables import class_texts, estimate_text, gap_unit, percent, spread_text
 from .tables import gap_text as gap_pair
@@ -37,6 +38,14 @@ def effects_table(outcome: Outcome) -> Table:
         for name, each in effect.parameters.items():
             table.add_row(*first, name, *estimate_text(name, each), last)
             first, last = ("", ""), ""
+    return table
+
+
+def recordings_table(outcome: Outcome) -> Table:
+    """What is left of each of several recordings."""
+    table = Table(*TITLES, title="each recording, before → after", pad_edge=False)
+    for row in rows(outcome.recordings):
+        table.add_row(*row)
     return table
 
 

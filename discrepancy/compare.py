@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
-from fitting.inference.simulator import Runs
+from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term, of_animal
 
 from . import thresholds as at
@@ -100,6 +100,23 @@ class Compared:
     def with_columns(self, columns: Mapping[str, Array]) -> Compared:
         """With the columns of candidates at the hypothesis without effect."""
         return replace(self, columns=columns)
+
+
+def last_of(stages: Iterator[Compared]) -> tuple[Compared, bool]:
+    """What is known after the last stage, and whether there is none after it: the time may be over before.
+
+    Raises OutOfTime where it was over before the first.
+    """
+    known = None
+    try:
+        while (later := next(stages, None)) is not None:
+            known = later
+    except OutOfTime:
+        if known is None:
+            raise
+        return known, False
+    assert known is not None
+    return known, True
 
 
 def exact(

@@ -28,6 +28,7 @@ from solver.errors import InputError
 from solver.files import write_whole
 from solver.saved import dataclasses, from_bytes, to_bytes
 
+from .learning import Learnt
 from .show import Gap, Run
 from .verdict import Naming
 from .weigh import Named
@@ -37,7 +38,7 @@ Result = TypeVar("Result")
 # that stages hold
 _KINDS = dataclasses(
     Naming, Named, Fit, Term, Unknown, Run, Gap,
-    SourceMap, Signal, Law, Rival, Place, *sources.ALL,
+    SourceMap, Signal, Law, Rival, Place, Learnt, *sources.ALL,
 )  # fmt: skip
 
 
@@ -59,9 +60,9 @@ class Journal:
         write_whole(path, to_bytes(self.key, result, _KINDS))
         return result
 
-    def naming(self, problem: Forward, compute: Callable[[], Naming]) -> Naming:
-        """The stage "naming", which is kept without its problem: that is made anew, weighted as it was."""
-        kept, individual, weights = self.stage("naming", lambda: parted(compute()))
+    def naming(self, problem: Forward, compute: Callable[[], Naming], name: str = "naming") -> Naming:
+        """A stage of naming, which is kept without its problem: that is made anew, weighted as it was."""
+        kept, individual, weights = self.stage(name, lambda: parted(compute()))
         own = problem.individual() if individual else problem
         return replace(kept, problem=own.restored(weights))
 

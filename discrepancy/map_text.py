@@ -57,11 +57,16 @@ def phrase(place: Place) -> str:
 
 def _signal(a: Acting, time: Array) -> str:
     unit, factor = readable(a.unit)
-    size = f"{phrase(a.place)} of {number(factor * a.rms, 2)} {unit} (rms{_of_pulse(a)})"
+    size = f"{phrase(a.place)} of {number(factor * a.rms, 2)} {unit} (rms{_of_pulse(a)}){_of_gap(a)}"
     size += f", {a.part} (the strongest of {a.sources} such terms)" if a.part else ""
     if a.steady:
         return f"{size}, nearly the same throughout the beat"
-    return f"{size}, largest at {number(float(time[np.argmax(np.abs(a.mean))]), 2)} s"
+    size = f"{size}, largest at {number(float(time[np.argmax(np.abs(a.mean))]), 2)} s"
+    return f"{size}, {number(100.0 * a.phase[1], 2)} % of its energy in {a.phase[0]}" if a.phase else size
+
+
+def _of_gap(a: Acting) -> str:
+    return "" if a.share is None else f", {number(100.0 * a.share, 2)} % of the gap (of its χ²)"
 
 
 def _of_pulse(a: Acting) -> str:
@@ -75,6 +80,8 @@ def _odd(a: Acting) -> str:
     unit, factor = readable(a.unit, odd.display)
     value, file, shift = (f"{number(factor * x)} {unit}".rstrip() for x in (odd.value, odd.file, abs(odd.beyond)))
     off = f"{number(odd.beyond, 2)} times" if odd.factor else f"{shift} {'above' if odd.beyond > 0.0 else 'below'}"
+    if odd.only:
+        return f"{a.place.name} is {value}; the file says {file}"
     return f"{a.place.name} stands out from its kind: {value}, {off} what goes with the others (the file: {file})"
 
 

@@ -24,14 +24,14 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside
 from fitting.inference.network import NetworkProblem
-from fitting.inference.simulator import OutOfTime, Runs
+from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, source_map
 from fitting.inference.terms import Term
 from solver.errors import InputError
 
 from . import thresholds as at
 from .at_places import named_at
-from .compare import Compared
+from .compare import Compared, last_of
 from .couples import coupled
 from .intervals import profiled
 from .outliers import set_apart
@@ -50,21 +50,13 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     """
     runs = runs or Runs()
     whole, terms = problem if walls == COMMON else problem.individual(), tuple(terms)
-    found, known, complete = None, None, True
+    found = None
     if isinstance(whole, NetworkProblem):
         found = source_map(whole, runs.part(at.MAPPED))
         search = named_at(whole.at((), found.unknowns, found.x), found, terms, runs)
     else:
         search = _of_bench(whole, terms, runs)
-    stages = _with_what_stands_out(search, runs)
-    try:
-        while (later := next(stages, None)) is not None:
-            known = later
-    except OutOfTime:
-        complete = False
-        if known is None:
-            raise
-    assert known is not None
+    known, complete = last_of(_with_what_stands_out(search, runs))
     naming = decided(known, terms, _freed(known, found, runs), complete)
     return replace(profiled(naming, runs), map=found)
 

@@ -15,6 +15,8 @@ from solver.notebook.shown import Shown
 from solver.units import SIGNAL_UNITS
 
 from . import thresholds
+from .learned_law import LearnedLaw, law_json
+from .recorded import Recorded
 from .shown_map import SourceMapShown, map_json
 
 if TYPE_CHECKING:
@@ -244,8 +246,9 @@ class Outcome(Shown):
     agreement : of the last FMU that ran with what was inferred; None on a bench.
     confidence : probability of the name, or that nothing is missing. remains : of ``partial``, what is left and where.
     complete : whether the search came to its end before the time limit. notes : on this animal, in sentences.
-    map : where something acts that the model lacks; None where that was not asked. written : whether there are files
-    of it. met : of ``unknown``, whether the model meets the record, but only with numbers that hardly any animal has.
+    map : where something acts that the model lacks; None where that was not asked. learned : a law of what remains, if
+    one was found that its FMU bears out. written : whether there are files of it. met : of ``unknown``, whether the
+    model meets the record, but only with numbers that hardly any animal has.
 
     As data frame: a row for each hypothesis that was refitted, best first.
     """
@@ -263,6 +266,7 @@ class Outcome(Shown):
     complete: bool = True
     met: bool = False
     map: SourceMapShown | None = None
+    learned: LearnedLaw | None = None
     walls: Walls | None = None
     separating_measurement: str | None = None
     located: tuple[Located, ...] = ()
@@ -276,6 +280,7 @@ class Outcome(Shown):
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
     rounds: tuple[Round, ...] = ()
+    recordings: tuple[Recorded, ...] = ()  # of several; gaps are then over those fitted, figures of the first
     gap_before: tuple[float, float] | None = None
     gap_after: tuple[float, float] | None = None
     parity: float | None = None
@@ -341,6 +346,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "global_p_value": outcome.p_value,
         "map": acting and map_json(acting),
         "map_leaves": acting and acting.left,
+        "learned": outcome.learned and law_json(outcome.learned),
         "gap": {
             "before": _gap(outcome.gap_before),
             "after": _gap(outcome.gap_after),
@@ -363,6 +369,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "fmu_against_solver": outcome.parity,
         "fmu_against_inference": agreement and _agreement(agreement),
         "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
+        "recordings": {each.label: each.plain for each in outcome.recordings},
         "warnings": outcome.warnings,
         "notes": outcome.notes,
         "record": outcome.record,

@@ -13,7 +13,7 @@ from solver.errors import InputError
 from solver.legible import number, plus_minus
 from solver.units import printed
 
-from . import places, tables, thresholds, wording
+from . import places, recorded, tables, thresholds, wording
 from .map_text import map_sentences
 from .outcome import VERDICTS, Outcome
 
@@ -61,7 +61,7 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "pulse": tables.pulse_text,
         "times": tables.times_noise,
     }
-    templates.globals |= {"at": thresholds, "tables": tables, "wording": wording, "Z": tables.Z}
+    templates.globals |= {"at": thresholds, "recorded": recorded, "tables": tables, "wording": wording, "Z": tables.Z}
     return templates.get_template("report.html.j2").render(
         outcome=outcome,
         drawings=drawings,

@@ -7,7 +7,9 @@ periodic term g(t) is added to the equations, or one of the subject's own number
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from solver.sources import Drop, Source, Step, WallPressure
 from solver.units import INFLOW, SIGNAL_UNITS
 
 from . import thresholds
+from .gap_shares import main_phase
 
 Array = np.ndarray
 
@@ -35,7 +38,7 @@ class OddNumber:
     """A number that stands out: the file's and this subject's [unit].
 
     beyond : what it differs by from what all of its kind have in common, a factor, or a shift [unit] if not ``factor``.
-    display : the unit that people read it in, or None for the usual one.
+    display : the unit that people read it in, or None for the usual one. only : the only one of its kind.
     """
 
     file: float
@@ -43,6 +46,7 @@ class OddNumber:
     beyond: float
     factor: bool
     display: str | None = None
+    only: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,9 @@ class Acting:
     RMS where the place has several; ``sources`` says how many, ``part`` which of them. Of a number that stands out
     both are empty, and ``number`` is given. pulse : peak to peak of what was measured there, of ``channel``; or None.
     rivals : what this record cannot tell it from: the places that do nearly the same in its place, none where the
-    record is nearly as probable without it.
+    record is nearly as probable without it. share : of the gap, as χ², that acts there; None where that was not asked.
+    phase : of the beat, by the inflow, with most of its energy, and the part of it that it has
+    (:mod:`discrepancy.gap_shares`).
     """
 
     place: Place
@@ -66,6 +72,8 @@ class Acting:
     pulse: float | None = None
     number: OddNumber | None = None
     rivals: tuple[Rival, ...] = ()
+    share: float | None = None
+    phase: tuple[str, float] | None = None
 
     @property
     def rms(self) -> float:
@@ -112,14 +120,17 @@ def _place(a: Acting) -> dict[str, Any]:
     where = {"kind": a.place.kind, "where": a.place.name, "x": a.place.at, "label": a.place.label, "unit": a.unit}
     size = {"rms": a.rms} if a.number is None else {"rms": None, "value": a.number.value, "file": a.number.file}
     rivals = [{"labels": [place.label for place in rival.places], "above": rival.above} for rival in a.rivals]
-    return {**where, **size, "rivals": rivals}
+    phase = a.phase and {"name": a.phase[0], "part": a.phase[1]}
+    return {**where, **size, "share": a.share, "phase": phase, "rivals": rivals}
 
 
-def shown_map(found: SourceMap, network: Network, beats: Beats) -> SourceMapShown:
-    """What a map says of a record. beats : those that were fitted, whose channels tell the pulse at a place."""
+def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence[float] = ()) -> SourceMapShown:
+    """What a map says of a record. beats : those that were fitted, whose channels tell the pulse at a place, and the
+    phases of the beat. shares : of the gap, by place, where they are known."""
     time = np.arange(_SAMPLES) * (beats.T / _SAMPLES)
     acting = tuple(
-        Acting(s.place, rivals=_rivals(s.place, found), **_told(s, found, time, network, beats)) for s in found.signals
+        Acting(s.place, rivals=_rivals(s.place, found), share=share, **_told(s, found, time, network, beats))
+        for s, share in zip(found.signals, shares or repeat(None, len(found.signals)), strict=False)
     )
     return SourceMapShown(acting, time, beats.T, found.explains, found.chi2 / found.n)
 
@@ -158,6 +169,7 @@ def _told(signal: Signal, found: SourceMap, time: Array, network: Network, beats
         "part": _part(place.sources[largest]) if place.columns > 1 else "",
         "channel": channel,
         "pulse": float(np.ptp(beats.mean(channel))) if channel else None,
+        "phase": main_phase(each[:, largest], beats.mean(INFLOW)),
     }
 
 
@@ -167,8 +179,10 @@ def _number(place: Place, found: SourceMap, network: Network) -> tuple[str, OddN
     own, step = found.unknowns[i], found.unknowns[i].size * float(found.x[i])
     value = float(parameter_values(found.unknowns, network, found.x)[place.name])
     file, quantity = network.parameters()[place.name], network.parameter_quantities()[place.name]
-    factor = own.kind == SCALE
-    return quantity.unit, OddNumber(file, value, math.exp(step) if factor else step, factor, quantity.display)
+    factor, kind = own.kind == SCALE, place.name.partition(".")[2]
+    same = {name for u in found.unknowns for name in u.variables if name.partition(".")[2] == kind}
+    beyond = math.exp(step) if factor else step
+    return quantity.unit, OddNumber(file, value, beyond, factor, quantity.display, len(same) == 1)
 
 
 def _part(source: Source) -> str:

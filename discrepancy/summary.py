@@ -11,6 +11,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
+from fitting.inference.network import NetworkProblem
 from fitting.inference.unknown import quantile
 from fitting.provenance import software
 from fitting.records.record import Record
@@ -22,6 +23,7 @@ from . import thresholds
 from .animal import odd_ones, walls_of
 from .confirm import met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
+from .gap_shares import gap_shares
 from .gap_words import changed, left
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
@@ -50,7 +52,8 @@ class Shown:
     """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
     (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
     from the direct solver (``parity``) or why that could not be told (``failure``), and the rounds. agreement : of the
-    last of these FMUs with what was inferred."""
+    last of these FMUs with what was inferred. gaps : before and after, over all of several recordings. second : which
+    second state would separate the class."""
 
     given: Run
     before: Run
@@ -61,6 +64,8 @@ class Shown:
     failure: str | None = None
     rounds: tuple[Round, ...] = ()
     agreement: Agreement | None = None
+    gaps: tuple[Gap, Gap | None] | None = None
+    second: str = ""
 
 
 def unusable(
@@ -83,6 +88,7 @@ def unusable(
 def summary(record: Record, model: str | os.PathLike[str], study: Study, naming: Naming, shown: Shown) -> Outcome:
     """The outcome of all stages."""
     before, after = shown.before, shown.after
+    gaps = shown.gaps or (before.gap, after.gap if after else None)
     # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
     effects = tuple(r.added for r in shown.rounds if r.added is not None)
@@ -91,11 +97,11 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
     bent = _bent(walls, naming)
     remarks = naming.reason or None
-    acting = None if naming.map is None else shown_map(naming.map, study.network, study.fitted)
+    acting = _acting(study, naming)
     late = late_drive(effects, study.problem.signals) if after and study.site is None else ""
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, effects, before.gap, after.gap if after else None, acting, late),
+        sentence=sentence(naming, effects, *gaps, acting, late),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -108,7 +114,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
         reason=None if naming.verdict in ("partial", "none") else remarks,
         remains=remarks if naming.verdict == "partial" else None,
-        separating_measurement=separating_measurement(naming),
+        separating_measurement=" ".join(filter(None, (separating_measurement(naming), shown.second))) or None,
         located=located.located,
         balances=balances,
         channels=tuple(_channel(study, n, before, after) for n in study.problem.signals),
@@ -120,8 +126,8 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         smallest={t.label: detectable(u, x) for t, u, x in least.values()},
         sites=naming.problem.left_out(final),
         rounds=shown.rounds,
-        gap_before=before.gap.total,
-        gap_after=after.gap.total if after else None,
+        gap_before=gaps[0].total,
+        gap_after=gaps[1].total if gaps[1] else None,
         parity=shown.parity,
         agreement=shown.agreement,
         network_before=study.network,
@@ -131,6 +137,15 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         notes=(*_not_named(naming), *(() if bent else odd_ones(walls, study.network))),
         provenance=_provenance(record, model, study, shown.given),
     )
+
+
+def _acting(study: Study, naming: Naming) -> SourceMapShown | None:
+    """The source map, with the share of the gap of every place where it has any."""
+    if naming.map is None:
+        return None
+    whole = study.problem if naming.map.signals else None
+    shares = gap_shares(whole, naming.map) if isinstance(whole, NetworkProblem) else ()
+    return shown_map(naming.map, study.network, study.fitted, shares)
 
 
 def _not_named(naming: Naming) -> tuple[str, ...]:
@@ -206,8 +221,8 @@ def decided() -> dict[str, Any]:
 
 
 def weighted(study: Study, naming: Naming) -> Study:
-    """The study with its record weighted as it was in naming at last."""
-    return replace(study, problem=naming.problem)
+    """The study with its record, the first of several, weighted as it was in naming at last."""
+    return replace(study, problem=naming.problem.first)
 
 
 def disagreement(study: Study, before: Run) -> tuple[Found, tuple[Balance, ...]]:

@@ -45,6 +45,7 @@ MISFIT_SEVERAL = 1.8
 NEAR = 60.0  # of a score above the best: hypotheses that are refitted under sharper weights, with fresh derivatives
 MOST_EFFECTS = 2  # at once
 MAPPED = 0.6  # of the time limit, at most, which the source map may take
+LEARNING = 0.3  # of the time limit, which learning a law may take although it is over
 BRANCHES = 3  # laws of each of two places that are tried together
 NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
 AFAR = 0.03  # error of the model, in pulses, under which laws are begun at the walls of the map

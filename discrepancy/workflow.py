@@ -5,16 +5,16 @@ The folder gets its files when all of them are made, the verdict last; ``<out>/.
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from time import monotonic
 
@@ -27,42 +27,46 @@ from fitting.inference.simulator import Meter, OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
+from fitting.record_options import check_one
 from fitting.records.columns import Reading
 from fitting.records.filters import with_filters
 from fitting.records.plausible import arteries, check_plausible
 from fitting.records.record import Record, read_record
 from fitting.records.sensors import UnusableRecord
-from fitting.result_files import check_unmixed, json_text
 from fitting.threads import single_threaded
 from fitting.workers import Workers
 from solver import NonPhysicalState, Settings
 from solver.errors import InputError
-from solver.files import dumps, write_network
+from solver.files import write_network
 from solver.network import Network, to_dict
 from solver.units import INFLOW
-from solver.writing import check_destinations, make_folder, write_folder
 
+from . import thresholds as at
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
 from .first import first_of
 from .intervals import stated
 from .journal import Journal
+from .learned_law import LearnedLaw
+from .learned_text import with_law
+from .learning import law_of, learns
 from .name import name
-from .outcome import ADDED, NamedEffect, Outcome, Round, verdict_json
+from .outcome import ADDED, NamedEffect, Outcome, Round
 from .outliers import animal_without
 from .places import entry
+from .recorded import Recorded
+from .recordings import Recordings, confirmed_by_all, recordings_of
+from .second_state import second_state
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, read_model
 from .study import Study, Unusable, prepare
+from .study_folder import check_folder, holds_study, write_study
 from .summary import Shown, decided, summary, unusable, weighted
 from .usable import check_beats, check_record, check_waves
 from .verdict import Naming
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
-
-_STATE = ".state"  # the journal's folder
-_FILES = ("model.toml", "model.fmu", "report.html", "verdict.json")  # of a study, in the order that they are written
 
 
 @single_threaded
@@ -71,6 +75,9 @@ def discover(
     model: str | os.PathLike[str] | None,
     out: str | os.PathLike[str],
     *,
+    further: Iterable[str | os.PathLike[str]] = (),
+    varies: Iterable[str] = (),
+    hold_out: Iterable[str | os.PathLike[str]] = (),
     period: float | None = None,
     walls: str | None = None,
     prior: str | os.PathLike[str] | None = None,
@@ -86,43 +93,54 @@ def discover(
 
     record : a file, and ``reading`` which of its columns is what. filters : of its channels, "inlet.Q=lowpass 10 Hz",
     beside those of the model. as_measured : values that no artery has are taken as they are.
+    further : other recordings of the same animal; walls, geometry, sensors and effects are in common, and ``varies``,
+    "*.outlet.R2", each recording's own. hold_out : recordings that no fit uses, to judge by.
     model : a network file, the name of a bundled network, or an FMU; None: a first one is made of the record and
     written as ``<out>/first.toml``. period : of the beat [s], found by default. walls : "common" or "individual", by
     default as the record is more probable. prior : the result of ``arterial-fmu calibrate``, whose values and
     covariance stand for the network file's and its spreads.
-    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. What is simulated once
-    to set up or to show it (FMUs, candidates on held-out beats) comes on top. jobs : processes that simulate, this one
-    among them; the others import this package and nothing of the calling script, which needs no
-    ``if __name__ == "__main__"``. progress : told the fraction done and the stage. An interrupted study goes on where
-    it was.
+    time_limit : of naming and of every refit after it [s]; then the best answer so far is given. Learning a law of what
+    remains may take three tenths of it more. What is simulated once to set up or to show it (FMUs, candidates on
+    held-out beats) comes on top. jobs : processes that simulate, this one among them; the others import this package
+    and nothing of the calling script, which needs no ``if __name__ == "__main__"``. progress : told the fraction done
+    and the stage. An interrupted study goes on where it was.
     Raises ValueError for a file, a model or a prior that cannot be read and for a folder that cannot be written. A
     record that can be read and not be used is a verdict, which replaces no study of another record; without a model it
     is refused.
     """
     started, folder = time.perf_counter(), Path(out)
-    asked = Asked(period, walls, prior, time_limit, jobs, tuple(filters))
+    asked = Asked(
+        period, walls, prior, time_limit, jobs, tuple(filters), tuple(further), tuple(varies), tuple(hold_out)
+    )
     asked.check()
+    others = [*asked.further, *asked.hold_out]
+    check_one(reading.beside if reading else (), len(others) + 1)
     described = None if model is None else read_model(model)
     measured = _read(record, reading)
+    also = [_read(each, reading) for each in others]
     said: list[str] = []
     if model is None:
-        _check_folder(folder, [record, prior])
+        check_folder(folder, [record, prior, *others])
         model, *said = first_of(measured, folder, period, as_measured)
     network = with_filters(described or read_model(model), asked.filters)
     known = asked.known(network, measured if isinstance(measured, Record) else None)
     told = asked.plain  # the calibration as it is now: at the end its file may be another, or gone
     progress = _rising(progress)
-    _check_folder(folder, [record, *(reading.beside if reading else ()), model, prior])
+    check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *others])
     journal = None
     try:
-        if isinstance(measured, UnusableRecord):
-            raise measured
-        if not as_measured:
-            check_plausible(measured, arteries(network))
+        records = list[Record]()
+        for each in (measured, *also):
+            if isinstance(each, UnusableRecord):
+                raise each
+            if not as_measured:
+                check_plausible(each, arteries(network))
+            records.append(each)
+        measured = records[0]
         check_record(measured)
-        given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model)]
+        given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
         journal = Journal(folder, [*given, told, decided(), software()])
-        outcome, fmu = _Work(measured, network, Path(model), journal, asked, known, progress).run()
+        outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
     except UnusableRecord as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
     outcome = replace(
@@ -135,30 +153,14 @@ def discover(
             *outcome.warnings,
         ),
     )
-    if outcome.verdict == "unusable" and _holds_study(folder):
+    if outcome.verdict == "unusable" and holds_study(folder):
         kept = f"{folder}: nothing was written; it holds an earlier study of a record that could be used."
         outcome = replace(outcome, warnings=(*outcome.warnings, kept), written=False)
     else:
-        _write(outcome, fmu, folder, progress)
+        write_study(outcome, fmu, folder, progress)
     if journal is not None:
         journal.close()
     return outcome
-
-
-def _check_folder(folder: Path, given: Iterable[str | os.PathLike[str] | None]) -> None:
-    """Make the folder of a study; raise ValueError now, not after all work, if something there is in its way.
-
-    given : the files that the study is of, which it neither replaces nor removes.
-    """
-    check_unmixed(folder, "discover")
-    for path in (folder / _STATE, folder / "figures"):
-        if path.exists() and not path.is_dir():
-            raise InputError(f"{path}: is a file where a study has a folder; move it, or give another --out.")
-    for path in (folder / file for file in _FILES):
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder where a study has a file; move it, or give another --out.")
-    check_destinations(*(folder / file for file in _FILES), given=given, folders=True)
-    make_folder(folder)
 
 
 def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | UnusableRecord:
@@ -182,18 +184,26 @@ def _rising(progress: Progress) -> Progress:
 
 
 class _Work:
-    """One study from its record to its outcome."""
+    """One study from its record to its outcome. several : where there are other recordings of the animal.
+    extended_fmu : that with what was added."""
+
+    several: Recordings | None = None
+    extended_fmu = Path()
 
     def __init__(
-        self, record: Record, network: Network, model: Path, journal: Journal, asked: Asked, known: Prior | None,
-        progress: Progress,
+        self, records: Sequence[Record], network: Network, model: Path, journal: Journal, asked: Asked,
+        known: Prior | None, progress: Progress,
     ) -> None:  # fmt: skip
+        record, calibrated = records[0], None if known is None else known.calibrated
         self.record, self.model, self.journal, self.asked, self.progress = record, model, journal, asked, progress
         self.network = network if known is None else known.network
         progress(0.02, "cutting the beats")
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
-        self.study = prepare(record, self.network, asked.period, runs, None if known is None else known.calibrated)
+        self.study = prepare(record, self.network, asked.period, runs, calibrated)
         check_beats(self.study)
+        if len(records) > 1:
+            n = 1 + len(asked.further)
+            self.several = recordings_of(record, self.study, records[1:n], records[n:], asked, calibrated, runs)
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
@@ -222,15 +232,37 @@ class _Work:
         # a flow meter that is found to lie drove the model before
         drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
         before = self._free(fmu, "before", base, drove, _moved(self.network, base), study)
-        shown = Shown(given, before, agreement=agreement(study, base, drove, before))
+        without = agreement(study, base, drove, before)
+        shown = Shown(given, before, agreement=without)
         if added:
-            extended = self._add(study, naming, wave, shown)
-            naming = confirmed(study, naming, before, extended.after)
-            shown = extended if naming.verdict in ADDED else shown
-        else:
-            naming = confirmed(study, naming, before, None)
+            shown = self._add(study, naming, wave, shown)
+        naming, shown, recordings, unjudged = self._judged(study, naming, base, fmu, shown)
+        if naming.verdict not in ADDED:
+            shown = Shown(given, before, agreement=without, gaps=shown.gaps)
+        law = self._law(naming, shown.after or shown.before)
         self.progress(0.92, "comparing the candidates with the held-out beats")
-        return summary(self.record, self.model, self.study, naming, shown), shown.archive
+        second = self.journal.stage("second_state", lambda: second_state(naming))
+        outcome = summary(self.record, self.model, self.study, naming, replace(shown, second=second))
+        outcome = with_law(outcome, law)
+        return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
+
+    def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
+        """A law of what remains of one recording."""
+        if self.several is not None or not learns(naming):
+            return None
+        until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
+        told = self.asked.jobs, until, self.journal.stage
+        return law_of(self.study, naming, before, self.record, self._with_law, *told)
+
+    def _judged(
+        self, study: Study, naming: Naming, base: Fit, fmu: Path, shown: Shown
+    ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
+        """The naming that the free runs bear out, of all recordings where there are several, and what these leave."""
+        if self.several is None:
+            return confirmed(study, naming, shown.before, shown.after), shown, (), ()
+        self.progress(0.91, "running the FMUs with the other recordings")
+        return confirmed_by_all(self.several, naming, base, shown, partial(self._free, fmu),
+                                partial(self._free, self.extended_fmu))  # fmt: skip
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -247,6 +279,8 @@ class _Work:
         try:
             with Workers(self.asked.jobs) as workers:
                 runs = Runs(Meter(told), self.deadline, monotonic, workers)
+                if self.several is not None:
+                    return self.several.named(self.journal, self.asked, runs)
                 return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
         except OutOfTime:
             raise Unusable(
@@ -285,7 +319,7 @@ class _Work:
         self.progress(0.82, "rebuilding the FMU")
         best = naming.best.fit
         network = extended(self.network, best)
-        fmu = self._fmu(network, "extended")
+        fmu = self.extended_fmu = self._fmu(network, "extended")
         self.progress(0.88, "running the extended FMU")
         after = self._free(fmu, "after", best, wave, {}, study)
         self.progress(0.9, "comparing the extended FMU with the solver")
@@ -306,6 +340,13 @@ class _Work:
         rounds = self._rounds(study, naming, shown.before, after)
         alike = agreement(study, best, wave, after)
         return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
+
+    def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
+        """The free run of a learned law's FMU, and the FMU that is delivered."""
+        fmu = self._fmu(network, "learned")
+        run = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+        whole = own.problem.part(network) is network
+        return run, (fmu if whole else self._built(network, "learned_model")).read_bytes()
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
@@ -347,27 +388,3 @@ def _has_sensor(fit: Fit, place: str | None = None) -> bool:
 def _moved(network: Network, fit: Fit) -> dict[str, float]:
     """Start values of the parameters that a fit without terms moves."""
     return {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
-
-
-def _write(outcome: Outcome, fmu: bytes | None, folder: Path, progress: Progress) -> None:
-    """All files of a study, the verdict last; those of an earlier one that this verdict does not have are removed.
-
-    A folder with a verdict.json always holds the files that belong to it.
-    """
-    from . import report  # matplotlib takes a second
-
-    progress(0.94, "writing the report")
-    files: dict[str, str | bytes] = {}
-    if outcome.network_after is not None and fmu is not None:
-        files = {"model.toml": dumps(outcome.network_after), "model.fmu": fmu}
-    files |= report.report_files(outcome) | {"verdict.json": json_text(verdict_json(outcome))}
-    write_folder(folder, files, gone={*report.figure_files(), *_FILES} - set(files))
-    progress(1.0, "done")
-
-
-def _holds_study(folder: Path) -> bool:
-    """Whether a study is in a folder whose record could be used."""
-    try:
-        return bool(json.loads((folder / "verdict.json").read_text(encoding="utf-8"))["verdict"] != "unusable")
-    except (OSError, ValueError, LookupError, TypeError):
-        return (folder / "model.toml").exists()

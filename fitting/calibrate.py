@@ -5,7 +5,8 @@ the network's own values and Gaussian priors of standard deviation s, it minimis
 
     |z(x)|² + Σ (x_i/s_i)²
 
-One batch of harmonic balances gives z and its derivatives, by finite differences. A first search comes near. At what
+One batch of harmonic balances gives z and its derivatives, by finite differences. What the model lacks is an error of
+the channels, whose size is found in turn with x (:mod:`fitting.inference.granted`). A first search comes near. At what
 it found the elements are halved once to measure the solver's own error, and the response to the inflow's noise is taken
 there; with these weights a second search ends.
 """
@@ -26,22 +27,25 @@ from solver.simulate import BROKEN
 from solver.units import INFLOW
 
 from .calibrated import Calibration, Recording, labels_of, noise_known
-from .first_search import first_error, first_search, minimum
+from .first_search import first_error, first_search
 from .inference.asked import parse_unknowns, varied
 from .inference.calibration import DERIVATIVE_ERROR, Problem, part_of
-from .inference.gauss_newton import Point, Rules, Search
+from .inference.gauss_newton import Point, Rules
+from .inference.granted import CHANCE, Ended, granted, minimum, widening
 from .inference.identify import Determined, sentences
 from .inference.simulator import Meter
 from .inference.unknown import Unknown, parameter_intervals, parameter_values
 from .records.amounts import sizes
 from .records.beats import Beats
-from .records.noise import MAX_HARMONICS, check_flow_driven, harmonics_above_noise, pulses, solver_error
+from .records.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
+from .records.thresholds import MAX_HARMONICS
 from .threads import single_threaded
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
 
-# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none
+# Squared parts of a standard deviation: from a tenth, one step with the second weights leads home; a hundredth is none.
+# Where the model lacks more than noise, a tenth is none
 _NEAR, _SETTLED = 1e-2, 1e-4
 _FEWEST_STEPS = 20  # of the solver in a beat
 
@@ -55,7 +59,7 @@ def calibrate(
     varies: Sequence[str] = (),
     channels: Sequence[str] | None = None,
     settings: Settings | None = None,
-    max_iterations: int = 20,
+    max_iterations: int = 40,
     x0: Array | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -94,25 +98,24 @@ def calibrate(
 
     told.begin(0.6, 1.0, "second search")
     last, unmeasured = _weighted(problem, near)
-    assert near.here is not None
-    best = minimum(last, near.x, near.here.memory, replace(rules, gain=_SETTLED))
+    rules = rules if near.errors.any() else replace(rules, gain=_SETTLED)
+    best = minimum(last, near.search.x, near.batches, rules)
     if progress:
         progress(1.0, "done")
     return _result(last, near, best, [*said, *unmeasured], labels, found, meter, time.perf_counter() - started)
 
 
-def _weighted(problem: Problem, near: Search) -> tuple[Problem, list[str]]:
+def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
     """The problem with the weights of where the first search ended, the solver's own error among them."""
-    assert near.here is not None
-    errors, unmeasured = [], list[str]()
-    for part, batch in zip(problem.parts, near.here.memory, strict=True):
+    x, errors, unmeasured = near.search.x, [], list[str]()
+    for part, batch in zip(problem.parts, near.batches, strict=True):
         pulse = pulses(part.beats, part.simulator.names)
         errors.append(first_error(part))
         try:
-            errors[-1] = solver_error(batch[0], part.finer().simulate(near.x[part.which][None])[0], pulse)
+            errors[-1] = solver_error(batch[0], part.finer().simulate(x[part.which][None])[0], pulse)
         except BROKEN:
             unmeasured = ["with shorter elements no beat was found, so that the solver's own error is not measured"]
-    return problem.with_targets(near.x, errors), unmeasured
+    return problem.with_targets(x, errors), unmeasured
 
 
 # --- the record ----------------------------------------------------------------------------------------------------
@@ -175,14 +178,14 @@ class _Stages:
 
 
 def _result(
-    problem: Problem, near: Search, best: Search, said: Sequence[str], labels: Sequence[str],
+    problem: Problem, near: Ended, best: Ended, said: Sequence[str], labels: Sequence[str],
     asked: Sequence[Unknown], meter: Meter, seconds: float,
 ) -> Calibration:  # fmt: skip
-    assert best.here is not None
-    x, point, unknowns, network = best.x, best.here, problem.unknowns, problem.parts[0].simulator.network
+    x, unknowns, network = best.search.x, problem.unknowns, problem.parts[0].simulator.network
+    point = problem.point(x, best.batches)  # of the noise alone
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
-    known = problem.determined(point, max(1.0, chi2 / dof))
+    known = _known(problem, best, chi2 / dof)
     close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
@@ -197,11 +200,11 @@ def _result(
     report = [
         *(f"{name} stopped at the end of its allowed range" for name in at_bound),
         *sentences([u.name for u in unknowns], [u.prior_sd for u in unknowns], known, terms),
-        *_misfit(chi2 / dof, dof, recordings),
+        *_misfit(chi2 / dof, dof, recordings, best.errors),
         *said,
         *dict.fromkeys(text.rstrip(".") for part in problem.parts for text in part.beats.warnings),
     ]
-    if not best.converged:
+    if not best.search.converged:
         report.append("the search did not settle: no further step lowered the misfit, or the iterations were used up")
     return Calibration(
         network=network.name,
@@ -217,8 +220,8 @@ def _result(
         singular_values=known.singular_values,
         at_bound=at_bound,
         report=tuple(report),
-        history=(tuple(near.history), tuple(best.history)),
-        converged=best.converged,
+        history=(near.history, best.history),
+        converged=best.search.converged,
         simulations=meter.simulations,
         seconds=seconds,
         others={
@@ -230,7 +233,17 @@ def _result(
             "network.elastic_law": network.elastic_law,
             "network.viscous_law": network.viscous_law,
         },
+        model_errors=(float(best.errors[0]), float(best.errors[1])),
     )  # fmt: skip
+
+
+def _known(problem: Problem, best: Ended, ratio: float) -> Determined:
+    """What the data determine with the errors of the model beside them; ratio : χ²/dof without."""
+    if not best.errors.any():
+        return problem.determined(problem.point(best.search.x, best.batches), max(1.0, ratio))
+    weighted = granted(problem, best.errors)
+    point = weighted.point(best.search.x, best.batches)
+    return weighted.determined(point, widening(weighted, point.z, weighted.determined(point).effective))
 
 
 def _recordings(
@@ -256,15 +269,17 @@ def _recordings(
     return tuple(found)
 
 
-def _misfit(ratio: float, dof: float, recordings: Sequence[Recording]) -> list[str]:
-    """A sentence if χ²/dof is above 1 by more than chance (four standard deviations)."""
-    if ratio <= 1.0 + 4.0 * math.sqrt(2.0 / dof):
+def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: Array) -> list[str]:
+    """A sentence if χ²/dof is above 1 by more than chance."""
+    if ratio <= 1.0 + CHANCE * math.sqrt(2.0 / dof):
         return []
     one = max(recordings, key=lambda each: max(each.channels.values()))
     worst = max(one.channels, key=lambda name: one.channels[name])
     where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
+    means, rest = (f"{100.0 * a:.2g} %" for a in errors)
+    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulse, means by {means} (sd)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
-        f"({one.channels[worst]:.3g} times its noise); rms of what is left: {sizes(one.rms, one.channels)}; the "
-        f"intervals are widened by {math.sqrt(ratio):.3g}"
+        f"({one.channels[worst]:.3g} times its noise); rms of what is left: {sizes(one.rms, one.channels)}; "
+        + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

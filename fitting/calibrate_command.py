@@ -21,7 +21,19 @@ from solver.writing import check_destinations, write_all
 from .estimate import Estimate
 from .indices import plain
 from .parameter_set import ParameterSet, read_set, set_content, set_format, set_json
-from .record_options import AsMeasured, Beside, Columns, Decimal, Filters, Mapped, Period, seconds
+from .record_options import (
+    AsMeasured,
+    Beside,
+    Columns,
+    Decimal,
+    Filters,
+    Further,
+    HeldOutFiles,
+    Mapped,
+    Period,
+    check_one,
+    seconds,
+)
 from .records.align import align
 from .records.beats import Beats
 from .records.columns import Reading
@@ -29,18 +41,9 @@ from .records.filters import with_filters
 from .records.plausible import arteries, check_plausible
 from .records.record import read_record
 
-# Not further arguments: `calibrate RECORD --columns` names no network, and which of several files one is would be open
-Further = Annotated[
-    list[Path] | None,
-    typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
-]
 Varies = Annotated[
     list[str] | None,
     typer.Option(help='What of --free has a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'),
-]
-HeldOutFiles = Annotated[
-    list[Path] | None,
-    typer.Option("--hold-out", metavar="FILE", help="A recording that is not fitted but judged by, repeatable."),
 ]
 
 
@@ -92,8 +95,7 @@ def calibrate_command(
     paths, judged = [record, *(further or ())], hold_out or []
     with sentences(NonPhysicalState, NotPeriodic), bar(quiet, pace=PACE) as progress:
         progress(0.0, "reading")
-        if beside and len(paths) + len(judged) > 1:
-            raise InputError("--with: adds files to one recording, and there are several; join its files before.")
+        check_one(beside, len(paths) + len(judged))
         sets = _sets(out, labels_of(list(map(str, paths))))
         check_destinations(*sets, given=[*paths, *judged, *(beside or ()), network, start])
         if out is not None:

@@ -54,10 +54,11 @@ class Calibration:
     """The result. Covariances are of x (:class:`~fitting.inference.unknown.Unknown`), data and prior together.
 
     values, ci95 : SI, by FMU variable name, of what the recordings have in common. shrinkage : posterior over prior
-    standard deviation, None without a prior. chi2, dof : of the data; where chi2/dof > 1 the data's covariance is
-    multiplied by it. singular_values : of the whitened Jacobian in prior units, largest first, 0 where its own error
-    is as large. report : what is not determined, at a bound,
-    or not explained, one sentence each. history : cost after each iteration of both searches. simulations : parameter
+    standard deviation, None without a prior. chi2, dof : of the data, by their noise alone. model_errors : of means and
+    of harmonics, parts of each channel's pulse (:mod:`fitting.inference.granted`), 0 where the model explains the
+    record; they are in the covariance. singular_values : of the whitened Jacobian in prior units, largest first, 0
+    where its own error is as large. report : what is not determined, at a bound, or not explained, one sentence each.
+    history : cost after each iteration of both searches. simulations : parameter
     sets that were simulated. others : the network's parameters that did not move [SI]. Intervals are Student's t with
     4 (beats - 1) degrees of freedom of every recording, what is known of the noise.
     """
@@ -81,10 +82,12 @@ class Calibration:
     seconds: float
     others: Mapping[str, float]
     laws: Mapping[str, str]
+    model_errors: tuple[float, float] = (0.0, 0.0)
 
     @property
     def cost(self) -> float:
-        """What the search made small: χ² of the data and of the priors."""
+        """What the search made small: -2 ln of likelihood and priors, up to a constant; χ² where the model lacks
+        nothing."""
         return self.history[1][-1]
 
     @property
@@ -156,6 +159,7 @@ class Calibration:
                          for u, x, s in ((self.unknowns[i], self.x[i], self.sd[i]) for i in common)},
             "covariance": self.covariance[np.ix_(common, common)].tolist(),
             "chi2_over_dof": self.chi2 / self.dof,
+            "model_errors": dict(zip(("means", "harmonics"), self.model_errors, strict=True)),
             "channels": self.channels,
             "rms": {name: {"value": rms, "unit": SIGNAL_UNITS[name[-1]]} for name, rms in self.rms.items()},
             "undetermined": sorted(self.undetermined),

@@ -9,8 +9,7 @@ finds lower costs far off, with numbers that no artery has.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from solver.errors import InputError
 from solver.simulate import BROKEN
 
 from .inference.calibration import Part, Problem
-from .inference.fit import Member
-from .inference.gauss_newton import Rules, Search, search
+from .inference.gauss_newton import Rules
+from .inference.granted import Ended, minimum
 from .inference.starting_points import starting_points
 from .inference.unknown import absent
 from .records.noise import pulses
@@ -30,16 +29,16 @@ OTHER_STARTS = 8
 _SEED = 1
 _FIRST_ERROR = 1e-3  # of a channel's pulse: the solver's own error is below it
 FAR = 0.05  # of the RMS of the pulsation
-_ENOUGH = 3  # of 10 of 100 synthetic tubes whose own start ends far, none needs more others that end
+ENOUGH = 3  # of 10 of 100 synthetic tubes whose own start ends far, none needs more others that end
 
 
-def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Search, list[str]]:
+def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ended, list[str]]:
     """Where the search ended that comes near, and a sentence if it began elsewhere than asked.
 
     x0 : (p,) where to begin; None: the network's own values, then others. Raises ValueError where no start has a beat.
     """
     weighted: Problem | None = None
-    ended: dict[int, Search] = {}
+    ended: dict[int, Ended] = {}
     failure: Exception | None = None
     for i, x in enumerate(_starts(problem) if x0 is None else [x0]):
         try:
@@ -49,7 +48,7 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Sear
             failure = failure or error
             weighted = weighted if ended else None
             continue
-        if not far(weighted, ended[i]) or len(ended.keys() - {0}) == _ENOUGH:
+        if not far(weighted, ended[i]) or len(ended.keys() - {0}) == ENOUGH:
             break
     if weighted is None:
         sources = " + ".join(part.beats.source for part in problem.parts)
@@ -68,37 +67,27 @@ def _starts(problem: Problem) -> Iterator[Array]:
     yield from starting_points(problem.unknowns, 1 + OTHER_STARTS, _SEED)[1:]
 
 
-def minimum(problem: Problem, x: Array, batches: Sequence[Array], rules: Rules) -> Search:
-    """The search from x : (p,), whose batches are known."""
-    found = Search(Member((), problem.unknowns, x), rules, problem.point(x, batches))
-    search(problem.evaluated, [found])
-    return found
-
-
 def first_error(part: Part) -> Array:
     """(K+1, m) the solver's own error as long as it is not measured."""
     s = part.simulator
     return np.full((s.K + 1, len(s.names)), _FIRST_ERROR) * pulses(part.beats, s.names)
 
 
-def left(problem: Problem, found: Search) -> float:
+def left(problem: Problem, found: Ended) -> float:
     """RMS of what is left, as a part of the RMS of the pulsation, over all channels of all recordings."""
-    assert found.here is not None
     parts = [
         np.array(list(part.rms(batch[0]).values())) / pulses(part.beats, part.simulator.names)
-        for part, batch in zip(problem.parts, found.here.memory, strict=True)
+        for part, batch in zip(problem.parts, found.batches, strict=True)
     ]
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def far(problem: Problem, found: Search) -> bool:
+def far(problem: Problem, found: Ended) -> bool:
     """Whether a search ended so far from the record that it may be in a wrong minimum."""
-    assert found.here is not None
-    z = found.here.z
-    return left(problem, found) > FAR and float(z @ z) > len(z) + 4.0 * math.sqrt(2.0 * len(z))
+    return left(problem, found) > FAR and bool(found.errors.any())
 
 
-def _said(problem: Problem, ended: Mapping[int, Search], best: int) -> str:
+def _said(problem: Problem, ended: Mapping[int, Ended], best: int) -> str:
     leaves = {i: f"{100.0 * left(problem, each):.2g} % of the pulsation (rms)" for i, each in ended.items()}
     why = f"the search leaves {leaves[0]}" if 0 in ended else "there is no periodic beat"
     then = (

@@ -19,7 +19,7 @@ from .inference.simulator import HARMONICS_BEYOND, Runs, Simulator
 from .inference.unknown import finite_steps, parameter_values
 from .records.beats import Beats
 from .records.inflow import inflow
-from .records.noise import MAX_HARMONICS
+from .records.thresholds import MAX_HARMONICS
 from .threads import single_threaded
 
 Array = np.ndarray

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from solver.console import put, say, sentences, show
+from solver.errors import InputError
 from solver.files import parse_quantity
 
 from .cohort.file import read_cohort
@@ -73,6 +75,23 @@ Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 
 Columns = Annotated[
     bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and end; with --json, too.")
 ]
+
+
+# Not further arguments: `RECORD --columns` names no network, and which of several files one is would be open
+Further = Annotated[
+    list[Path] | None,
+    typer.Option("--and", metavar="FILE", help="A further recording of the same animal, repeatable."),
+]
+HeldOutFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--hold-out", metavar="FILE", help="A recording that is not fitted but judged by, repeatable."),
+]
+
+
+def check_one(beside: Sequence[object] | None, recordings: int) -> None:
+    """Raise InputError if further files of one recording are given with several recordings."""
+    if beside and recordings > 1:
+        raise InputError("--with: adds files to one recording, and there are several; join its files before.")
 
 
 def seconds(text: str | None, name: str) -> float | None:

@@ -7,7 +7,8 @@
 
 #define OPERATIONS(X)                                                                                                  \
     X(copy) X(negative) X(sqrt) X(exp) X(expm1) X(log) X(log1p) X(absolute) X(sign) X(square) X(reciprocal) X(sin)     \
-    X(cos) X(tanh) X(logical_not) X(isfinite) X(add) X(subtract) X(multiply) X(divide) X(power) X(maximum) X(minimum)  \
+    X(cos) X(sinh) X(cosh) X(tanh) X(logical_not) X(isfinite) X(add) X(subtract) X(multiply) X(divide) X(power)        \
+    X(maximum) X(minimum)                                                                                              \
     X(greater) X(greater_equal) X(less) X(less_equal) X(equal) X(not_equal) X(logical_and) X(logical_or) X(where)      \
     X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require)
 #define CODE(name) OP_##name,
@@ -66,6 +67,8 @@ static void elementwise(int32_t op, int32_t n, double *restrict o, const double 
         UNARY(log1p, log1p(x))
         UNARY(sin, sin(x))
         UNARY(cos, cos(x))
+        UNARY(sinh, sinh(x))
+        UNARY(cosh, cosh(x))
         UNARY(tanh, tanh(x))
         UNARY(sign, x != x ? x : (double)((x > 0.0) - (x < 0.0)))
         UNARY(logical_not, x == 0.0)

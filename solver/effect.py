@@ -161,7 +161,8 @@ class Effect:
     at_ends : numbers of its owner that may be given at both ends, with the term that holds their relative difference.
     needs : a key of its owner that must be above 0 for it to act. rewires : it puts another outlet condition in place.
     remembers : it adds states to the solution, which a batch then carries for all of its members. search : what only a
-    search for it asks.
+    search for it asks. library : of a form that is learned from a record, the keys of its terms: no search tries it as
+    it is, but a law is made of some of them (:meth:`learned`), valid in :meth:`valid`.
     """
 
     name: ClassVar[str]
@@ -183,6 +184,7 @@ class Effect:
     rewires: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
     search: ClassVar[SearchSpec] = SearchSpec()
+    library: ClassVar[tuple[str, ...]] = ()
 
     # --- places -------------------------------------------------------------------------------------------------
 
@@ -235,9 +237,25 @@ class Effect:
 
         bench : only P and R of one wall are known.
         """
+        if self.library:
+            return ()
         variables = {key: names for key, names in self.variables(network, place).items() if key not in self.along}
         found = (self._coordinate(network, place, key, names) for key, names in variables.items())
         return tuple(coordinate for coordinate in found if coordinate is not None)
+
+    def learned(self, network: Described, place: str, keys: Sequence[str]) -> tuple[Coordinate, ...]:
+        """The numbers of a search for a law that is made of some terms of the library."""
+        variables = self.variables(network, place)
+        found = (self._coordinate(network, place, key, variables[key]) for key in keys)
+        return tuple(coordinate for coordinate in found if coordinate is not None)
+
+    def valid(self, strain: Array, rate: Array) -> dict[str, float]:
+        """The numbers that say where a learned law of a wall holds, of strains [-] and rates [1/s] that were seen."""
+        return {}
+
+    def formula(self, keys: Sequence[str]) -> str:
+        """A learned law of some terms of the library, as an equation."""
+        return self.equation
 
     def coordinates_along(self, network: Described, place: str) -> tuple[Coordinate, ...]:
         """The numbers of a search for where along a segment it acts, beside :meth:`coordinates`."""

@@ -30,6 +30,7 @@ from .effect import (
     small_wave_impedance,
 )
 from .errors import InputError
+from .learned import LearnedWall
 from .outlets import Reflection, Windkessel
 from .partial import SideBranch, Stenosis, WallStiffness
 from .quantity import Quantity, quantities
@@ -347,6 +348,7 @@ ALL: tuple[Effect, ...] = (
     NonlinearElasticity(),
     StressRelaxation(),
     FractionalViscosity(),
+    LearnedWall(),
     ExternalPressure(),
     WallStiffness(),
     Taper(),

@@ -1,8 +1,8 @@
 """The laws of an arterial wall: elastic ones, and viscous ones, by name.
 
 They are written in the stretch s = R/R0 = √(A/A0), with strain ε = s - 1 and strain rate ε̇. Two elastic laws (the
-paper's fit and its network differ by R0/R) and two viscous ones exist, each a small frozen object. Pressure, derivative
-and integral of a law are tied together by tests.
+paper's fit and its network differ by R0/R) and two viscous ones exist, each a small frozen object; beside them one that
+is learned from a record. Pressure, derivative and integral of a law are tied together by tests.
 """
 
 from __future__ import annotations
@@ -210,3 +210,50 @@ class Monotone:
 
 
 VISCOUS_LAWS: dict[str, ViscousLaw] = {law.name: law for law in (Quadratic(), Monotone())}
+
+
+@dataclass(frozen=True)
+class LearnedStress:
+    """A further viscous stress whose form was found from a record, beside that of the viscous law:
+
+        σ_L = (rise u + fall (1 - u)) ε̇ + cubic ε̇³ + friction tanh(4 ε̇/rate),    u = (ε - low)/span
+
+    It is held where it was learned: u stays within [0, 1], and beyond ±rate the viscosity ∂σ_L/∂ε̇ stays what it is
+    there. With numbers that are not negative σ_L is odd and does not fall with ε̇, and σ_L ε̇ >= 0 at any ε: over no
+    loop does it give out energy.
+    rise, fall [Pa·s]; cubic [Pa·s³]; friction [Pa]; low, span [-]; rate [1/s]; all like the strain.
+    """
+
+    rise: Array
+    fall: Array
+    cubic: Array
+    friction: Array
+    low: Array
+    span: Array
+    rate: Array
+
+    def stress(self, strain: Array, rate: Array) -> Array:
+        """σ_L [Pa]."""
+        x = np.clip(rate, -self.rate, self.rate)
+        inside = (self._shear(strain) + self.cubic * x * x) * x + self.friction * np.tanh(_SATURATES * x / self.rate)
+        found: Array = inside + self.by_rate(strain, x) * (rate - x)
+        return found
+
+    def by_rate(self, strain: Array, rate: Array) -> Array:
+        """∂σ_L/∂ε̇ [Pa·s]."""
+        x = np.clip(rate, -self.rate, self.rate)
+        slope = _SATURATES / self.rate / np.cosh(_SATURATES * x / self.rate) ** 2
+        found: Array = self._shear(strain) + 3.0 * self.cubic * x * x + self.friction * slope
+        return found
+
+    def by_strain(self, strain: Array, rate: Array) -> Array:
+        """∂σ_L/∂ε [Pa]."""
+        inside = (strain >= self.low) & (strain <= self.low + self.span)
+        return np.where(inside, (self.rise - self.fall) / self.span * rate, 0.0)
+
+    def _shear(self, strain: Array) -> Array:
+        u = np.clip((strain - self.low) / self.span, 0.0, 1.0)
+        return self.rise * u + self.fall * (1.0 - u)
+
+
+_SATURATES = 4.0  # rates in the range that it was learned from, after which friction no longer grows

@@ -205,7 +205,9 @@ def _line(network: Network, c: Coefficients, omega: Array) -> tuple[Array, Array
             f"segment {network.segments[i].name}: its wall is unstable at P_0 = {c.P_0[b, 0]:g} Pa "
             f"(dP_el/dA = {stiffness[b, i]:g} Pa/m^2, must be positive); change E, ENL or P_0."
         )
-    viscosity = iw * c.wall.viscosity(A, np.zeros_like(A))[:, None] * c.wall.responses(iw).sum(axis=0)
+    responses, linear = c.wall.responses(iw), (c.wall.viscosity_area / A)[:, None]
+    law = c.wall.viscosity(A, np.zeros_like(A))[:, None]  # of the first element alone it is more than φ0's
+    viscosity = iw * (law * responses[0] + linear * responses[1:].sum(axis=0))
     compliance = 1.0 / (stiffness[:, None] + viscosity)
     if c.wall.leakage.any() and np.any(omega == 0.0):
         raise InputError(

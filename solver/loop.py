@@ -55,12 +55,13 @@ def slope(wall: Wall, R: Array, R_t: Array, T: float) -> Array:
     """dP/dR : (N, N) [Pa/m] of the first of some walls on a loop R, R' : (N,), R' moving along."""
     _, by_R, by_R_t = (np.atleast_2d(x)[0] for x in tangent(wall, R, R_t, T))
     D = derivative_matrix(len(R), T)
+    by_strain = wall.K_h * wall.stress_by_strain(np.pi * R * R, 2.0 * np.pi * R * R_t) + 0.0 * R
     if not wall.remembers:
-        matrix = by_R_t[:, None] * D
+        matrix = by_R_t[:, None] * D + np.diag(np.atleast_2d(by_strain)[0] / R)
     else:  # the stress is σ = P_v R / (K_h R0)
         law, *others = _memory(wall, len(R), T)[:, 0]
         linear = 2.0 * np.pi * R * np.atleast_2d(wall.viscosity_area)[0] / (np.pi * R * R)
-        matrix = circulant(law, len(R)) @ ((by_R_t * R)[:, None] * D)
+        matrix = circulant(law, len(R)) @ ((by_R_t * R)[:, None] * D + np.diag(np.atleast_2d(by_strain)[0]))
         matrix += circulant(np.sum(others, axis=0) + 0.0 * law, len(R)) @ ((linear * R)[:, None] * D)
         matrix /= R[:, None]
     matrix[np.diag_indices(len(R))] += by_R

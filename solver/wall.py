@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .laws import ElasticLaw, ViscousLaw, riemann_velocity, wave_speed
+from .laws import ElasticLaw, LearnedStress, ViscousLaw, riemann_velocity, wave_speed
 from .memory import Moment, weights
 
 Array = np.ndarray
@@ -32,7 +32,8 @@ class Wall:
     A0 [m²]; K = E h/((1-η²) R0) [Pa]; e = E_NL/E; K_h = h/((1-η²) R0) [-]; phi0 [Pa·s]; r = φ_NL/φ0 [s];
     P_ref [Pa]; rho [kg/m³]. ``nonlinear`` tells whether any r differs from 0, ``bent`` whether any e does.
     leak [m²/(Pa·s)] : what the wall lets through per length and pressure. tau [s], share [-] : (m, …) relaxation times
-    and shares of the elements that the viscous stress is made of (:mod:`solver.memory`). None where no wall has it.
+    and shares of the elements that the viscous stress is made of (:mod:`solver.memory`). learned : (7, …) the numbers
+    of :class:`~solver.laws.LearnedStress`, which adds to the stress of the viscous law. None where no wall has it.
 
     For a wall with memory :meth:`remembering` gives the law at one instant, whose ``moment`` says what is left.
     """
@@ -52,9 +53,11 @@ class Wall:
     leak: Array | None = None
     tau: Array | None = None
     share: Array | None = None
+    learned: Array | None = None
     moment: Moment | None = None
 
-    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"tau": 1, "share": 1}  # which counts a batch; the others' first
+    # which counts the members of a batch, where it is not the first
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"tau": 1, "share": 1, "learned": 1}
 
     def at(self, index: Array | slice) -> Wall:
         """The walls at some of the points: last axis indexed."""
@@ -94,13 +97,33 @@ class Wall:
             viscous = viscous * self._weighted(self._factor(A, A_t))
         if self.moment is not None:
             viscous += self.K_h / s * self.moment.faded
+        if self.learned is not None:
+            viscous += self.K_h / s * self._kept * self._further.stress(s - 1.0, self.strain_rate(A, A_t))
         P += viscous
         return P
 
     def viscous_stress(self, A: Array, A_t: Array) -> Array:
         """σ_v [Pa] of a wall without memory: φ0 ε̇ with the nonlinear factor."""
-        stress = self.phi0 * self.strain_rate(A, A_t)
-        return stress * self._factor(A, A_t) if self.nonlinear else stress
+        rate = self.strain_rate(A, A_t)
+        stress = self.phi0 * rate
+        stress = stress * self._factor(A, A_t) if self.nonlinear else stress
+        return stress if self.learned is None else stress + self._further.stress(np.sqrt(A / self.A0) - 1.0, rate)
+
+    @property
+    def _further(self) -> LearnedStress:
+        assert self.learned is not None
+        return LearnedStress(*self.learned)
+
+    @property
+    def _kept(self) -> Array | float:
+        """What counts of the stress of the viscous law at this moment."""
+        return 1.0 if self.moment is None else self.moment.direct
+
+    def stress_by_strain(self, A: Array, A_t: Array) -> Array | float:
+        """∂σ_v/∂ε [Pa] of a wall without memory at fixed ε̇."""
+        if self.learned is None:
+            return 0.0
+        return self._further.by_strain(np.sqrt(A / self.A0) - 1.0, self.strain_rate(A, A_t))
 
     def _factor(self, A: Array, A_t: Array) -> Array | float:
         return self.viscous.factor(self.r * self.strain_rate(A, A_t)) if self.nonlinear else 1.0
@@ -171,6 +194,11 @@ class Wall:
         return np.any([np.any(a != b, axis=tuple(range(a.ndim - 1))) for a, b in pairs if a is not None], axis=0)
 
     @property
+    def learns(self) -> bool:
+        """Whether any wall has a stress that was learned."""
+        return self.learned is not None
+
+    @property
     def leaks(self) -> bool:
         """Whether any wall lets something through."""
         return self.leak is not None
@@ -190,6 +218,9 @@ class Wall:
         nu_s = self.viscosity_area / A
         if self.nonlinear or self.moment is not None:
             nu_s = nu_s * self._weighted(self.relative_viscosity(A, A_t) if self.nonlinear else 1.0)
+        if self.learned is not None:
+            further = self._further.by_rate(np.sqrt(A / self.A0) - 1.0, self.strain_rate(A, A_t))
+            nu_s = nu_s + self.K_h * self._kept * further / (2.0 * A)
         return nu_s
 
     def viscous_slope(self, A: Array, A_t: Array) -> Array:
@@ -206,6 +237,11 @@ class Wall:
         slope = -nu_s * A_t / A
         if self.moment is not None:
             slope -= 0.5 * self.K_h / np.sqrt(A / self.A0) * self.moment.faded / A
+        if self.learned is not None:  # ds/dA = s/(2 A), and ε̇ falls as 1/s
+            s, rate = np.sqrt(A / self.A0), self.strain_rate(A, A_t)
+            law = self._further
+            change = s * law.by_strain(s - 1.0, rate) - rate * law.by_rate(s - 1.0, rate) - law.stress(s - 1.0, rate)
+            slope += 0.5 * self.K_h / s * self._kept * change / A
         return slope
 
     def relative_viscosity(self, A: Array, A_t: Array) -> Array:
@@ -242,4 +278,4 @@ class Wall:
         return np.where(self.e == 0.0, simple, riemann_velocity(self.elastic, s, self.K, self.e, self.rho))
 
 
-_WALL_ARRAYS = ("A0", "K", "e", "K_h", "phi0", "r", "P_ref", "rho", "leak", "tau", "share")
+_WALL_ARRAYS = ("A0", "K", "e", "K_h", "phi0", "r", "P_ref", "rho", "leak", "tau", "share", "learned")

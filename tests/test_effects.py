@@ -32,6 +32,7 @@ DOCS = Path(__file__).parents[1] / "docs" / "effects.md"
 ON = {
     "CA.tau": 0.02,
     "CA.springpot": 0.3,
+    "CA.learned_fall": 3e4,
     "CA.P_ext": 500.0,
     "CA.E_scale": 1.2,
     "CA.taper": -0.2,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import pytest
 from truth.hide import Effect
+from truth.plan import TUNING_SEED, seed_of, whole
 from truth.records import Case, make
 
 from discrepancy.study import judge
@@ -47,4 +48,16 @@ def test_what_shows_from_the_walls_of_the_file(case: Case, index: int) -> None:
     made = make(case, (20310123, 1, index))
     naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
     assert (naming.verdict, naming.best.label) == ("effect", f"{case.effects[0].name} at CA")
+    assert naming.best.explains and naming.complete
+
+
+@pytest.mark.slow
+def test_an_animal_that_there_hardly_is() -> None:
+    """A Windkessel for the reflection of FA, three pressures, common walls: a record of the bank's tuning plan (seed
+    11). Numbers of DD and VA2 nine spreads off meet the record to its noise without any effect; from these walls no
+    law leads home, from the file's the true one does."""
+    cases, index = whole("network", "standard", TUNING_SEED), 9
+    made = make(cases[index], seed_of("network", TUNING_SEED, index))
+    naming = judge(Record("made", "", made.time, made.channels, {}), made.base)[1]
+    assert (naming.verdict, naming.best.label) == ("effect", "terminal_compliance at FA")
     assert naming.best.explains and naming.complete

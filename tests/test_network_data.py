@@ -12,6 +12,7 @@ from fitting.inference.unknown import parameter_values
 from fitting.records import noise as network_data
 from fitting.records.beats import Beats
 from fitting.records.inflow import inflow as interpolated
+from fitting.records.thresholds import NEIGHBOURS
 from solver import Settings, linear, load, simulate_periodic
 
 K = 12
@@ -101,7 +102,7 @@ def test_intervals_and_chi2_of_the_linearised_problem() -> None:
     values = parameter_values(unknowns, NETWORK, x)
     beat = simulate_periodic(NETWORK, inflow, T, parameters=values, settings=SETTINGS, tolerance=1e-6)
     X = np.moveaxis(coefficients(np.stack([beat[name][:, :-1] for name in CHANNELS])), 0, 2)
-    H = network_data.response(NETWORK, CHANNELS, T, K + network_data.NEIGHBOURS, {})
+    H = network_data.response(NETWORK, CHANNELS, T, K + NEIGHBOURS, {})
     Q = network_data.mean_beat(record(clean()), ("inlet.Q",), K)
     floor = 1e-6 * network_data.pulses(record(clean()), CHANNELS) * np.ones((K + 1, 1))
     hits, chi2 = [], []

@@ -73,14 +73,14 @@ def test_recordings_are_those_of_their_numbers() -> None:
 @pytest.mark.parametrize(
     ("number", "beats", "sentence"),
     [
-        (8268, 2.0, "the period may be 0.73 s"),
-        (14232, 2.0, "the period may be 0.702 s"),
+        (8268, 2.0, "the period may be 0.729 s"),
+        (14232, 2.0, "the period may be 0.701 s"),
         (8226, 0.33, "579 beats a minute"),
         (28771, 0.5, "differ 1.9 times as much"),
         (98280, 0.5, "differ 1.7 times as much"),
         (37047, 0.5, "differ 11 times as much"),
         (54234, 2.0, "too few times to be sure"),
-        (48744, 2.95, "the period may be 0.694 s"),
+        (48744, 2.95, "the period may be 0.703 s"),
         (23265, 4.0, "the period may be 0.505 s"),
         (46151, 0.28, "from the fourth next"),
     ],

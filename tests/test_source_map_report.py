@@ -68,8 +68,8 @@ def found(
     return SourceMap(signals, unknowns, at, widths, 321.0, chi2, 100, tuple(rivals), np.zeros((K + 1, 3, len(at))))
 
 
-def shown(*signals: Signal, **more: object) -> SourceMapShown:
-    return shown_map(found(*signals, **more), NETWORK, record(clean()))  # type: ignore[arg-type]
+def shown(*signals: Signal, shares: Sequence[float] = (), **more: object) -> SourceMapShown:
+    return shown_map(found(*signals, **more), NETWORK, record(clean()), shares)  # type: ignore[arg-type]
 
 
 LEAK = signal(place("outflow", "B"), -2.0 * ML)
@@ -161,7 +161,8 @@ def test_size_as_a_part_of_the_pulse_and_time() -> None:
     (leak,) = shown(LEAK).acting
     assert (leak.channel, leak.pulse) == ("B.Q", pytest.approx(np.ptp(clean()["B.Q"])))
     part = 100.0 * math.sqrt(2.0) * ML / np.ptp(clean()["B.Q"])
-    assert f"1.4 mL/s (rms, {part:.2g} % of the pulse of B.Q), largest at 0 s." in acts_as(shown(LEAK))
+    assert f"1.4 mL/s (rms, {part:.2g} % of the pulse of B.Q), largest at 0 s, " in acts_as(shown(LEAK))
+    assert " % of the gap (of its χ²), largest at 0 s, " in acts_as(shown(LEAK, shares=(0.4,)))
     steady = replace(LEAK, g=np.where(np.arange(K + 1)[:, None] == 0, 3.0 * ML, 0.1 * LEAK.g))
     assert acts_as(shown(steady)).endswith("nearly the same throughout the beat.")
 
@@ -240,12 +241,14 @@ def test_the_outcome_has_the_map_of_its_naming() -> None:
 def test_verdict_json_has_the_places() -> None:
     """RMS in SI; a number has its value and the file's; null where no map was made."""
     rivals = [Rival((place("outlet", "B"),), 3.0)]
-    content = verdict_json(replace(MADE, map=shown(LEAK, rivals=rivals)))
+    content = verdict_json(replace(MADE, map=shown(LEAK, rivals=rivals, shares=(0.4,))))
     (leak,) = content["map"]
+    phase = leak.pop("phase")
+    assert phase["name"] == "diastole" and 0.25 < phase["part"] < 1.0
     assert leak.pop("rms") == pytest.approx(math.sqrt(2.0) * ML)
     assert leak == {
         "kind": "outflow", "where": "B", "x": None, "label": "a loss of flow along B", "unit": "m^3/s",
-        "rivals": [{"labels": ["the outlet of B"], "above": 3.0}],
+        "share": 0.4, "rivals": [{"labels": ["the outlet of B"], "above": 3.0}],
     }  # fmt: skip
     assert content["map_leaves"] == {"chi2_per_datum": 1.0, "explains": True}
     (number,) = verdict_json(replace(MADE, map=shown(signal(place("number", "B.E")))))["map"]

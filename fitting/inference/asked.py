@@ -19,6 +19,7 @@ from solver.errors import InputError
 from solver.network import Network
 from solver.quantity import Quantity
 
+from .terms import OWN
 from .unknown import Unknown
 
 
@@ -81,11 +82,11 @@ def varied(
     """
     found, which = list[Unknown](), [list[int]() for _ in labels]
     for pattern in varies:
-        if not any(_named(unknown, pattern) for unknown in unknowns):
+        if not any(named(unknown, pattern) for unknown in unknowns):
             names = ", ".join(unknown.name for unknown in unknowns)
             raise InputError(f"--varies {pattern}: it names none of the unknowns {names}; name one, or free it, too.")
     for unknown in unknowns:
-        own = len(labels) > 1 and any(_named(unknown, pattern) for pattern in varies)
+        own = len(labels) > 1 and any(named(unknown, pattern) for pattern in varies)
         for label, numbers in zip(labels, which, strict=True):
             if own or numbers is which[0]:
                 found.append(replace(unknown, name=f"{unknown.name} of {label}") if own else unknown)
@@ -93,8 +94,10 @@ def varied(
     return tuple(found), which
 
 
-def _named(unknown: Unknown, pattern: str) -> bool:
-    return any(all(fnmatchcase(name, pattern) for name in names) for names in ((unknown.name,), unknown.variables))
+def named(unknown: Unknown, pattern: str) -> bool:
+    """Whether a name with wildcards is that of an unknown, or of all variables that it moves."""
+    of_one = (unknown.name.removesuffix(f" {OWN}"),)
+    return any(all(fnmatchcase(name, pattern) for name in names) for names in (of_one, unknown.variables))
 
 
 def _check_names(unknown: str, names: Sequence[str], known: Iterable[str], network: str) -> None:

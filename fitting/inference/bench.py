@@ -22,8 +22,9 @@ from solver.network import Network
 from ..bench import on_bench
 from ..records import spectral
 from ..records.beats import Beats
-from ..records.inflow import SAFE, undoable
+from ..records.inflow import undoable
 from ..records.noise import degrees_of_freedom
+from ..records.thresholds import SAFE
 from .added import allowed
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
@@ -57,6 +58,7 @@ class Bench(Forward):
 
     kind = "bench"
     deviations = ()
+    rules = _RULES
 
     network: Network
     site: str
@@ -80,6 +82,15 @@ class Bench(Forward):
         X = spectral.coefficients(self.loop.R)
         X[self.K + 1 :] = 0.0
         return np.fft.irfft(X * self.loop.N, self.loop.N)
+
+    @property
+    def entries(self) -> tuple[Array, Array]:
+        order = (np.arange(2 * self.K + 1) + 1) // 2
+        return order, np.zeros_like(order)
+
+    def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
+        runs.check()
+        return _evaluated(self, trials)
 
     @property
     def dof_of_noise(self) -> float:
@@ -261,8 +272,7 @@ def _searched(problem: Bench, member: Member, known: float = np.inf) -> Fit:
     search(partial(_evaluated, problem), [found], known)
     if found.here is None:
         raise NoFit(f"{problem.site}: the wall law has no pressure on the measured loop.")
-    order = (np.arange(len(found.here.z)) + 1) // 2
-    return found.fit(order, np.zeros_like(order))
+    return found.fit(*problem.entries)
 
 
 def _begin(problem: Bench, terms: tuple[Term, ...], start: Fit | None) -> list[Member]:
@@ -296,7 +306,7 @@ def _promise(problem: Bench, member: Member) -> float:
 def _evaluated(problem: Bench, trials: Sequence[Trial]) -> list[Point | None]:
     """The linear problem of trials, at the radius that was most probable where they step from."""
     radius = [problem.start if t.before is None else t.before.memory.after(t.step) for t in trials]
-    return [_linearised(problem, t.member, r) for t, r in zip(trials, radius, strict=True)]
+    return [_linearised(problem, t.member, r, t.by) for t, r in zip(trials, radius, strict=True)]
 
 
 def _settled(problem: Bench, member: Member) -> Point | None:

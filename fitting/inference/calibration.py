@@ -41,7 +41,7 @@ class Part:
     """One recording: its m channels up to harmonic K, and their simulation under its inflow.
 
     unknowns : the q that act in it; which : (q,) their numbers among all. target : what the record says, with its
-    weights; None until they are known.
+    weights; None until they are known. log_volume : ln det of their covariance over that of the noise.
     """
 
     beats: Beats
@@ -50,6 +50,7 @@ class Part:
     simulator: Simulator
     meter: Meter
     target: Target | None = None
+    log_volume: float = 0.0
 
     @property
     def size(self) -> int:
@@ -132,7 +133,7 @@ class Problem:
     def point(self, x: Array, batches: Sequence[Array]) -> Point:
         """Residual and derivatives at x from its batches."""
         z, J = zip(*(part.point(x, batch) for part, batch in zip(self.parts, batches, strict=True)), strict=True)
-        return Point(np.concatenate(z), np.concatenate(J), memory=batches)
+        return Point(np.concatenate(z), np.concatenate(J), sum(part.log_volume for part in self.parts), batches)
 
     def rows(self) -> list[slice]:
         """Each part's entries of z."""

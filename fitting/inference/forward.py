@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from solver.network import Network
 from ..records.beats import Beats
 from ..records.noise import mean_beat
 from .fit import Fit
+from .gauss_newton import Point, Rules, Trial
 from .jackknife import Rest
 from .simulator import Runs
 from .terms import Term
@@ -48,15 +49,38 @@ class Forward(Protocol):
     and has one weighting.
     """
 
-    kind: ClassVar[str]
     network: Network
     site: str | None
     signals: tuple[str, ...]
     K: int
 
     @property
+    def kind(self) -> str:
+        """What it is."""
+
+    @property
+    def first(self) -> Forward:
+        """The problem of the recording, or of the first of several."""
+        return self
+
+    @property
     def dof_of_noise(self) -> float:
         """Degrees of freedom that the noise is known from."""
+
+    @property
+    def highest(self) -> float:
+        """Half the sampling rate [Hz]: no sensor is named by a frequency above it."""
+
+    @property
+    def rules(self) -> Rules:
+        """Of its searches."""
+
+    @property
+    def entries(self) -> tuple[Array, Array]:
+        """(n,) harmonic and channel of every entry of the whitened residual."""
+
+    def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
+        """The whitened residual at every trial, with its derivatives; None where it has none."""
 
     def hypothesis(self, terms: Sequence[Term]) -> tuple[Unknown, ...]:
         """Unknowns of a hypothesis: nuisances, then those of its terms."""

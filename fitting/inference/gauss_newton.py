@@ -25,7 +25,7 @@ from .unknown import TAILS, bounds, penalty, precision, precisions
 
 Array = np.ndarray
 
-_LARGEST = 2.0  # of a step, in typical sizes
+LARGEST = 2.0  # of a step, in typical sizes
 # Parts of a step to which the reach falls: where there is no residual, and where the cost rises. With 0.5 there, one of
 # four benches with a flat valley of R0 and an external pressure ended 4 above the lowest cost known, with 0.3 none
 _BROKEN, _VAIN = 0.5, 0.3
@@ -129,7 +129,7 @@ class Search:
         self.low, self.high = bounds(member.unknowns)
         self.size = np.array([u.typical_sd for u in member.unknowns])
         self.prior = precisions(member.unknowns)
-        self.damping, self.reach, self.step = 0.0, _LARGEST, np.zeros(len(member.x))
+        self.damping, self.reach, self.step = 0.0, LARGEST, np.zeros(len(member.x))
         self.settling = self.settled = False
         self.failed = self.ended = self.converged = False
         self.history: list[float] = []
@@ -164,14 +164,14 @@ class Search:
             return False
         step, gain = self._promised(self.damping, self.reach)
         self.step, self.promise, enough = 0.0 * step if self.settling else step, self.cost - 3.0 * gain, self._enough
-        self.ended = not (gain >= enough or self.rules.latent and self.reach == _LARGEST)
+        self.ended = not (gain >= enough or self.rules.latent and self.reach == LARGEST)
         if self.ended:
             self.converged = not self.cost - self.promised() >= enough
         return not self.ended
 
     def promised(self) -> float:
         """The cost that the linear problem promises after one step."""
-        return self.cost - self._promised(0.0, _LARGEST)[1]
+        return self.cost - self._promised(0.0, LARGEST)[1]
 
     def _promised(self, damping: float, reach: float) -> tuple[Array, float]:
         """The step (p,), and what the linear problem gains by it."""
@@ -210,14 +210,14 @@ class Search:
             J = self.here.J + np.outer(missed, self.step) / float(self.step @ self.step)
             found, self.here = replace(found, J=J), replace(self.here, J=J)
         else:  # neither up nor down
-            self.ended = self.converged = abs(gained) < enough and self.reach == _LARGEST
+            self.ended = self.converged = abs(gained) < enough and self.reach == LARGEST
         if gained > 0.0:
             self.settled = False
             self.damping = self.damping / 5.0 if self.damping > 1e-3 else 0.0
-            self.reach = min(2.0 * self.reach, _LARGEST)
+            self.reach = min(2.0 * self.reach, LARGEST)
             self.settle(x, found)
         else:
-            if self.reach < _LARGEST:
+            if self.reach < LARGEST:
                 self.damping = max(5.0 * self.damping, _DAMPED)
             self.reach = _VAIN * size
             self.ended |= self.damping > _MOST_DAMPING

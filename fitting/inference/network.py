@@ -78,9 +78,21 @@ class NetworkProblem(Forward):
     deviations: tuple[Unknown, ...] = ()
     possible: tuple[Unknown, ...] = ()
 
+    rules = _RULES
+
     @property
     def dof_of_noise(self) -> float:
         return degrees_of_freedom(self.beats.n_beats)
+
+    @property
+    def highest(self) -> float:
+        return 0.5 * self.beats.N / self.beats.T
+
+    @property
+    def entries(self) -> tuple[Array, Array]:
+        m, K = len(self.signals), self.K
+        order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
+        return order, np.tile(np.arange(m), 2 * K + 1)
 
     def refined(self, fit: Fit, term: Term) -> Term | None:
         finer = about_common if self.deviations else refined
@@ -168,7 +180,7 @@ class NetworkProblem(Forward):
     # --- derivatives --------------------------------------------------------------------------------------------------
 
     def points(self, trials: Sequence[Trial], runs: Runs) -> list[Point | None]:
-        """The whitened residual at every trial, and its derivatives by finite differences; all in one batch."""
+        """By finite differences; all in one batch."""
         steps = [finite_steps(t.member.unknowns, t.member.x, _STEP)[t.by] for t in trials]
         moved = [
             replace(t.member, x=x)
@@ -359,9 +371,7 @@ class NetworkProblem(Forward):
     def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.here is None:
             return None
-        m, K = len(self.signals), self.K
-        order = np.concatenate([np.zeros(m, int), np.tile(np.repeat(np.arange(1, K + 1), m), 2)])
-        return allowed(self.network, s.fit(order, np.tile(np.arange(m), 2 * K + 1)), 0.5 * self.beats.N / self.beats.T)
+        return allowed(self.network, s.fit(*self.entries), self.highest)
 
 
 def _diagonal(variance: Array) -> Array:

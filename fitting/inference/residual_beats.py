@@ -15,19 +15,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..records import thresholds as limit
 from ..records.beats import Beats
 from ..records.felt import felt
-from ..records.noise import SEAM_ERROR, noise_share, scaled
+from ..records.noise import following, steady_beats
 from ..records.spectral import coefficients, resample
 
 Array = np.ndarray
 
 _ORDER = 3  # elastic, viscous and what bends them: powers of iω
 _FOLLOWING = "P if it followed R"
-_COHERENT = 0.5  # of the variance of P that follows R at a low harmonic: then the beats differ, not the sensors
-_LOW = 6
-_GAPS = 0.01  # of the samples: single spikes do no harm
-_ABOVE_NOISE = 5.0  # standard deviations
 
 
 def loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
@@ -39,19 +36,18 @@ def loop_noise(beats: Beats, site: str, N: int) -> tuple[Array, Array]:
     K = len(raw) - 1
     A = _series(a, beats.T, K)
     seen = felt(beats, R, lambda T, n: _series(a, T, n)[:, None], K, memory=False)
-    moved = seen.change if seen is not None else _moved(beats, R, A)
+    moved = following(beats, A[:, None], seen, R)[0]
     # a name without converter: what rounding leaves in the mean beat is no change from beat to beat
-    both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved[0]}).covariance((P, _FOLLOWING))
+    both = replace(beats, values={P: beats.values[P], _FOLLOWING: moved}).covariance((P, _FOLLOWING))
     followed, could = both[:, 0, 1].real, both[:, 1, 1].real
-    coherent = followed**2 > _COHERENT * both[:, 0, 0].real * could
-    gaps = any(np.isnan(beats.values[name]).mean() > _GAPS for name in names)  # then phases are means of other beats
+    coherent = followed**2 > limit.COHERENT * both[:, 0, 0].real * could
+    gaps = any(np.isnan(beats.values[name]).mean() > limit.HOLES for name in names)
     seam = np.zeros(beats.N) if seen is None else seen.seam[0]
-    known = np.abs(SEAM_ERROR * coefficients(seam)) ** 2
-    if gaps or (seen is None and not coherent[1:_LOW].any()):
+    known = np.abs(limit.SEAM_ERROR * coefficients(seam)) ** 2
+    if gaps or (seen is None and not coherent[1 : limit.LOW].any()):
         raw[:, 0, 0] += known
         return raw, resample(seam, N)
-    share = noise_share(beats, (P,), moved, K + 1)
-    steady = replace(beats, values={P: beats.values[P] - scaled(moved[0], 1.0 - share), R: beats.values[R]})
+    share, steady = steady_beats(beats, (P,), A[:, None], seen, R)
     noise = steady.covariance(names) * share[:, None, None]
     own, S_R = steady.covariance((P,))[:, 0, 0].real, noise[:, 1, 1].real
     noise[:, 1, 1] = np.maximum(S_R, raw[1:, 1, 1].real.min())
@@ -64,7 +60,7 @@ def _law(beats: Beats, names: tuple[str, str], noise: Array) -> Array:
     """(_ORDER,) real a with P_k = Σ a_i (iω_k)^i R_k of the mean loop, by least squares."""
     P, R = (coefficients(beats.mean(name)) for name in names)
     sd = np.sqrt(np.maximum(np.einsum("kii->ki", noise).real, np.finfo(float).tiny))
-    told = (np.abs(R) > _ABOVE_NOISE * sd[:, 1]) & (np.abs(P) > _ABOVE_NOISE * sd[:, 0])
+    told = (np.abs(R) > limit.LOOP_SHOWN * sd[:, 1]) & (np.abs(P) > limit.LOOP_SHOWN * sd[:, 0])
     told[0] = False
     told[1 : _ORDER + 1] = True
     k = np.flatnonzero(told)
@@ -79,8 +75,3 @@ def _law(beats: Beats, names: tuple[str, str], noise: Array) -> Array:
 def _series(a: Array, T: float, n: int) -> Array:
     """Σ a_i (iω)^i at the harmonics 0 … n of T : (n + 1,)."""
     return (2j * np.pi / T * np.arange(n + 1)[:, None]) ** np.arange(len(a)) @ a
-
-
-def _moved(beats: Beats, name: str, A: Array) -> Array:
-    """(1, n_beats, N) A times the change of a channel from beat to beat."""
-    return scaled(np.nan_to_num(beats.values[name] - beats.mean(name), nan=0.0), A)[None]

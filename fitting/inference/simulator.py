@@ -18,7 +18,8 @@ from solver.units import INFLOW
 from ..records.beats import Beats
 from ..records.felt import Felt, felt
 from ..records.inflow import Inflow, undoable
-from ..records.noise import NEIGHBOURS, response
+from ..records.noise import response
+from ..records.thresholds import NEIGHBOURS
 from ..workers import Workers
 
 Array = np.ndarray

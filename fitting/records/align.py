@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,22 +9,16 @@ import numpy as np
 from solver.errors import InputError
 
 from ..threads import single_threaded
+from . import thresholds as limit
 from .beats import Beats, require_phases
-from .harmonic_model import Normal, evaluate, highest
-from .period import FEWEST, strict_period, usual_period
+from .harmonic_model import evaluate, harmonics
+from .period import strict_period, usual_period
 from .record import Array, Record
 from .rounding import converter_step
 from .spikes import without_spikes
 from .timing import without_jitter, without_slope
 from .unequal import Whole, unequal
 from .upstrokes import without_gaps
-
-_WHOLE = 1e-6  # samples that the beats may slip against the samples over the whole record and still be reshaped
-_UNSTEADY = 0.1  # of the period: beats longer or shorter by more are refused
-_SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
-_SLIP = 0.02  # of a period over the whole record, by which a given period may differ from the one that is found
-_VAGUE = 0.1  # of a beat, by which a given period may differ from the mean of beats that vary
-_TURN = 8  # harmonics above N/8: half a sample is a sixteenth of a turn and more
 
 
 @single_threaded
@@ -41,27 +34,26 @@ def align(record: Record, period: float | None = None) -> Beats:
     if period is not None:
         _check(period, record)
     T, whole, said = _rhythm(record, period)
-    samples = _grid(record, T) if whole is None else whole.edges[whole.serving][:, None] + np.arange(whole.N)
-    samples = np.minimum(samples, len(record.time) - 1)
+    samples = np.minimum(_grid(record, T) if whole is None else whole.samples, len(record.time) - 1)
     steps = {name: step for name, each in record.channels.items() if (step := converter_step(each)) > 0.0}
-    slip = 0.0 if whole is None else _SLIP_OF_CUTS
+    slip = 0.0 if whole is None else limit.SLIP_OF_CUTS
     cleaned = {name: without_spikes(x, samples, steps.get(name, 0.0), slip) for name, x in record.channels.items()}
     spikes = {name: count for name, (_, count) in cleaned.items() if count}
     channels = {name: each for name, (each, _) in cleaned.items()}
     for name, each in channels.items():
         require_phases((~np.isnan(each[samples])).sum(axis=0), name, record.path)
     if whole is None:
-        equal = {name: without_slope(each) for name, each in _equal(channels, record.dt / T, samples).items()}
+        equal = {name: without_slope(_equal(each, record.dt / T, samples)) for name, each in channels.items()}
         values, shifts = without_jitter(equal, T)
     else:
         T, values, shifts = whole.T, {name: whole.of(each) for name, each in channels.items()}, np.zeros(len(samples))
         whole = replace(whole, channels={name: without_gaps(each) for name, each in channels.items()})
     beats = Beats(record.path, record.sha256, T, values, shifts, spikes, steps, whole, record.told,
                   (*record.said, *said))  # fmt: skip
-    if beats.unsteadiness > _UNSTEADY:
+    if beats.unsteadiness > limit.NEAR:
         raise InputError(
             f"{record.path}: the heart rate is not steady: if cut every {T:.4g} s, a beat is shifted against the one "
-            f"before by up to {beats.unsteadiness:.0%} of that, and more than {_UNSTEADY:.0%} cannot be aligned; "
+            f"before by up to {beats.unsteadiness:.0%} of that, and more than {limit.NEAR:.0%} cannot be aligned; "
             "use a stretch of the record with a steady rate."
         )
     return beats
@@ -71,10 +63,10 @@ def _grid(record: Record, T: float) -> Array:
     """(n_beats, N) the sample that is nearest to each phase of equal beats. Raises ValueError if there are too few."""
     f, n = record.dt / T, len(record.time)
     N, n_beats = round(1.0 / f), int((n + 0.5) * f)  # half a sample of tolerance: noise must not cost the last beat
-    if N < FEWEST:
+    if N < limit.FEWEST_SAMPLES:
         raise InputError(
-            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample {FEWEST} times a beat or "
-            f"more often, or check the unit of its time column."
+            f"{record.path}: {1 / f:.2g} samples in a period of {T:.4g} s are too few; sample "
+            f"{limit.FEWEST_SAMPLES} times a beat or more often, or check the unit of its time column."
         )
     if n_beats < 2:
         raise InputError(
@@ -94,7 +86,7 @@ def _check(period: float, record: Record) -> None:
             f"{record.path}: period = {period:.4g} s: longer than half of the {span:.4g} s of record; "
             "give a shorter one or record at least two whole beats."
         )
-    if period < FEWEST * record.dt:
+    if period < limit.FEWEST_SAMPLES * record.dt:
         _grid(record, period)
 
 
@@ -104,7 +96,7 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     channels, dt, source = record.channels, record.dt, record.path
     try:
         usual = usual_period(channels, dt, source)
-        if period is not None and abs(period / usual.other - 1.0) <= _VAGUE:  # of the two, the record does not say
+        if period is not None and abs(period / usual.other - 1.0) <= limit.NEAR:  # of the two, the record does not say
             usual = replace(usual, T=period)
         whole = unequal(channels, dt, usual.T)
         T = strict_period(usual.T, channels, dt) if whole is None else whole.T
@@ -124,7 +116,7 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * len(record.time) * dt / period
-    if abs(beats - count) > _VAGUE if whole is not None else slip > _SLIP:
+    if abs(beats - count) > limit.NEAR if whole is not None else slip > limit.SLIP:
         raise InputError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
@@ -134,8 +126,8 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     return float(period), whole, said
 
 
-def _equal(channels: Mapping[str, Array], f: float, samples: Array) -> dict[str, Array]:
-    """Equal beats : (n_beats, N) each; samples : the nearest to each phase j/N; f : cycles a sample.
+def _equal(x: Array, f: float, samples: Array) -> Array:
+    """Equal beats of a channel : (n_beats, N); samples : the nearest to each phase j/N; f : cycles a sample.
 
     Samples as they are if the beats keep step with them, else the harmonic model plus the residual of the nearest one.
 
@@ -144,24 +136,11 @@ def _equal(channels: Mapping[str, Array], f: float, samples: Array) -> dict[str,
     to the mean beat; there the residual's mean is taken out again, and the mean beat is the model. At low harmonics it
     is needed: drift leaks into the model of a record that is no whole number of beats, the residual makes up for it.
     """
-    (n_beats, N), n = samples.shape, len(next(iter(channels.values())))
-    if abs(N * f - 1.0) * n < _WHOLE and n_beats * N <= n:
-        return {name: each[samples] for name, each in channels.items()}
-    shared: Normal | None = None
-    cut = {}
-    for name, values in channels.items():
-        there = ~np.isnan(values)
-        whole = bool(there.all())
-        middle = values[there].mean()
-        x = np.where(there, values - middle, 0.0)
-        if whole and shared is None:
-            shared = Normal.of(None, f, highest(f, n, n), n)
-        measured = int(there.sum())
-        normal = shared if whole and shared else Normal.of(there.astype(float), f, highest(f, n, measured), n)
-        c = normal.solve(x)
-        residual = values - middle - evaluate(c, f, n)
-        moved = residual[samples]
-        spectrum = np.fft.rfft(moved.mean(axis=0) if whole else np.nanmean(moved, axis=0))
-        spectrum[len(c) :] = spectrum[: N // _TURN] = 0.0
-        cut[name] = moved - np.fft.irfft(spectrum, N) + (evaluate(c, 1.0 / N, N) + middle)
-    return cut
+    (n_beats, N), n = samples.shape, len(x)
+    if abs(N * f - 1.0) * n < limit.IN_STEP and n_beats * N <= n:
+        return np.asarray(x[samples])
+    c = harmonics(x, f)
+    moved = (x - evaluate(c, f, n))[samples]
+    spectrum = np.fft.rfft(np.nanmean(moved, axis=0))
+    spectrum[len(c) :] = spectrum[: N // limit.MOVED] = 0.0
+    return np.asarray(moved - np.fft.irfft(spectrum, N) + evaluate(c, 1.0 / N, N))

@@ -11,19 +11,10 @@ import numpy as np
 
 from solver.errors import InputError
 
+from . import thresholds as limit
 from .record import Array, require
 from .rounding import rounded_harmonics
-from .spikes import FAR
 from .unequal import Whole, unlikeness
-
-_MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
-_WINDOW = 3  # harmonics on either side that share one estimate of the covariance
-_SERIAL = 1.645  # a lag-1 correlation between beat means above this many standard errors (5 %) counts
-_MOST_SERIAL = 0.9
-UNSTEADY = 0.05  # of the period: beats longer or shorter by more are warned about
-FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval
-_NAMED = 3  # odd beats
-_ODD, _VISIBLE = 5.0, 1e-3  # times the usual scatter, and part of the pulse: a beat that differs by more is named
 
 
 @dataclass(frozen=True)
@@ -79,11 +70,12 @@ class Beats:
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting an interval, one sentence each."""
         found = list(self.said)
-        if self.n_beats < FEWEST_BEATS:
+        if self.n_beats < limit.FEWEST_BEATS:
             found.append(
-                f"{self.n_beats} beats say little about the noise; record at least {FEWEST_BEATS} for honest intervals."
+                f"{self.n_beats} beats say little about the noise; record at least {limit.FEWEST_BEATS} for honest "
+                "intervals."
             )
-        if self.unsteadiness > UNSTEADY:
+        if self.unsteadiness > limit.UNSTEADY:
             found.append(
                 f"the heart rate was not steady: a beat lasted up to {self.unsteadiness:.1%} of the period more or "
                 "less; intervals do not cover what that does to the shape of a beat."
@@ -91,8 +83,8 @@ class Beats:
         found += self.whole.said if self.whole else ()
         for name, count in self.spikes.items():
             found.append(
-                f"spikes of {name} left out ({count} samples): more than {FAR:g} robust standard deviations off the "
-                "other beats, and alone among their neighbours."
+                f"spikes of {name} left out ({count} samples): more than {limit.FAR:g} robust standard deviations "
+                "off the other beats, and alone among their neighbours."
             )
         return (*found, *self._odd_beats())
 
@@ -103,7 +95,7 @@ class Beats:
             measured = np.flatnonzero(~np.isnan(beats).all(axis=1))
             size = unlikeness(beats[measured])
             usual, pulse = float(np.median(size)), float(np.ptp(self.mean(name)))
-            for i in np.flatnonzero(size > max(_ODD * usual, _VISIBLE * pulse)):
+            for i in np.flatnonzero(size > max(limit.ODD * usual, limit.VISIBLE * pulse)):
                 b = int(measured[i])
                 found.setdefault(
                     b,
@@ -111,7 +103,7 @@ class Beats:
                     f"it deviates by {size[i] / pulse:.1%} of the pulse, they by {usual / pulse:.2g} of it; "
                     "if it is an artefact, leave its samples empty.",
                 )
-        return [found[b] for b in sorted(found)][:_NAMED]
+        return [found[b] for b in sorted(found)][: limit.NAMED]
 
     def _begins(self, b: int) -> float:
         """When a beat begins [s] after the record's start."""
@@ -166,7 +158,7 @@ class Beats:
         pooled[0] = C[0].real * np.outer(factors, factors) + np.diag(V[0])
         C[:, at, at] += V
         for k in range(1, K + 1):
-            half = min(_WINDOW, max(1, k - 1)) if self.n_beats >= _MANY else _WINDOW
+            half = min(limit.NEIGHBOURS, max(1, k - 1)) if self.n_beats >= limit.MANY else limit.NEIGHBOURS
             pooled[k] = C[max(1, k - half) : k + half + 1].mean(axis=0)
         if self.N % 2 == 0:
             pooled[K] = pooled[K].real
@@ -254,5 +246,5 @@ def _serial_factor(means: Array) -> float:
     means = means - means.mean()
     n, power = len(means), means @ means
     r = float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
-    r = min(r, _MOST_SERIAL)
-    return (1.0 + r) / (1.0 - r) if n > 2 and r > _SERIAL / np.sqrt(n) else 1.0
+    r = min(r, limit.MOST_SERIAL)
+    return (1.0 + r) / (1.0 - r) if n > 2 and r > limit.FIVE_PERCENT / np.sqrt(n) else 1.0

@@ -16,13 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import thresholds as limit
 from .beats import Beats
 
 Array = np.ndarray
 Transfer = Callable[[float, int], Array]
-
-_BEFORE = 8  # mean beats that come before the record, as nobody knows what did
-_UNKNOWN = 3  # of them, the last ones, which may have been larger or smaller
 
 
 @dataclass(frozen=True)
@@ -45,18 +43,20 @@ def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: b
         return None
     whole, N, mean = beats.whole, beats.N, beats.mean(drive)
     first, last = whole.edges[[0, -1]]
-    before, q = np.tile(mean, _BEFORE), whole.channels[drive][first:last]
-    length = len(before) + len(q)
+    q = whole.channels[drive][first:last]
+    before = limit.BEATS_BEFORE * N
+    length = before + len(q)
     H = transfer(length * whole.dt, int(harmonics * length / N))
     larger = np.zeros(length)
     if memory:
-        larger[(_BEFORE - _UNKNOWN) * N : _BEFORE * N] = np.tile(mean, _UNKNOWN) * _spread(beats.values[drive])
+        unknown = np.tile(mean, limit.BEATS_UNKNOWN)
+        larger[before - len(unknown) : before] = unknown * _spread(beats.values[drive])
 
     def cut(x: Array) -> Array:
         """(m, n_beats, N) of (m, length)."""
-        return np.stack([whole.of(np.concatenate([np.zeros(first), each[len(before) :]])) for each in x])
+        return np.stack([whole.of(np.concatenate([np.zeros(first), each[before:]])) for each in x])
 
-    followed = cut(_filtered(H, np.concatenate([before, q])))
+    followed = cut(_filtered(H, np.concatenate([np.tile(mean, limit.BEATS_BEFORE), q])))
     mean_followed = followed.mean(axis=1)
     seam = mean_followed - _filtered(transfer(beats.T, harmonics), mean)
     return Felt(followed - mean_followed[:, None], seam, cut(_filtered(H, larger)).mean(axis=1))

@@ -8,20 +8,19 @@ Everything here counts in samples and cycles: ``f`` is cycles per sample, dt/T, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import Legendre
 from scipy.linalg import cho_factor, cho_solve
 
+from . import thresholds as limit
+from .upstrokes import usual_range
+
 Array = np.ndarray
 
-_ORDINARY = (0.02, 0.98)  # quantiles: what lies beyond them by the distance between them is a spike
 _ENOUGH = 1e-4  # of its standard deviation: a smaller step of the period ends the search
-_MANY = 200.0  # beats
 _EXACT = 1e-14  # of a channel: noise that is assumed at least, the rounding of doubles
-MOST = 128  # harmonics of a model; what lies above is left to the residual
 
 
 def _block(n: int) -> int:
@@ -60,32 +59,84 @@ def evaluate(c: Array, f: float, n: int) -> Array:
 def highest(f: float, n: int, measured: int) -> int:
     """The highest harmonic that n samples, of which some are ``measured``, tell from its alias."""
     K = int(0.5 / f - 0.5 / max(1.0, n * f))  # distance to the alias: a whole turn over the record
-    return max(1, min(K, MOST, measured // 4))
+    return max(1, min(K, limit.MOST_HARMONICS, measured // 4))
 
 
-@dataclass(frozen=True)
-class Normal:
-    """The normal equations of the harmonic model for one set of measured samples: Hermitian, Toeplitz, factored."""
+class Model:
+    """Least squares on the harmonics of one set of measured samples, and on a slow drift beside them.
 
-    f: float
-    K: int
-    factor: tuple[Array, bool]
+    The normal equations of the harmonics are Hermitian and Toeplitz. Channels x : (n,) are zero in gaps.
+    """
 
-    @classmethod
-    def of(cls, there: Array | None, f: float, K: int, n: int) -> Normal:
-        """there : (n,) 1 where measured, 0 in gaps; None without gaps. One set serves all channels without gaps."""
-        s = sums(np.ones(n) if there is None else there, f, 2 * K + 1)
-        index = np.arange(2 * K + 1)
+    def __init__(self, there: Array, f: float) -> None:
+        """there : (n,) bool, where measured."""
+        self.f, self.n, self.measured, self.there = f, len(there), int(there.sum()), there.astype(float)
+        self.K = highest(f, self.n, self.measured)
+        s = sums(self.there, f, 2 * self.K + 1)
+        index = np.arange(2 * self.K + 1)
         lag = index[:, None] - index[None, :]
         matrix = np.where(lag >= 0, s[np.abs(lag)], s[np.abs(lag)].conj())
         matrix[index, index] += 1e-13 * s[0].real  # gaps may leave a combination barely determined
-        return cls(f, K, cho_factor(matrix))
+        self.factor = cho_factor(matrix)
 
-    def solve(self, x: Array) -> Array:
-        """c_k, k = 0..K, by least squares; x : (n,), zero in gaps."""
+    @classmethod
+    def of(cls, there: Array, f: float) -> Model:
+        """Channels without gaps share one."""
+        return _without_gaps(len(there), f) if there.all() else cls(there, f)
+
+    def harmonics(self, x: Array) -> Array:
+        """c_k, k = 0..K."""
         b = sums(x, self.f, self.K + 1)
         X = cho_solve(self.factor, np.concatenate([b[:0:-1].conj(), b]))[self.K :]
         return np.concatenate([X[:1].real, 2.0 * X[1:]])
+
+    def left(self, x: Array, c: Array) -> Array:
+        """x less its harmonics."""
+        return np.asarray(x - evaluate(c, self.f, self.n) * self.there)
+
+    @cached_property
+    def drift(self) -> tuple[Array, Array]:
+        """Polynomials of degree 1 to 3 less their harmonics : (3, n), and these : (3, K + 1); none of many beats, whose
+        period no drift can feign."""
+        degrees = range(1, 4) if self.n * self.f < limit.MANY_BEATS else range(0)
+        t = np.linspace(-1.0, 1.0, self.n)
+        drift = [Legendre.basis(degree)(t) * self.there for degree in degrees]
+        harmonics = [self.harmonics(x) for x in drift]
+        left = [self.left(x, c) for x, c in zip(drift, harmonics, strict=True)]
+        return np.array(left).reshape(len(left), self.n), np.array(harmonics).reshape(len(left), self.K + 1)
+
+    def without(self, x: Array) -> tuple[Array, Array]:
+        """x less harmonics and drift, and the harmonics."""
+        c = self.harmonics(x)
+        residual, (drift, harmonics) = self.left(x, c), self.drift
+        amounts = np.linalg.solve(drift @ drift.T, drift @ residual)
+        return residual - amounts @ drift, c - amounts @ harmonics
+
+    def slope(self, x: Array) -> tuple[float, float]:
+        """Score and information of f, in units of the noise of x."""
+        residual, c = self.without(x)
+        noise = residual @ residual / self.measured
+        # of |c_k|² it is 2 noise / n; harmonics below it say nothing on the period
+        size = np.maximum(np.abs(c) ** 2, np.finfo(float).tiny)
+        trusted = np.maximum(0.0, 1.0 - 8.0 * noise / self.measured / size)
+        m = evaluate(2j * np.pi * np.arange(len(c)) * trusted * c, self.f, self.n)
+        g = self.without((np.arange(self.n) - (self.n - 1) / 2.0) * m * self.there)[0]  # the period's own
+        noise = max(noise, _EXACT**2 * float(x @ x) / self.measured, np.finfo(float).tiny)
+        return float(residual @ g) / noise, float(g @ g) / noise
+
+
+@lru_cache(maxsize=2)
+def _without_gaps(n: int, f: float) -> Model:
+    return Model(np.ones(n, bool), f)
+
+
+def harmonics(x: Array, f: float) -> Array:
+    """c_k, k = 0..K, of a channel x : (n,), NaN in gaps, by least squares."""
+    there = ~np.isnan(x)
+    middle = x[there].mean()
+    c = Model.of(there, f).harmonics(np.where(there, x - middle, 0.0))
+    c[0] += middle
+    return c
 
 
 def refine(channels: Sequence[Array], f: float) -> float:
@@ -94,35 +145,25 @@ def refine(channels: Sequence[Array], f: float) -> float:
     A channel counts in units of its own noise.
     """
     n = len(channels[0])
-    x, there = np.array([_measured(values) for values in channels]).transpose(1, 0, 2)
+    ranges = [usual_range(values) for values in channels]
+    there = np.array([(low <= x) & (x <= high) for x, (low, high) in zip(channels, ranges, strict=True)])
+    x = np.array([np.where(t, values - values[t].mean(), 0.0) for t, values in zip(there, channels, strict=True)])
     length = min(n, int(6.0 / f) + 1)
     while True:
         part = np.flatnonzero(np.count_nonzero(there[:, :length], axis=1) > (0.5 * length if length < n else 0))
         if len(part):
-            f = _gauss_newton(x[part, :length], there[part, :length] > 0.0, f)
+            f = _gauss_newton(x[part, :length], there[part, :length], f)
         if length == n:
             return f
         length = min(n, 3 * length)
 
 
-def _measured(values: Array) -> tuple[Array, Array]:
-    """A channel about its mean, 0 in gaps and at spikes, and 1 where there are none."""
-    low, high = np.nanquantile(values, _ORDINARY)
-    there = np.abs(np.nan_to_num(values, nan=np.inf) - 0.5 * (low + high)) <= 1.5 * (high - low)
-    return np.where(there, values - values[there].mean(), 0.0), there.astype(float)
-
-
 def _gauss_newton(x: Array, there: Array, f: float) -> float:
     """The f of the least-squares fit of harmonics, drift and period to one stretch; x : (m, n), zero in gaps."""
-    n = x.shape[1]
-    last = np.inf
+    n, last = x.shape[1], np.inf
     for _ in range(25):
-        whole = _Stretch.of(None, f, n) if there.all(axis=1).any() else None
-        score = information = 0.0
-        for each, where in zip(x, there, strict=True):
-            stretch = whole if whole is not None and where.all() else _Stretch.of(where, f, n)
-            s, i = stretch.slope(each)
-            score, information = score + s, information + i
+        slopes = [Model.of(where, f).slope(each) for each, where in zip(x, there, strict=True)]
+        score, information = np.sum(slopes, axis=0)
         if not information > 0.0:
             return f
         step = float(np.clip(score / information, -0.1 / n, 0.1 / n))
@@ -132,52 +173,3 @@ def _gauss_newton(x: Array, there: Array, f: float) -> float:
             return f  # rounding has the last word where there is no noise
         last = abs(step)
     return f
-
-
-def _drift(n: int, f: float) -> Array:
-    """Polynomials of degree 1 to 3 over a stretch : (3, n); none for many beats, whose period no drift can feign."""
-    degrees = range(1, 4) if n * f < _MANY else range(0)
-    return np.array([Legendre.basis(d)(np.linspace(-1.0, 1.0, n)) for d in degrees]).reshape(len(degrees), n)
-
-
-class _Stretch:
-    """Least squares on harmonics and drift together: the harmonics are taken out of the drift first."""
-
-    def __init__(self, normal: Normal, there: Array | None, n: int) -> None:
-        self.normal, self.there, self.n = normal, there, n
-        drift = _drift(n, normal.f) if there is None else _drift(n, normal.f) * there
-        self.coefficients = [normal.solve(each) for each in drift]
-        self.left = np.array([each - self._model(c) for each, c in zip(drift, self.coefficients, strict=True)])
-
-    @classmethod
-    def of(cls, there: Array | None, f: float, n: int) -> _Stretch:
-        """there : (n,) bool, where measured; None without gaps."""
-        K = highest(f, n, n if there is None else int(there.sum()))
-        return cls(Normal.of(None if there is None else there.astype(float), f, K, n), there, n)
-
-    def slope(self, x: Array) -> tuple[float, float]:
-        """Score and information of the period f, in units of the noise of x : (n,)."""
-        measured = self.n if self.there is None else int(self.there.sum())
-        residual, c = self.without(x)
-        noise = residual @ residual / measured
-        # of |c_k|² it is 2 noise / n; harmonics below it say nothing on the period
-        trusted = np.maximum(0.0, 1.0 - 8.0 * noise / measured / np.maximum(np.abs(c) ** 2, np.finfo(float).tiny))
-        m = evaluate(2j * np.pi * np.arange(len(c)) * trusted * c, self.normal.f, self.n)
-        index = np.arange(self.n) - (self.n - 1) / 2.0
-        g = self.without(index * m if self.there is None else index * m * self.there)[0]  # the period's own
-        noise = max(noise, _EXACT**2 * float(x @ x) / measured, np.finfo(float).tiny)
-        return float(residual @ g) / noise, float(g @ g) / noise
-
-    def _model(self, c: Array) -> Array:
-        model = evaluate(c, self.normal.f, self.n)
-        return model if self.there is None else model * self.there
-
-    def without(self, x: Array) -> tuple[Array, Array]:
-        """x less harmonics and drift, and the harmonics."""
-        c = self.normal.solve(x)
-        residual = x - self._model(c)
-        if len(self.left):
-            amounts = np.linalg.solve(self.left @ self.left.T, self.left @ residual)
-            residual = residual - amounts @ self.left
-            c = c - amounts @ np.array(self.coefficients)
-        return residual, c

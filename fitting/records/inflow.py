@@ -17,14 +17,11 @@ from solver.catalogue import filtered
 from solver.network import Network
 from solver.units import INFLOW
 
+from . import thresholds as limit
 from .beats import Beats
 from .spectral import coefficients
 
 Array = np.ndarray
-
-_ABOVE_NOISE = 3.0  # standard deviations of the mean beat's harmonic
-SAFE = 0.1  # of a harmonic: to undo that makes ten times its noise, which the weights know
-_LEAST = 1e-4  # a filter that leaves less is not undone: any flow is then within the noise over H
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
         X[-1] *= 0.5  # the Nyquist coefficient is its own conjugate
     shown = np.ones(len(X), bool)
     if beats.n_beats > 1:
-        shown[1:] = np.abs(X[1:]) > _ABOVE_NOISE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
+        shown[1:] = np.abs(X[1:]) > limit.ABOVE_NOISE * np.sqrt(beats.covariance((channel,))[1:, 0, 0].real)
     kept = min(len(X), int(beats.T / (2.0 * dt)) + 1)
     found = Inflow(beats.T, X[:kept], shown[:kept])
     return found if network is None else replace(found, X=found.X / undone(network, channel, found))
@@ -89,7 +86,7 @@ def inflow(beats: Beats, dt: float, network: Network | None = None, channel: str
 def undoable(network: Network, channel: str, omega: Array) -> Array:
     """The filter of a channel that can be divided by : (n,) at omega : (n,) [rad/s]."""
     H = filtered(network, channel, omega)
-    return np.asarray(H / np.minimum(1.0, np.abs(H) / _LEAST))
+    return np.asarray(H / np.minimum(1.0, np.abs(H) / limit.UNDONE))
 
 
 def undone(network: Network, channel: str, shown: Inflow) -> Array:
@@ -99,7 +96,7 @@ def undone(network: Network, channel: str, shown: Inflow) -> Array:
     all harmonics that the filter leaves a tenth of are taken for signal, too.
     """
     H = undoable(network, channel, shown.omega)
-    return np.asarray(np.where(shown.shown | (np.abs(H) >= SAFE), H, 1.0))
+    return np.asarray(np.where(shown.shown | (np.abs(H) >= limit.SAFE), H, 1.0))
 
 
 def flowed(beats: Beats, network: Network, channel: str = INFLOW) -> Array:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,20 +22,15 @@ from solver.errors import InputError
 from solver.network import Network
 from solver.units import INFLOW
 
+from . import thresholds as limit
 from .beats import Beats
 from .felt import Felt
 from .spectral import coefficients
 
 Array = np.ndarray
 
-MAX_HARMONICS = 40
-_ABOVE_NOISE = 3.0  # standard deviations: a harmonic beyond which no channel has as much is left out
 _ROUND_OFF = 1e-6  # of a channel's pulse: what the solver leaves at best (beats repeat to 1e-6)
-NEIGHBOURS = 3  # harmonics on either side that Beats.covariance takes together with one
-_POOLED = 2.0 * NEIGHBOURS + 1.0
-SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
-_SEAM_SAID = 3.0  # times the noise: more of what is not known of the seam is worth a sentence
-_TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
+_POOLED = 2.0 * limit.NEIGHBOURS + 1.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +92,7 @@ def degrees_of_freedom(n_beats: int, *, real: bool = False, at_ends: bool = Fals
     real : count the real and the imaginary part, which one channel's variance may; a covariance of channels is one of
     complex numbers. at_ends : where the spectrum begins and ends, there are neighbours on one side only.
     """
-    pooled = NEIGHBOURS + 1.0 if at_ends else _POOLED
+    pooled = limit.NEIGHBOURS + 1.0 if at_ends else _POOLED
     return (2.0 if real else 1.0) * pooled * (n_beats - 1.0)
 
 
@@ -112,7 +106,7 @@ def target(
     the mean beat, and what is not known of it enters the covariance.
     """
     K = len(solver_error) - 1
-    share, steady = _steady(beats, names, response, felt)
+    share, steady = steady_beats(beats, names, response, felt)
     H = response[: K + 1]
     one = np.broadcast_to(np.eye(len(names)), (K + 1, len(names), len(names)))
     gain = np.concatenate([one, -(share[: K + 1, None] * H)[..., None]], axis=2)
@@ -125,43 +119,50 @@ def target(
     covariance[:, at, at] += hidden[:, :-1] ** 2 + solver_error**2
     if felt is not None:
         seam, doubt = (coefficients(x)[:, : K + 1].T for x in (felt.seam, felt.doubt))
-        covariance[:, at, at] += np.abs(SEAM_ERROR * seam) ** 2
+        covariance[:, at, at] += np.abs(limit.SEAM_ERROR * seam) ** 2
         covariance = covariance + doubt[:, :, None] * doubt[:, None, :].conj()
     covariance[0] = covariance[0].real
     return Target.of(names, periodic_beat(beats, names, K, felt), covariance)
 
 
-def _steady(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> tuple[Array, Beats]:
-    """The share of the inflow's change that is noise, and beats without the change of channels that is not.
+def steady_beats(
+    beats: Beats, names: Sequence[str], response: Array, felt: Felt | None, drive: str = INFLOW
+) -> tuple[Array, Beats]:
+    """The share (n,) of the drive's change from beat to beat that is noise, and beats of drive and channels without the
+    change of channels that is not.
 
-    What is left of the channels when the real part of the inflow's change is taken out has nothing in common with the
-    inflow as measured: a covariance that can be pooled and shrunk.
+    What is left of the channels when the real part of the drive's change is taken out has nothing in common with the
+    drive as measured: a covariance that can be pooled and shrunk.
     """
-    moved = _change(beats, names, response, felt)
+    moved = following(beats, response, felt, drive)
     share = noise_share(beats, names, moved, len(response))
     values = {name: beats.values[name] - scaled(change, 1.0 - share) for name, change in zip(names, moved, strict=True)}
-    return share, replace(beats, values={INFLOW: beats.values[INFLOW], **values})
+    return share, replace(beats, values={drive: beats.values[drive], **values})
 
 
 def sensor_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
     """Variance (n, m) of the mean beats' coefficients by the channels' own noise, and by what is not known of the seam;
     response : (n, m)."""
-    S = np.einsum("kii->ki", _steady(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
+    S = np.einsum("kii->ki", steady_beats(beats, names, response, felt)[1].covariance(names)).real[: len(response)]
     if felt is None:
         return S
     seam, doubt = (np.abs(coefficients(x)[:, : len(S)].T) ** 2 for x in (felt.seam, felt.doubt))
-    return np.asarray(S + SEAM_ERROR**2 * seam + doubt)
+    return np.asarray(S + limit.SEAM_ERROR**2 * seam + doubt)
 
 
 def inflow_noise(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None = None) -> Array:
     """Variance (n,) of the mean inflow's coefficients by the noise of its meter alone; response : (n, m)."""
-    share = noise_share(beats, names, _change(beats, names, response, felt), len(response))
+    share = noise_share(beats, names, following(beats, response, felt), len(response))
     return np.asarray(share * beats.covariance((INFLOW,))[: len(response), 0, 0].real)
 
 
-def _change(beats: Beats, names: Sequence[str], response: Array, felt: Felt | None) -> Any:
-    """What the channels would do from beat to beat if they followed the measured inflow."""
-    return _following(beats, names, response) if felt is None else felt.change
+def following(beats: Beats, response: Array, felt: Felt | None, drive: str = INFLOW) -> Array:
+    """(m, n_beats, N) what channels of that response (n, m) would do from beat to beat if they followed the drive as it
+    was measured."""
+    if felt is not None:
+        return felt.change
+    change = np.nan_to_num(beats.values[drive] - beats.mean(drive), nan=0.0)
+    return np.stack([scaled(change, H) for H in response.T])
 
 
 def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[str, ...]:
@@ -171,10 +172,10 @@ def seam_said(beats: Beats, names: Sequence[str], felt: Felt | None) -> tuple[st
         return ()
     seam, doubt = (np.abs(coefficients(x)) ** 2 for x in (felt.seam, felt.doubt))
     weight = np.where(np.arange(seam.shape[1]) == 0, 1.0, 2.0)
-    error = np.sqrt((SEAM_ERROR**2 * seam + doubt) @ weight)
+    error = np.sqrt((limit.SEAM_ERROR**2 * seam + doubt) @ weight)
     noise = np.sqrt(np.einsum("kii->ik", beats.covariance(names)).real @ weight)
     i = int(np.argmax(error / noise))
-    if error[i] < _SEAM_SAID * noise[i]:
+    if error[i] < limit.SEAM_SAID * noise[i]:
         return ()
     part, times = error[i] / pulses(beats, names)[i], error[i] / noise[i]
     return (
@@ -205,7 +206,7 @@ def harmonics_above_noise(beats: Beats, names: Sequence[str], most: int) -> int:
     """The highest harmonic, at most ``most``, at which a channel is above its noise."""
     X = mean_beat(beats, names, most)
     variance = np.einsum("kii->ki", beats.covariance(names)).real + _hidden(beats, names) ** 2
-    above = np.flatnonzero((np.abs(X) ** 2 > _ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
+    above = np.flatnonzero((np.abs(X) ** 2 > limit.ABOVE_NOISE**2 * variance[: most + 1]).any(axis=1))
     return max(1, int(above[-1]) if len(above) else 1)
 
 
@@ -246,12 +247,6 @@ def solver_error(X: Array, X_finer: Array, pulse: Array) -> Array:
     return np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:]) + _ROUND_OFF * pulse
 
 
-def _following(beats: Beats, names: Sequence[str], response: Array) -> Array:
-    """(m, n_beats, N) what channels of that response (n, m) would do if they followed the measured inflow."""
-    change = np.nan_to_num(beats.values[INFLOW] - beats.mean(INFLOW), nan=0.0)
-    return np.stack([scaled(change, H) for H in response.T])
-
-
 def scaled(x: Array, h: Array) -> Array:
     """The harmonics of beats (n_beats, N) times h : (n,), none beyond."""
     n = min(len(h), x.shape[1] // 2 + 1)
@@ -259,9 +254,9 @@ def scaled(x: Array, h: Array) -> Array:
 
 
 def noise_share(beats: Beats, names: Sequence[str], following: Array, n: int) -> Array:
-    """The part (n,) of the inflow's variance from beat to beat that no channel follows: noise of the flow meter.
+    """The part (n,) of the drive's variance from beat to beat that no channel follows: noise of its meter.
 
-    By regression of the channels on what they would do, each weighted by its own variance: 0 if the flow is measured
+    By regression of the channels on what they would do, each weighted by its own variance: 0 if the drive is measured
     exactly, 1 if it is the same in every beat and all change is noise.
     """
     m = len(names)
@@ -323,7 +318,7 @@ def _aliased(mean: Array, variance: Array) -> Array:
     k = np.arange(N // 2 + 1)
     whole, own = (np.pi / N) ** 2 / np.sin(np.pi * np.maximum(k, 1) / N) ** 2, 1.0 / np.maximum(k, 1) ** 2.0
     folded = np.where(k == 0, np.pi**2 / 3.0 / N**2, whole - own)
-    tail = k >= max(1, int(_TAIL * (N / 2.0)))
+    tail = k >= max(1, int(limit.TAIL * (N / 2.0)))
     power = np.abs(coefficients(mean)) ** 2 - variance
     C2 = float(np.mean(power[tail] / whole[tail] ** 2))
     return np.sqrt(max(C2, 0.0)) * folded

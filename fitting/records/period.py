@@ -8,39 +8,22 @@ period, too; a strict one is refined in :mod:`fitting.records.harmonic_model`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver.errors import InputError
 
+from . import thresholds as limit
 from .harmonic_model import refine
-from .upstrokes import vertex, without_extremes, without_gaps
+from .upstrokes import usual_range, vertex, without_gaps
 
 Array = np.ndarray
 
-SHORTEST, LONGEST = 0.1, 1.0 / 0.3  # periods that are looked for [s]: heart rates of 10 and 0.3 Hz
-FEWEST = 8  # samples a beat
-_FASTEST = 0.2  # [s]; hearts of rabbits and larger animals beat at 300 a minute at most
-_SCREENED = 64.0  # [s] of the record that the search looks at
 _FINE = 5e-3  # [s], the time step of the search
-_WANDER = 0.25  # [Hz]; slower than any heart
-_LEAST = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
-_ALIKE = np.sqrt(0.75)  # correlation, over the best, from which three quarters of the power go on alike: a lag to judge
-_SAME = np.sqrt(0.9)  # and nine tenths: beats that alternate, if they do; less is another part of a beat
-_NEARLY_SAME = np.sqrt(0.85)  # and 85 %: another part of a beat, which is said
-_HALF = np.sqrt(0.5)  # and half of it, of stretches as long as the lag, which hold parts of two beats
-_UNLIKE = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
-_DOUBT, _SURE = 1.645, 3.0  # standard deviations of a sign test: 5 % and 0.13 % of beats that are alike reach them
-_NEARLY = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
-_MUCH = 10.0  # and from which the part of a beat is not taken for one
 _EXACT, _FINEST = 1e-12, 1e-3  # of the power: of no stretch, and of a difference that a shift by half a sample makes
-_STRAYED = 0.05  # of the period, by which refinement may move it: by more only where beats come at no steady rate
-_ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
 _SAMPLES, _STRETCHES = 40, 80  # of a stretch; of a record
-_UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so
-_OFF, _UNTIMELY = 0.1, 3.0  # of a lag, and times as much as usual, by which every second or third comes off time
 
 
 @dataclass(frozen=True)
@@ -88,54 +71,48 @@ def find_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
 def strict_period(T: float, channels: Mapping[str, Array], dt: float) -> float | None:
     """The strict period [s] of the whole record near T, a usual distance of beats; None if none is near."""
     strict = dt / refine(list(channels.values()), dt / T)
-    return strict if abs(strict / T - 1.0) <= _STRAYED else None
+    return strict if abs(strict / T - 1.0) <= limit.UNSTEADY else None
 
 
 def usual_period(channels: Mapping[str, Array], dt: float, source: str) -> Found:
     """The period to some thousandths, steady or not. Raises ValueError as :func:`find_period`."""
     span = len(next(iter(channels.values()))) * dt
-    if span < 2.0 * SHORTEST:
+    if span < 2.0 * limit.SHORTEST:
         raise InputError(
-            f"{source}: {span:.3g} s of record cannot hold two beats of {SHORTEST:g} s, the shortest; check the unit "
-            f"of its time column, or record longer."
+            f"{source}: {span:.3g} s of record cannot hold two beats of {limit.SHORTEST:g} s, the shortest; check the "
+            f"unit of its time column, or record longer."
         )
     names, x, step = _screened(channels, dt)
     candidates = _candidates(x, step)
     tried = _tried(x, candidates)
     best = np.max([each.alike for each in tried], axis=0) if tried else np.zeros(len(names))
-    votes = best >= _LEAST
+    votes = best >= limit.PERIODIC
     if not votes.any():
         raise InputError(
-            f"{source}: no periodicity found between {SHORTEST:g} and {LONGEST:.2g} s in {span:.4g} s of record "
-            f"(best correlation {best.max():.2f}, in {names[int(best.argmax())]}); record at least two whole beats of "
-            f"{FEWEST} samples or more each, or give the period."
+            f"{source}: no periodicity found between {limit.SHORTEST:g} and {limit.LONGEST:.2g} s in {span:.4g} s of "
+            f"record (best correlation {best.max():.2f}, in {names[int(best.argmax())]}); record at least two whole "
+            f"beats of {limit.FEWEST_SAMPLES} samples or more each, or give the period."
         )
-    worst = [float((each.alike / best)[votes].min()) for each in tried]
-    lags = [each.lag for each, score in zip(tried, worst, strict=True) if score >= min(_ALIKE, max(worst))]
-    broken = [
-        lag for lag in lags if lag == lags[0] or 0.25 < lag / lags[0] % 1.0 < 0.75
-    ]  # no multiples of the shortest
-    lag = next((lag for lag in broken if _whole(x[votes], lag, candidates)), lags[0])
+    scores = [float((each.alike / best)[votes].min()) for each in tried]
+    lags = [each.lag for each, score in zip(tried, scores, strict=True) if score >= min(limit.GOES_ON, max(scores))]
+    lag = next((lag for lag in lags if _whole(x[votes], lag, candidates)), lags[0])
     T = lag * step
     if 2.0 * T > span * 1.02:
         raise InputError(
             f"{source}: one beat only: {span:.4g} s of record with a period of about {T:.3g} s; "
-            f"record at least two whole beats of {FEWEST} samples or more each."
+            f"record at least two whole beats of {limit.FEWEST_SAMPLES} samples or more each."
         )
     found = _judged([names[i] for i in np.flatnonzero(votes)], x[votes], lag, candidates, step)
-    passed = [(each.lag, score) for each, score in zip(tried, worst, strict=True)]
+    passed = [(each.lag, score) for each, score in zip(tried, scores, strict=True)]
     return found if found.said else _passed_over(found, x[votes], passed, candidates, step)
 
 
 def _tried(x: Array, lags: Array) -> list[_Later]:
     """What follows stretches of the shortest lag after each of the lags, until all channels go on alike after one."""
     found: list[_Later] = []
-    if not len(lags):
-        return found
-    stretches = _Stretches(x, lags[0])
-    for lag in lags:
-        found.append(stretches.later(lag))
-        if (found[-1].alike >= _ALIKE).all() and _whole(x, found[-1].lag, lags):
+    for each in _later(x, lags[0], lags) if len(lags) else ():
+        found.append(each)
+        if (each.alike >= limit.GOES_ON).all() and _whole(x, each.lag, lags):
             break
     return found
 
@@ -143,17 +120,16 @@ def _tried(x: Array, lags: Array) -> list[_Later]:
 def _whole(x: Array, lag: float, candidates: Array) -> bool:
     """Whether stretches as long as the lag go on alike, too: two thirds of a beat of three upstrokes do not."""
     one, *more = _around(x, lag, candidates)
-    return all((one.alike >= _HALF * each.alike).all() for each in more)
+    return all((one.alike >= limit.HALF * each.alike).all() for each in more)
 
 
 def _around(x: Array, lag: float, candidates: Array) -> list[_Later]:
     """What follows stretches of one lag [samples], in the middle of the record, after it and after up to four of it."""
     most = round(_STRETCHES * 0.45 * lag)
     start = max(0, (x.shape[1] - most) // 2)
-    stretches = _Stretches(x[:, start : start + most], lag)
-    longest = stretches.y.shape[1] / stretches.w - 2.0
-    later = [each for each in candidates if 1.5 < each / lag < 4.5 and each / lag <= longest]
-    return [stretches.later(each) for each in (lag, *later)]
+    part = x[:, start : start + most]
+    longest = min(4.5, part.shape[1] / lag - 2.0)
+    return list(_later(part, lag, (lag, *(each for each in candidates if 1.5 < each / lag < longest))))
 
 
 def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step: float) -> Found:
@@ -163,17 +139,17 @@ def _judged(names: Sequence[str], x: Array, lag: float, candidates: Array, step:
     that alternates: a whole beat is assumed, and that is said.
     """
     T, (one, *more) = lag * step, _around(x, lag, candidates)
-    differ = [(*_differ(one, each), each) for each in more]
-    differ = [each for each in differ if each[0] > (_UNLIKE if each[-1].lag < (_UPSTROKES + 0.5) * lag else _MUCH)]
+    differ = [(*_differ(one, each), each, round(each.lag / lag)) for each in more]
+    differ = [each for each in differ if each[0] > (limit.IN_TURN if each[-1] <= limit.UPSTROKES else limit.MUCH)]
     if not differ:
         return Found(T)
     most = max(times for times, *_ in differ)
-    times, which, sure, other = next(each for each in differ if each[0] >= most / _NEARLY)
-    together, count = other.lag * step, round(other.lag / lag)
+    times, which, sure, other, count = next(each for each in differ if each[0] >= most / limit.AS_MUCH)
+    together, another_part = other.lag * step, one.alike[which] < limit.SAME * other.alike[which]
     next_one, as_many = (_change(one, beats) for beats in (1, count))
-    timely = next_one <= max(_OFF * lag, _UNTIMELY * as_many)
-    if times > _MUCH and count <= _UPSTROKES and (not timely or one.alike[which] < _SAME * other.alike[which]):
-        nearly = timely and one.alike[which] >= _NEARLY_SAME * other.alike[which]
+    timely = next_one <= max(limit.NEAR * lag, limit.UNTIMELY * as_many)
+    if count <= limit.UPSTROKES and (another_part or not timely):
+        nearly = timely and one.alike[which] >= limit.NEARLY_SAME * other.alike[which]
         why = "is nearly alike" if nearly else "" if sure else "differs in turn, but too few times to be sure"
         said = (
             f"the period may be {T:.3g} s: what comes every {T:.3g} s {why}; either a beat of {together:.3g} s has "
@@ -199,17 +175,17 @@ def _passed_over(
     """
     for lag, score in passed:
         count = round(found.T / (lag * step))
-        if count < 2 or abs(found.T / (lag * step) - count) > _ELASTIC:
+        if count < 2 or abs(found.T / (lag * step) - count) > limit.ELASTIC:
             continue
         one, *more = _around(x, lag, candidates)
-        alike = any(round(each.lag / lag) == count and _differ(one, each)[0] < _UNLIKE for each in more)
-        if score >= _HALF if count > _UPSTROKES else alike:
+        alike = any(round(each.lag / lag) == count and _differ(one, each)[0] < limit.IN_TURN for each in more)
+        if score >= limit.HALF if count > limit.UPSTROKES else alike:
             said = (
                 f"the period may be {lag * step:.3g} s: all channels go on nearly as they do after {found.T:.3g} s; "
                 f"either rate or stroke vary, or a beat has {count} upstrokes. If they are beats, give their period."
             )
             return Found(found.T, lag * step, (said,))
-    if found.T < _FASTEST:
+    if found.T < limit.FASTEST_HEART:
         said = (
             f"the period of {found.T:.3g} s is that of {60.0 / found.T:.0f} beats a minute, which only hearts of "
             "rodents reach; if it is a part of a beat, give the period."
@@ -234,14 +210,14 @@ def _differ(one: _Later, other: _Later) -> tuple[float, int, bool]:
     a, b = one.unlike[:, :n], other.unlike[:, :n]
     often = (2.0 * (a > b).mean(axis=1) - 1.0) * np.sqrt(n / 2.0)
     times = np.median(a, axis=1) / np.maximum(np.median(b, axis=1), _FINEST)
-    times = np.where(often >= min(_DOUBT, 0.99 * np.sqrt(n / 2.0)), times, 0.0)
+    times = np.where(often >= min(limit.FIVE_PERCENT, 0.99 * np.sqrt(n / 2.0)), times, 0.0)
     which = int(times.argmax())
-    return float(times[which]), which, bool(often[which] >= _SURE)
+    return float(times[which]), which, bool(often[which] >= limit.SURE)
 
 
 def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Array, float]:
     """The channels that were measured, x : (m, n) without wander, gaps and spikes, of size 1; and its time step [s]."""
-    n = round(_SCREENED / dt)
+    n = round(limit.SCREENED / dt)
     length = len(next(iter(channels.values())))
     parts = [slice(i, i + n) for i in range(0, max(1, length - n // 2), max(1, n))]
     gaps = [sum(int(np.isnan(x[part]).sum()) for x in channels.values()) for part in parts]
@@ -250,9 +226,10 @@ def _screened(channels: Mapping[str, Array], dt: float) -> tuple[list[str], Arra
     names, found = [], []
     for name, values in channels.items():
         there = ~np.isnan(values[part])
-        if np.count_nonzero(there) < max(2 * FEWEST, 0.5 * len(there)):
+        if np.count_nonzero(there) < max(2 * limit.FEWEST_SAMPLES, 0.5 * len(there)):
             continue
-        x = without_extremes(without_gaps(values[part]))
+        x = without_gaps(values[part])
+        x = np.clip(x, *usual_range(x))
         x = _without_wander(x[: len(x) // few * few].reshape(-1, few).mean(axis=1), few * dt)
         names.append(name)
         found.append(x / max(float(x.std()), np.finfo(float).tiny))
@@ -264,67 +241,50 @@ def _without_wander(x: Array, step: float) -> Array:
     index = np.arange(len(x)) - (len(x) - 1) / 2.0
     x = x - x.mean()
     x = x - index * (index @ x) / (index @ index)
-    if len(x) * step * _WANDER >= 2.0:
+    if len(x) * step * limit.WANDER >= 2.0:
         spectrum = np.fft.rfft(x)
-        spectrum[np.fft.rfftfreq(len(x), step) < _WANDER] = 0.0
+        spectrum[np.fft.rfftfreq(len(x), step) < limit.WANDER] = 0.0
         x = np.fft.irfft(spectrum, len(x))
     return x
 
 
 def _candidates(x: Array, step: float) -> Array:
     """Lags [samples] at which the mean correlation of the channels is the highest near by, in order."""
-    count = min(int(LONGEST / step) + 2, int(0.75 * x.shape[1]))
-    r = np.mean([_correlation(each, count) for each in x], axis=0)
+    count = min(int(limit.LONGEST / step) + 2, int(0.75 * x.shape[1]))
+    n = x.shape[1]
+    power = (np.abs(np.fft.rfft(x, 2 * n, axis=1)) ** 2).mean(axis=0)
+    r = np.fft.irfft(power)[:count] / (n - np.arange(count))  # the mean of x_j x_{j+L}
     falls = np.flatnonzero(r < 0.2)  # before the first of them, all lags resemble lag 0
-    first = max(int(SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
+    first = max(int(limit.SHORTEST / step * 0.97), int(falls[0]) if len(falls) else count, 1)
     lags = np.arange(first + 1, len(r) - 1)
     lags = lags[(r[lags] > 0.0) & (r[lags] >= np.maximum(r[lags - 1], r[lags + 1]))]
-    highest = [r[int(lag * (1.0 - _ELASTIC)) : int(lag * (1.0 + _ELASTIC)) + 1].max() for lag in lags]
+    highest = [r[int(lag * (1.0 - limit.ELASTIC)) : int(lag * (1.0 + limit.ELASTIC)) + 1].max() for lag in lags]
     lags = lags[r[lags] == highest]
     return vertex(np.broadcast_to(r, (len(lags), len(r))), lags)
 
 
-def _correlation(x: Array, lags: int) -> Array:
-    """Pearson's correlation of x[:-L] with x[L:], L = 0..lags-1: exactly 1 at the period of a periodic x."""
-    n = len(x)
-    size = 1 << int(np.ceil(np.log2(n + lags)))
-    spectrum = np.fft.rfft(x, size)
-    products = np.fft.irfft(spectrum * spectrum.conj(), size)[:lags]
-    sums, squares = np.concatenate([[0.0], np.cumsum(x)]), np.concatenate([[0.0], np.cumsum(x * x)])
-    count = n - np.arange(lags)
-    head, tail = sums[count], sums[n] - sums[:lags]
-    head2, tail2 = squares[count], squares[n] - squares[:lags]
-    spread = (head2 - head * head / count) * (tail2 - tail * tail / count)
-    floor = (1e-12 * squares[n]) ** 2
-    return np.where(spread > floor, (products - head * tail / count) / np.sqrt(np.maximum(spread, floor)), 0.0)
-
-
-class _Stretches:
-    """Stretches of one length [samples] of x : (m, n), half of it apart, to be compared with what follows them."""
-
-    def __init__(self, x: Array, length: float) -> None:
-        self.h = max(1.0, length / _SAMPLES)
-        self.y, self.w = _resampled(x, self.h), round(length / self.h)
-        self.windows = np.lib.stride_tricks.sliding_window_view(self.y, self.w, axis=1)
-        total, squares = ((t := _total(each))[:, self.w :] - t[:, : -self.w] for each in (self.y, self.y**2))
-        self.means = total / self.w
-        self.powers = np.maximum(squares - self.w * self.means**2, _EXACT)
-
-    def later(self, lag: float) -> _Later:
-        """What follows them some lag later [samples]."""
-        there, reach = round(lag / self.h), round(_ELASTIC * lag / self.h)
-        last = self.powers.shape[1] - 1 - there - reach
-        if last < self.w:  # as far as the record is long
-            last = max(0, self.powers.shape[1] - 1 - there)
-        t = np.arange(0, last + 1, max(self.w // 2, -(-last // _STRETCHES)))
+def _later(x: Array, length: float, lags: Iterable[float]) -> Iterator[_Later]:
+    """How stretches of x : (m, n), of one length and half of it apart, go on after each of the lags [samples]."""
+    h = max(1.0, length / _SAMPLES)
+    y, w = _resampled(x, h), round(length / h)
+    windows = np.lib.stride_tricks.sliding_window_view(y, w, axis=1)
+    means = windows.mean(axis=2)
+    powers = np.maximum((windows**2).sum(axis=2) - w * means**2, _EXACT)
+    for lag in lags:
+        there, reach = round(lag / h), round(limit.ELASTIC * lag / h)
+        last = powers.shape[1] - 1 - there - reach
+        if last < w:  # as far as the record is long
+            last = max(0, powers.shape[1] - 1 - there)
+        t = np.arange(0, last + 1, max(w // 2, -(-last // _STRETCHES)))
         shifts = there + np.arange(-reach, reach + 1)
-        after = self.y[:, np.minimum(t[:, None] + np.arange(shifts[0], shifts[-1] + self.w), self.y.shape[1] - 1)]
-        first = self.windows[:, t] - self.means[:, t, None]
-        own = self.powers[:, t]
-        other = self.powers[:, np.minimum(t[:, None] + shifts, self.powers.shape[1] - 1)]
-        products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, self.w, axis=2), first[..., None])
+        after = y[:, np.minimum(t[:, None] + np.arange(shifts[0], shifts[-1] + w), y.shape[1] - 1)]
+        own = powers[:, t]
+        other = powers[:, np.minimum(t[:, None] + shifts, powers.shape[1] - 1)]
+        first = windows[:, t] - means[:, t, None]
+        products = np.matmul(np.lib.stride_tricks.sliding_window_view(after, w, axis=2), first[..., None])
         r = products[..., 0] / np.sqrt(own[..., None] * other)
-        joint = np.einsum("cts,ct->ts", r, np.sqrt(own / own.mean(axis=1, keepdims=True)))
+        part = own / own.mean(axis=1, keepdims=True)
+        joint = np.einsum("cts,ct->ts", r, np.sqrt(part))
         row, best = np.arange(len(t)), joint.argmax(axis=1)
         offset = vertex(joint, best) - best
         left, r, right = (r[:, row, np.clip(best + i, 0, len(shifts) - 1)] for i in (-1, 0, 1))
@@ -332,13 +292,7 @@ class _Stretches:
         other = other[:, row, best]
         size = np.sqrt(own * other)
         unlike = (own + other - 2.0 * r * size) / (2.0 * own.mean(axis=1, keepdims=True))
-        shift = (shifts[best] + offset) * self.h
-        return _Later(_weighted_median(r, size), unlike, shift, (own / own.mean(axis=1, keepdims=True)).sum(axis=0))
-
-
-def _total(x: Array) -> Array:
-    """The sums of the first 0 … n of x : (m, n)."""
-    return np.concatenate([np.zeros((len(x), 1)), np.cumsum(x, axis=1)], axis=1)
+        yield _Later(_weighted_median(r, size), unlike, (shifts[best] + offset) * h, part.sum(axis=0))
 
 
 def _weighted_median(r: Array, weights: Array) -> Array:
@@ -352,7 +306,6 @@ def _weighted_median(r: Array, weights: Array) -> Array:
 def _resampled(x: Array, h: float) -> Array:
     """Means of x : (m, n) over intervals of h samples, h >= 1."""
     n = x.shape[1]
-    total = _total(x)
     edges = np.arange(int(n / h) + 1) * h
-    whole = np.minimum(edges.astype(int), n - 1)
-    return np.asarray(np.diff(total[:, whole] + (edges - whole) * x[:, whole], axis=1) / h)
+    total = np.array([np.interp(edges, np.arange(n + 1), np.concatenate([[0.0], np.cumsum(each)])) for each in x])
+    return np.asarray(np.diff(total, axis=1) / h)

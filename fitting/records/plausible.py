@@ -17,26 +17,15 @@ from itertools import product
 import numpy as np
 
 from solver.network import Network
-from solver.units import MMHG, of_signal
+from solver.units import of_signal
 
+from . import thresholds as limit
 from .record import Record
 from .sensors import KINDS, UnusableRecord
 from .tables.titles import factor
 
 Array = np.ndarray
 
-HIGHEST_MEAN = 300.0 * MMHG  # mmHg read as kPa make any mean above 40 mmHg exceed it
-PULSE = (2.0 * MMHG, 200.0 * MMHG)  # mmHg read as Pa make 15 to 150 mmHg 0.1 to 1.1
-# kPa read as mmHg make means from 40 to 187 mmHg 5 to 25, where only lungs and veins have theirs. The ratio of pulse to
-# mean knows no unit: 0.3 to 0.7 in systemic arteries, about 1 in those of the lungs. A pressure that is told from a
-# reference, as the published sheep's, is all pulse.
-LOW_MEAN, SYSTEMIC = 25.0 * MMHG, 0.75
-RADIUS = (5e-5, 0.04)  # [m]
-TO_R0 = 1.6  # mean radius over R0: an artery is stretched by less, and a diameter is twice its radius
-WALL = (0.02, 0.5)  # h/R: 0.04 to 0.2 in arteries of mammals, so that a factor of 10 leaves it either way or nearly
-STEEP = 6.0  # ratio of dP/dR to the model's: below the factor of the units, above what animals and effects differ by
-LEVELS = (1.0, 50.0, 99.0)  # percentiles: lowest, mean and highest, whatever single samples are
-FASTEST = 5.0  # [m/s], of a peak flow over the area at R0
 UNITS = {"P": ("mmHg", "kPa", "Pa"), "R": ("mm", "cm", "m", "um"), "Q": ("mL/s", "L/min", "mL/min", "m^3/s")}
 
 
@@ -92,36 +81,38 @@ def _advice(name: str, values: Array, scale: float, artery: Artery) -> str:
 
 
 def _pulse(values: Array) -> float:
-    low, _, high = np.nanpercentile(values, LEVELS)
+    low, _, high = np.nanpercentile(values, limit.LEVELS)
     return float(high - low)
 
 
 def _fault(kind: str, values: Array, artery: Artery) -> str:
     """Why values (n,) [SI] are no artery's, in the unit that people read; "" if they may be."""
     unit, shown = of_signal(kind)
-    low, middle, high = np.nanpercentile(values, LEVELS)
+    low, middle, high = np.nanpercentile(values, limit.LEVELS)
     pulse = high - low
     if kind == "P":
-        if abs(middle) > HIGHEST_MEAN:
+        if abs(middle) > limit.HIGHEST_MEAN:
             return f"its mean is {shown * middle:.4g} {unit}, and no artery's is beyond 300 {unit}"
-        if not PULSE[0] <= pulse <= PULSE[1]:
+        if not limit.PULSE[0] <= pulse <= limit.PULSE[1]:
             return f"its pulse is {shown * pulse:.3g} {unit}, and that of arteries from 2 to 200 {unit}"
-        if 0.0 < middle < LOW_MEAN and pulse < SYSTEMIC * middle:
+        if 0.0 < middle < limit.LOW_MEAN and pulse < limit.SYSTEMIC * middle:
             return f"its mean is {shown * middle:.3g} {unit}, and its pulse but {pulse / middle:.2g} of that"
-        if artery.pulse is not None and not 1.0 / STEEP < pulse / artery.pulse < STEEP:
+        if artery.pulse is not None and not 1.0 / limit.STEEP < pulse / artery.pulse < limit.STEEP:
             return f"it rises {pulse / artery.pulse:.3g} times as steeply with the radius as in the model"
     if kind == "R":
-        if not RADIUS[0] <= middle <= RADIUS[1]:
+        if not limit.RADIUS[0] <= middle <= limit.RADIUS[1]:
             return f"its mean is {shown * middle:.4g} {unit}, and arteries have from 0.05 to 40 {unit}"
-        if artery.R0 is not None and not 1.0 / TO_R0 < middle / artery.R0 < TO_R0:
+        if artery.R0 is not None and not 1.0 / limit.TO_R0 < middle / artery.R0 < limit.TO_R0:
             return f"its mean is {shown * middle:.4g} {unit}, and R0 is {shown * artery.R0:.4g} {unit}"
-        if artery.h is not None and not WALL[0] <= artery.h / middle <= WALL[1]:
+        if artery.h is not None and not limit.WALL[0] <= artery.h / middle <= limit.WALL[1]:
             return (
                 f"its mean is {shown * middle:.4g} {unit} and h is {shown * artery.h:.3g} {unit}, which is "
-                f"{artery.h / middle:.2g} of it, where arteries have from {WALL[0]:g} to {WALL[1]:g}"
+                f"{artery.h / middle:.2g} of it, where arteries have from {limit.WALL[0]:g} to {limit.WALL[1]:g}"
             )
     if kind == "Q" and artery.R0 is not None:
         peak = max(abs(low), abs(high)) / (np.pi * artery.R0**2)
-        if peak > FASTEST:
-            return f"its peak is {peak:.3g} m/s over the area at R0, and no artery's is beyond {FASTEST:g} m/s"
+        if peak > limit.FASTEST_FLOW:
+            return (
+                f"its peak is {peak:.3g} m/s over the area at R0, and no artery's is beyond {limit.FASTEST_FLOW:g} m/s"
+            )
     return ""

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from . import thresholds as limit
+
 Array = np.ndarray
 
-_SHARE = 1e-3  # of the steps between neighbours that are not zero: the smallest may be an accident of rounding twice
-_WHOLE = 0.02  # of a step, by which a difference may miss a whole number of steps
-_NEAR = 30.0  # steps: differences that are compared with whole steps
-_FEWEST = 20  # of them: by accident none of so many is whole; a pulse of three steps crosses six levels a beat
-_FINEST = 1e-5  # of the range: finer steps are of no converter
 _WAVES = np.arange(1, 21)  # of the sawtooth: 97 % of its variance
 _SIGMA = np.linspace(0.0, 1.0, 201)  # noise before rounding, in steps
 _LEFT = (np.exp(-4.0 * np.pi**2 * np.outer(_SIGMA**2, _WAVES**2)) / _WAVES**2).sum(axis=1) / (2.0 * np.pi**2)
-_SURE = 0.1  # of a step: a harmonic of the mean beat that is larger is the signal's, not of rounding
 
 
 def converter_step(values: Array) -> float:
@@ -24,18 +20,19 @@ def converter_step(values: Array) -> float:
     """
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0.0]
-    if len(steps) < _FEWEST:
+    if len(steps) < limit.STEP_FEWEST:
         return 0.0
     span = float(np.nanmax(values) - np.nanmin(values))
-    step = float(np.quantile(steps, _SHARE))
-    if not step > _FINEST * span:
+    step = float(np.quantile(steps, limit.STEP_SHARE))
+    if not step > limit.STEP_FINEST * span:
         return 0.0
     small = steps[(steps > 0.6 * step) & (steps < 8.4 * step)]
     if not len(small):
         return 0.0
     step = float(np.median(small / np.rint(small / step)))
-    near = steps[steps <= _NEAR * step] / step
-    return step if len(near) >= _FEWEST and np.quantile(np.abs(near - np.rint(near)), 0.9) < _WHOLE else 0.0
+    near = steps[steps <= limit.STEP_NEAR * step] / step
+    found = len(near) >= limit.STEP_FEWEST and np.quantile(np.abs(near - np.rint(near)), 0.9) < limit.STEP_WHOLE
+    return step if found else 0.0
 
 
 def rounding(beats: Array, step: float) -> float:
@@ -84,7 +81,7 @@ def rounded_harmonics(beats: Array, step: float) -> Array:
         return np.zeros(N // 2 + 1)
     sigma = np.interp(left, _LEFT[::-1], _SIGMA[::-1])
     c = np.fft.rfft(np.nanmean(beats, axis=0) / step)
-    c[np.abs(c) < _SURE * N] = 0.0
+    c[np.abs(c) < limit.STEP_SURE * N] = 0.0
     Z = np.abs(np.fft.fft(np.exp(2j * np.pi * np.outer(_WAVES, np.fft.irfft(c, N)))) / N) ** 2
     share = np.exp(-4.0 * np.pi**2 * (sigma * _WAVES) ** 2) / _WAVES**2 / (4.0 * np.pi**2)
     V = step**2 * (share @ Z)

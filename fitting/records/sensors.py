@@ -14,6 +14,7 @@ import numpy as np
 from solver.errors import InputError
 from solver.units import INFLOW, SIGNAL_UNITS, display_factor
 
+from . import thresholds as limit
 from .tables.table import Place, said
 
 Array = np.ndarray
@@ -39,12 +40,6 @@ KINDS: dict[str, Kind] = {
 
 TIME = Kind("time", "s", "s")
 
-_FLAT = 1e-9  # a channel that varies by less than this share of its size is dead
-_RUN = 4  # equal samples at the extreme that may be a plateau
-_STEEP = 12.0  # quanta that a signal falls beside a plateau of a clipped channel; rounding alone makes fewer
-_VALVE = 0.05  # share of its range within which a flow may rest near zero: a closed valve, not a clipped sensor
-_WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
-
 
 class UnusableRecord(InputError):
     """A file that can be read, and a recording that no fit can use."""
@@ -68,7 +63,7 @@ def check_numbers(values: Array, name: str, title: str, place: Place) -> None:
 def constant_value(values: Array) -> float | None:
     """The value of a channel that does not pulsate, None of one that does."""
     low, high = _extremes(values)
-    return high if high / 2.0 - low / 2.0 <= _FLAT * max(abs(low), abs(high)) / 2.0 else None  # lest it overflow
+    return high if high / 2.0 - low / 2.0 <= limit.FLAT * max(abs(low), abs(high)) / 2.0 else None  # lest it overflow
 
 
 def may_rest(name: str) -> bool:
@@ -93,19 +88,19 @@ def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
     kind = _kind(name)
     low, high = _extremes(values)
     for sign, top, word in ((1.0, high, "highest"), (-1.0, -low, "lowest")):
-        if kind.noun == "flow" and abs(top) < _VALVE * (high - low):
+        if kind.noun == "flow" and abs(top) < limit.VALVE * (high - low):
             continue
-        if np.count_nonzero(values == sign * top) < _RUN:
+        if np.count_nonzero(values == sign * top) < limit.PLATEAU:
             continue
         y = sign * values
         edges = np.flatnonzero(np.diff(np.concatenate([[False], y == top, [False]]).astype(np.int8)))
         start, stop = edges[::2], edges[1::2]
         beside = np.maximum(2, (stop - start) // 4)
-        whole = (stop - start >= _RUN) & (start - beside >= 0) & (stop - 1 + beside < len(y))
+        whole = (stop - start >= limit.PLATEAU) & (start - beside >= 0) & (stop - 1 + beside < len(y))
         start, stop, beside = start[whole], stop[whole], beside[whole]
         fall = np.minimum(top - y[start - beside], top - y[stop - 1 + beside])
         start, fall = start[np.isfinite(fall)], fall[np.isfinite(fall)]
-        if len(fall) and np.median(fall) > _STEEP * _quantum(values):
+        if len(fall) and np.median(fall) > limit.QUANTA * _quantum(values):
             why = (
                 f"the channel is clipped: it rests at its {word} value, "
                 f"{top * sign * display_factor(kind.example):.6g} {kind.example}; "
@@ -162,4 +157,4 @@ def _swapped(P: Array | None, R: Array | None) -> bool:
     if low <= small and large <= high and (middle > high or middle < low):
         return True
     livelier = wide - narrow > middle * (large - small) / max(abs(small), abs(large))
-    return bool(middle > _WIDE and 0.0 < small and large < 3e3 and livelier)
+    return bool(middle > limit.WIDE and 0.0 < small and large < 3e3 and livelier)

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from . import thresholds as limit
+
 Array = np.ndarray
 
-FAR = 7.0  # robust standard deviations
-_FEWEST = 5  # beats to compare with
 _ROBUST = 1.4826  # standard deviation over median absolute deviation, of a Gaussian
 _LEAST = 1e-6  # of the range: rounding is no scatter
-_STEPS = 3.0  # of a converter: rounding, and what a median of rounded values adds
 
 
 def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float = 0.0) -> tuple[Array, int]:
@@ -25,7 +24,7 @@ def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float
     no spike. slip : samples by which beats may be off one another.
     """
     n_beats, N = samples.shape
-    if n_beats < _FEWEST:
+    if n_beats < limit.FEWEST_BEATS:
         return values, 0
     nearest = samples.ravel()
     beats = values[nearest].reshape(n_beats, N)
@@ -38,7 +37,7 @@ def without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float
     off -= median(off, axis=1)[:, None]
     size = _ROBUST * median(np.abs(off), axis=0)
     least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
-    far = np.maximum(FAR * np.maximum(size, least), _STEPS * step + slip * np.abs(np.gradient(usual)))
+    far = np.maximum(limit.FAR * np.maximum(size, least), limit.STEPS * step + slip * np.abs(np.gradient(usual)))
     suspect = np.abs(np.nan_to_num(off)) > far
     if not suspect.any():
         return values, 0

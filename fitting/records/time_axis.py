@@ -13,22 +13,15 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from . import thresholds as limit
 from .sensors import UnusableRecord, refuse
 from .tables.table import Place
 
 Array = np.ndarray
 
-_SHORTEST = 8  # samples
-_LATEST = 1e10  # [s], times since 1970 included
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
-_FEW = 0.02  # of the steps: fewer wide ones are lost samples, for rates are within 2 % of what stamps show
-_WIDE = 1.5  # steps: halfway between that of neighbours and that over a lost sample
 _SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
 _ROUNDS = 5  # of counting lost samples by the interval and finding the interval by them
-# Of steps that are shorter than half or longer than 1.5 intervals, no sample lost: 10 % where stamps are off by 0.21
-# intervals (Gaussian: 2 Q(0.5/(√2 0.21)) = 0.09). Beyond, which samples are lost is not seen.
-_IRREGULAR = 0.1
-_VAGUE = 0.1  # largest relative error of the rate
 
 
 @dataclass(frozen=True)
@@ -83,8 +76,8 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     worst, usual = float(np.abs(off).max()), float(np.median(step))
     if usual == 0.0:
         q = max(q, float(np.median(step[step > 0.0])))  # a stamp for a packet of samples
-    coarse = q >= 0.5 * dt and (usual == 0.0 or np.mean(step >= _WIDE * usual) > _FEW)
-    if dt > 0.0 and worst <= (q if coarse or step.max() < _WIDE * dt else min(q, 0.25 * dt)):
+    coarse = q >= 0.5 * dt and (usual == 0.0 or np.mean(step >= limit.WIDE_STEP * usual) > limit.LOST)
+    if dt > 0.0 and worst <= (q if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
         return Axis((given[0] + t - off) * factor, given * factor, said=said)
     bad = np.flatnonzero(step <= 0.0)
@@ -108,13 +101,13 @@ def _check(given: Array, factor: float, title: str, place: Place) -> None:
     bad = np.flatnonzero(~np.isfinite(given))
     if len(bad):
         refuse(place, int(bad[0]), title, "the time is missing or not finite; every sample needs its time")
-    if len(given) < _SHORTEST:
+    if len(given) < limit.FEWEST_SAMPLES:
         raise UnusableRecord(f"{place}: {len(given)} samples are too few; a record holds several beats.")
     with np.errstate(over="ignore", invalid="ignore"):
         back = np.flatnonzero(np.diff(given) < 0.0)
         longest = float(np.abs(given).max()) * factor
-    if not longest < _LATEST:
-        refuse(place, 0, title, f"times beyond {_LATEST:g} s; check the unit, or start the record at zero")
+    if not longest < limit.LATEST:
+        refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
     if len(back) or not given[-1] > given[0]:
         _refuse_order(given, int(back[0]) if len(back) else 0, title, place)
 
@@ -127,12 +120,12 @@ def _refuse_order(given: Array, at: int, title: str, place: Place) -> NoReturn:
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
     """Raise ValueError where steps have no interval in common, or most samples are missing."""
     odd = np.abs(step / dt - numbers) > 0.5
-    if odd.mean() > _IRREGULAR:
+    if odd.mean() > limit.IRREGULAR:
         at = int(np.flatnonzero(odd)[0])
         why = (
             f"the sampling is not uniform: {odd.mean():.0%} of the steps are off by more than half of the usual one, "
-            f"{dt:.6g}, such as {step[at]:.6g}, and {_IRREGULAR:.0%} can be resampled; resample the record, or export "
-            "it at the rate of its sensors"
+            f"{dt:.6g}, such as {step[at]:.6g}, and {limit.IRREGULAR:.0%} can be resampled; resample the record, or "
+            "export it at the rate of its sensors"
         )
         refuse(place, at + 1, title, why)
     if lost > len(step):
@@ -159,9 +152,10 @@ def _numbered(t: Array, q: float) -> Array:
     """
     step, i, number = np.diff(t), np.arange(len(t)), np.arange(len(t))
     dt = float(np.median(step))
-    dt = float(step[step <= _WIDE * dt + q].mean())  # of stamps in steps of q the median is but one of their steps
+    # of stamps in steps of q the median is but one of their steps
+    dt = float(step[step <= limit.WIDE_STEP * dt + q].mean())
     for _ in range(_ROUNDS):
-        wide, level = np.flatnonzero(step > _WIDE * dt) + 1, t - dt * i
+        wide, level = np.flatnonzero(step > limit.WIDE_STEP * dt) + 1, t - dt * i
         lost = np.zeros(len(t), int)
         for before, at, after in zip([0, *wide], wide, [*wide[1:], len(t)], strict=False):
             rise = np.median(level[at : min(after, at + _SEEN)]) - np.median(level[max(before, at - _SEEN) : at])
@@ -181,11 +175,11 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
     """Of stamps too coarse to show single samples. An error of up to q/2 of all stamps moves the slope of their line by
     at most Σ|i| q/2 / Σi² = 1.5 q/(n dt) of itself. Raises ValueError where that is too much."""
     error = 1.5 * q / t[-1]
-    if error > _VAGUE:
+    if error > limit.VAGUE_RATE:
         raise UnusableRecord(
             f"{place}: its times are printed in steps of {q * factor:g} s, which over {t[-1] * factor:.4g} s leave the "
-            f"rate open by {error:.0%}, and {_VAGUE:.0%} is allowed; print the time with more decimals, or record "
-            "longer."
+            f"rate open by {error:.0%}, and {limit.VAGUE_RATE:.0%} is allowed; print the time with more decimals, or "
+            "record longer."
         )
     return (
         f"the times of {place} are printed in steps of {q * factor:g} s: the line through them has "

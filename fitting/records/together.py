@@ -15,11 +15,11 @@ import numpy as np
 
 from solver.errors import InputError
 
+from . import thresholds as limit
 from .time_axis import between
 
 Array = np.ndarray
 
-_ALIKE = 0.02  # of an interval: stamps that are nearer are of one sample, and of rates that differ by less no low-pass
 # A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
 # to 0.5 f, gone
 _HALF, _CUTOFF = 8, 0.8
@@ -46,7 +46,7 @@ def together(parts: Sequence[Part]) -> tuple[Array, dict[str, Array], str]:
     """
     base = max(parts, key=lambda p: round(p.dt / parts[0].dt, 4))
     low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
-    at = base.time[(base.time >= low - _ALIKE * base.dt) & (base.time <= high + _ALIKE * base.dt)]
+    at = base.time[(base.time >= low - limit.ONE_SAMPLE * base.dt) & (base.time <= high + limit.ONE_SAMPLE * base.dt)]
     if len(at) < 2:
         spans = ", ".join(f"{p.source} from {p.time[0]:.6g} to {p.time[-1]:.6g} s" for p in parts)
         raise InputError(f"{spans}: their times do not overlap; give files of one recording, stamped by one clock.")
@@ -70,9 +70,9 @@ def _at(part: Part, values: Array, base: Part, at: Array) -> Array:
     place = (at - part.time[0]) / part.dt
     near = np.clip(np.rint(place).astype(int), 0, len(values) - 1)
     gaps, ratio = np.isnan(values), base.dt / part.dt
-    if ratio > 1.0 + _ALIKE:
+    if ratio > 1.0 + limit.ONE_SAMPLE:
         values = _low_passed(np.interp(part.time, part.time[~gaps], values[~gaps]), ratio)
-    if np.abs(place - near).max() > _ALIKE:
+    if np.abs(place - near).max() > limit.ONE_SAMPLE:
         there = ~np.isnan(values)
         return np.where(gaps[near], np.nan, between(part.time[there], values[there], at))
     return np.where(gaps[near], np.nan, values[near])

@@ -13,28 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from . import thresholds as limit
 from .upstrokes import find_upstrokes, lead, without_gaps
 
 Array = np.ndarray
-
-# In 400 steady synthetic recordings of 20 to 50 dB, upstrokes stray by at most 0.1 % in 95 %. They exceed _UNEQUAL in
-# 1.5 % of the recordings, and the pulses exceed both _PULSES and _NOISE in 1 %.
-_UNEQUAL = 0.02  # of the period: upstrokes that stray further from a steady rhythm tell that beats must be cut singly
-_PULSES = 0.02  # standard deviation of the pulses over their mean, from which the same is true
-_NOISE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
-_ALIKE = 0.9  # median correlation of upstrokes, and of beats, from which they are those of one heart
-_NEAR = 0.1  # of the usual interval, by which a beat may be longer or shorter
-_UNLIKE = 0.35  # of the pulse, by which a beat may differ
-_USUAL = 6.0  # times as much as beats usually do
-_ORDINARY = (0.05, 0.95)  # quantiles: spikes are beyond them
-_MISSING = 3  # odd beats in a row that do not end a stretch
-_MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
-_SAME = 0.1  # of a beat, by which a period may differ from the usual interval and still be that of equal beats
-_ONE = 1.5  # times more or less often than the period says: these upstrokes are not one a beat
-_END = 0.06  # of a beat: its end, from which it goes on
-_FEWEST = 4  # upstrokes
-_NAMED = 3
-_UNSTEADY = 0.05  # of the mean length: more is worth a sentence
 
 
 @dataclass(frozen=True)
@@ -62,10 +44,15 @@ class Whole:
         """The period [s]: N samples."""
         return self.N * self.dt
 
+    @property
+    def samples(self) -> Array:
+        """Numbers of the samples of the beats that serve : (m, N); of a short one, into the next."""
+        return np.asarray(self.edges[self.serving][:, None] + np.arange(self.N))
+
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         starts, ends, at = self.edges[:-1, None], self.edges[1:, None], np.arange(self.N)
-        half = max(1, round(_END * self.N / 2))
+        half = max(1, round(limit.DIASTOLE * self.N / 2))
         last = x[ends - 2 * half + np.arange(2 * half)]
         early, late = mean(last[:, :half]), mean(last[:, half:])
         slope = mean((late - early)[self.steady]) / half
@@ -94,36 +81,37 @@ def unlikeness(beats: Array) -> Array:
 def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     """The beats, T [s] long or near it, if their intervals or pulses differ; else None."""
     found = find_upstrokes(channels, T / dt)
-    if found is None or len(found.at) < _FEWEST or np.median(found.likeness) < _ALIKE:
+    if found is None:
         return None
     intervals = np.diff(found.at)
     usual = _usual(intervals)
     passed = np.maximum(np.rint(intervals / usual), 1.0)  # more than 1 where an upstroke was not seen
-    intervals = intervals / passed
-    beats = T / dt / usual
-    if not 1.0 / _ONE < beats < _ONE:
+    near = np.abs(intervals / passed - usual) <= limit.NEAR * usual
+    if near.mean() < limit.MOSTLY or not 1.0 / limit.ONE < T / dt / usual < limit.ONE:
         return None
-    x = without_gaps(channels[found.channel])
-    near = np.abs(intervals - usual) <= _NEAR * usual
-    if near.mean() < _MOSTLY or (alike := _likeness(x, found.at[:-1][near], usual)) < _ALIKE:
+    x = channels[found.channel]
+    alike = _likeness(x, found.at[:-1][near], usual)
+    if alike < limit.ALIKE:
         return None
-    pulses = _pulses(channels[found.channel], found.at)
+    beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
+    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in beats if not np.isnan(beat).any()] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
-    varied = pulses.std() > max(_PULSES, _NOISE * noise) * pulses.mean()
-    if abs(beats - 1.0) <= _SAME and not (varied or _wander(found.at, passed) > _UNEQUAL * usual):
+    count = np.concatenate([[0.0], np.cumsum(passed)])
+    wander = np.std(found.at - np.polyval(np.polyfit(count, found.at, 1), count))  # about t_b = t_0 + b T
+    if wander <= limit.VARIES * usual and pulses.std() <= max(limit.VARIES, limit.NO_PULSE * noise) * pulses.mean():
         return None
     edges = np.rint(found.at).astype(int) - lead(channels, found.at, usual)
     return _whole(channels, dt, edges[edges >= 0], usual)
 
 
 def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float) -> Whole | None:
-    """The longest stretch of steady beats that no more than _MISSING odd ones in a row interrupt; None if not two."""
-    near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= _NEAR * usual + 1.0)
+    """The longest stretch of steady beats that no more than MISSING odd ones in a row interrupt; None if not two."""
+    near = np.flatnonzero(np.abs(np.diff(edges) - usual) <= limit.NEAR * usual + 1.0)
     if len(near) < 2:
         return None
     odd = _odd(channels, Whole({}, dt, edges, near, near))
     alike = np.setdiff1d(near, odd)
-    alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > _MISSING + 1) + 1), key=len)
+    alike = max(np.split(alike, np.flatnonzero(np.diff(alike) > limit.MISSING + 1) + 1), key=len)
     if len(alike) < 2:
         return None
     first, last = int(alike[0]), int(alike[-1]) + 1
@@ -131,31 +119,18 @@ def _whole(channels: Mapping[str, Array], dt: float, edges: Array, usual: float)
     return Whole(channels, dt, edges[first : last + 1], alike - first, alike - first, said)
 
 
-def _wander(at: Array, passed: Array) -> float:
-    """Standard deviation [samples] of upstrokes about their regression t_b = t_0 + b T, an equal grid of beats."""
-    count = np.concatenate([[0.0], np.cumsum(passed)])
-    return float(np.std(at - np.polyval(np.polyfit(count, at, 1), count)))
-
-
 def _likeness(x: Array, at: Array, length: float) -> float:
     """The median correlation of whole beats with their mean."""
-    n = int(0.9 * length)
-    beats = np.stack([x[i : i + n] for i in np.rint(at).astype(int)])
+    beats = without_gaps(x)[np.rint(at).astype(int)[:, None] + np.arange(int(0.9 * length))]
     beats = beats - beats.mean(axis=1, keepdims=True)
     mean = beats.mean(axis=0)
     size = np.linalg.norm(beats, axis=1) * np.linalg.norm(mean)
     return float(np.median(beats @ mean / np.maximum(size, np.finfo(float).tiny)))
 
 
-def _pulses(x: Array, at: Array) -> Array:
-    """The range of each beat that was measured, but for spikes."""
-    beats = [x[round(a) : round(b)] for a, b in zip(at, at[1:], strict=False)]
-    return np.array([np.ptp(np.quantile(beat, _ORDINARY)) for beat in beats if not np.isnan(beat).any()] or [1.0])
-
-
 def _usual(intervals: Array) -> float:
     """The interval that most others are near to."""
-    near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= _NEAR
+    near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
     best = int(near.sum(axis=0).argmax())
     return float(np.median(intervals[near[:, best]]))
 
@@ -166,7 +141,7 @@ def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
     for x in channels.values():
         rows = whole.of(x)
         size, pulse = unlikeness(rows), float(np.nanstd(np.nanmedian(rows, axis=0)))
-        far |= size > max(_UNLIKE * pulse, _USUAL * float(np.nanmedian(size)))
+        far |= size > max(limit.UNLIKE * pulse, limit.USUAL * float(np.nanmedian(size)))
     return whole.serving[far]
 
 
@@ -175,18 +150,19 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
     times, lengths = edges * dt, np.diff(edges)
     first, last = int(alike[0]), int(alike[-1]) + 1
     used, said = lengths[alike], []
-    if np.abs(used - used.mean()).max() > _UNSTEADY * used.mean():
+    if np.abs(used - used.mean()).max() > limit.UNSTEADY * used.mean():
         said.append(
             f"the heart rate was not steady: beats lasted {used.min() * dt:.3g} to {used.max() * dt:.3g} s; each "
             "was cut at the end of diastole."
         )
     irregular = np.setdiff1d(np.arange(first, last), near)
     for which, why in (
-        (irregular, f"more than {_NEAR:.0%} longer or shorter than the others"),
+        (irregular, f"more than {limit.NEAR:.0%} longer or shorter than the others"),
         (odd[(odd >= first) & (odd < last)], "unlike the others in shape"),
     ):
         if len(which):
-            begin = ", ".join(f"{times[i]:.4g}" for i in which[:_NAMED]) + (" …" if len(which) > _NAMED else "")
+            begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
+            begin += " …" if len(which) > limit.NAMED else ""
             said.append(f"beats left out ({len(which)}, {begin} s after the record's start): {why}.")
     outside = len(lengths) - (last - first)
     if outside:

@@ -7,20 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import thresholds as limit
+
 Array = np.ndarray
 
-_NEAREST = 0.6  # of the period: two beats are no closer
-_WIDE = 0.08  # of the period: means on either side whose difference is the rise; the one after a notch is shorter
 _SMOOTH = 0.04  # of the period, over which samples are averaged before slopes are taken
-_BEFORE, _AFTER = 0.12, 0.28  # of the period: the part of a beat that tells its time
-_END = 0.73  # of the period after an upstroke: the part that tells one beat from half of another
-_RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
-_SEARCHED = 0.08  # of the period, by which an upstroke may come earlier or later than the mean beat says
-_FLAT = 0.1  # of the steepest slope: where the foot is
-_FEWEST = 3  # upstrokes
-_ORDINARY = (0.02, 0.98)  # quantiles: the usual range
 _PASSES = 6  # at most, that find the length of a beat
-_SURE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor that is dead for some beats
 
 
 @dataclass(frozen=True)
@@ -38,42 +30,46 @@ def find_upstrokes(channels: Mapping[str, Array], length: float) -> Upstrokes | 
     None if no channel has three.
     """
     x = {name: without_gaps(values) for name, values in channels.items()}
-    ordinary = np.array([without_extremes(each) for each in x.values()])
+    ordinary = np.array([np.clip(each, *usual_range(each)) for each in x.values()])  # spikes must not hide the beat
     tried: dict[float, Array] = {}
     while length not in tried and len(tried) < _PASSES:  # until the length is the record's own, whatever was given
         tried[length] = marks = _beats(ordinary, length)
-        if len(marks) < _FEWEST:
+        if len(marks) < limit.FEWEST_UPSTROKES:
             return None
         length = float(np.median(np.diff(marks)))
     lengths = list(tried)
     length = max(lengths[lengths.index(length) :]) if length in tried else lengths[-1]  # it may be one of two in turn
-    marks = tried[length]
-    found = [each for name in x if (each := _of(name, x[name], np.isnan(channels[name]), marks, length)) is not None]
-    return max(found, key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)), default=None)
+    found = [_of(name, each, np.isnan(channels[name]), tried[length], length) for name, each in x.items()]
+    return max(
+        (each for each in found if len(each.at) >= limit.FEWEST_UPSTROKES),
+        key=lambda each: (round(float(np.median(each.likeness)), 2), len(each.at)),
+        default=None,
+    )
 
 
-def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes | None:
+def _of(name: str, x: Array, gaps: Array, marks: Array, length: float) -> Upstrokes:
     """A channel's upstrokes, one at each of the marks."""
-    before, after, most, end = (max(2, round(part * length)) for part in (_BEFORE, _AFTER, _SEARCHED, _END))
+    before, after, most, end = (
+        max(2, round(part * length)) for part in (limit.BEFORE, limit.AFTER, limit.SEARCHED, limit.ANOTHER)
+    )
     inside = marks[(marks >= before) & (marks < len(x) - end)]
-    if len(inside) < _FEWEST:
-        return None
+    if len(inside) < limit.FEWEST_UPSTROKES:
+        return Upstrokes(name, inside, inside)
     mean = x[inside[:, None] + np.arange(-before, end)].mean(axis=0)
     at = marks + int(_rise(mean, length).argmax()) - before
     at = at[(at >= before + most) & (at < len(x) - after - most)].astype(float)
-    if len(at) < _FEWEST:
-        return None
-    for _ in range(2):
+    likeness = np.zeros(len(at))
+    for _ in range(2 if len(at) else 0):
         near = np.rint(at).astype(int)
-        mean = x[near[:, None] + np.arange(-before, after)].mean(axis=0)
-        r = np.stack([_alike_near(x[p - before - most : p + after + most], mean) for p in near])
+        alike = _alike(x, x[near[:, None] + np.arange(-before, after)].mean(axis=0))
+        r = alike[near[:, None] - before + np.arange(-most, most + 1)]
         best = r.argmax(axis=1)
-        likeness = r[np.arange(len(r)), best]
+        likeness = r.max(axis=1)
         at = np.clip(near - most + vertex(r, best), before + most, len(x) - after - most - 1)
     lost = np.concatenate([[0], np.cumsum(gaps)])
     around = np.rint(at).astype(int)
-    sure = (likeness >= _SURE * np.median(likeness)) & (lost[around + after] == lost[around - before])
-    return Upstrokes(name, at[sure], likeness[sure]) if sure.sum() >= _FEWEST else None
+    sure = (likeness >= limit.UPSTROKE * np.median(likeness)) & (lost[around + after] == lost[around - before])
+    return Upstrokes(name, at[sure], likeness[sure])
 
 
 def _beats(x: Array, length: float) -> Array:
@@ -83,7 +79,7 @@ def _beats(x: Array, length: float) -> Array:
     """
     from scipy.signal import find_peaks  # takes half a second
 
-    before, end, block = (max(2, round(part * length)) for part in (_BEFORE, _END, 1.0))
+    before, end, block = (max(2, round(part * length)) for part in (limit.BEFORE, limit.ANOTHER, 1.0))
     x = x / np.maximum(x.std(axis=1, keepdims=True), np.finfo(float).tiny)
     rise = np.sum([np.maximum(_rise(each, length), 0.0) for each in x], axis=0)
     starts = range(0, max(1, x.shape[1] - block + 1), block)
@@ -94,7 +90,7 @@ def _beats(x: Array, length: float) -> Array:
         windows = padded[:, at[:, None] + np.arange(before + end)]
         alike = np.mean([_alike(each, w.mean(axis=0)) for each, w in zip(padded, windows, strict=True)], axis=0)
         usual = np.median([alike[i : i + block].max() for i in starts])
-        at, _ = find_peaks(alike, height=_RESEMBLING * usual, distance=max(1, round(_NEAREST * length)))
+        at, _ = find_peaks(alike, height=limit.RESEMBLING * usual, distance=max(1, round(limit.NEAREST * length)))
         if not len(at):
             break
     return np.asarray(at)
@@ -102,7 +98,7 @@ def _beats(x: Array, length: float) -> Array:
 
 def _rise(x: Array, length: float) -> Array:
     """By how much the mean after a sample is higher than that before it : (n,)."""
-    half = max(1, round(_WIDE * length))
+    half = max(1, round(limit.RISING * length))
     total = np.concatenate([[0.0], np.cumsum(np.pad(x, half, mode="edge"))])
     j = np.arange(half, half + len(x))
     return np.asarray((total[j + half] - 2.0 * total[j] + total[j - half]) / half)
@@ -112,19 +108,11 @@ def _alike(x: Array, beat: Array) -> Array:
     """The correlation of a beat with each stretch of x that is as long."""
     from scipy.signal import fftconvolve
 
-    w, beat = len(beat), beat - beat.mean()
+    w, x, beat = len(beat), x - x.mean(), beat - beat.mean()
     total, squares = (np.concatenate([[0.0], np.cumsum(each)]) for each in (x, x * x))
     power = squares[w:] - squares[:-w] - (total[w:] - total[:-w]) ** 2 / w
-    size = np.sqrt(np.maximum(power, 1e-9 * w) * max(float(beat @ beat), np.finfo(float).tiny))
+    size = np.sqrt(np.maximum(power, 1e-9 * w * float(x.var())) * max(float(beat @ beat), np.finfo(float).tiny))
     return np.asarray(fftconvolve(x, beat[::-1], mode="valid") / size)
-
-
-def _alike_near(x: Array, beat: Array) -> Array:
-    """The same of a short x, to rounding also where x is flat."""
-    windows, beat = np.lib.stride_tricks.sliding_window_view(x, len(beat)), beat - beat.mean()
-    windows = windows - windows.mean(axis=1, keepdims=True)
-    size = np.linalg.norm(windows, axis=1) * np.linalg.norm(beat)
-    return np.asarray(windows @ beat / np.maximum(size, np.finfo(float).tiny))
 
 
 def vertex(r: Array, at: Array) -> Array:
@@ -149,7 +137,7 @@ def lead(channels: Mapping[str, Array], at: Array, length: float) -> int:
         slope = np.convolve(np.gradient(mean), np.ones(width) / width, mode="same")
         middle = slice(reach - reach // 2, reach + reach // 2)
         steepest = middle.start + int(slope[middle].argmax())
-        flat = np.flatnonzero(slope[:steepest] < _FLAT * slope[steepest])
+        flat = np.flatnonzero(slope[:steepest] < limit.FLAT_FOOT * slope[steepest])
         leads.append(reach - (int(flat[-1]) if len(flat) else 0))
     return max(leads)
 
@@ -163,7 +151,7 @@ def without_gaps(x: Array) -> Array:
     return np.interp(index, index[there], x[there])
 
 
-def without_extremes(x: Array) -> Array:
-    """x with what lies beyond its usual range by as much brought to there: a few spikes must not hide the beat."""
-    low, high = np.quantile(x, _ORDINARY)
-    return np.clip(x, low - (high - low), high + (high - low))
+def usual_range(x: Array) -> tuple[float, float]:
+    """Between which a channel's values are, NaN in gaps: beyond, there are spikes."""
+    low, high = np.nanquantile(x, limit.ORDINARY)
+    return float(low - (high - low)), float(high + (high - low))

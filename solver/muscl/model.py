@@ -90,10 +90,8 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
         before, lacking = wall, changes(term.effect, "drag")
         if term.effect.owner == "segment":
             wall = term.effect.wall(wall, term.at(every), np.full(len(every), 0.5))
-            lacking |= (wall.nonlinear, wall.leaks, wall.remembers) != (
-                before.nonlinear,
-                before.leaks,
-                before.remembers,
+            lacking |= any(
+                getattr(wall, name) != getattr(before, name) for name in ("nonlinear", "leaks", "remembers", "learns")
             )
         if lacking:
             raise InputError(_lacking(network, term))

@@ -178,8 +178,8 @@ def later(r: Recorder, x: Any, phase: int) -> Any:
 # --- what NumPy's functions are as operations ---------------------------------------------------------------------
 
 ELEMENTWISE = (
-    "copy negative sqrt exp expm1 log log1p absolute sign square reciprocal sin cos tanh logical_not isfinite "
-    "add subtract multiply divide power maximum minimum greater greater_equal less less_equal equal not_equal "
+    "copy negative sqrt exp expm1 log log1p absolute sign square reciprocal sin cos sinh cosh tanh logical_not "
+    "isfinite add subtract multiply divide power maximum minimum greater greater_equal less less_equal equal not_equal "
     "logical_and logical_or where"
 ).split()
 _ALIASES = {

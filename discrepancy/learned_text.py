@@ -1,0 +1,68 @@
+"""A learned law in words and files; where there is none, what acts at the places of the source map as a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+
+from solver.files import dumps
+from solver.legible import number
+
+from .learned_law import LearnedLaw
+from .outcome import Outcome
+from .places import label_text, places_text
+from .shown_map import SourceMapShown
+
+MODEL, FMU, TABLE = "model_learned.toml", "model_learned.fmu", "source.csv"
+FILES = (MODEL, FMU, TABLE)
+
+
+def law_text(law: LearnedLaw) -> str:
+    """A law in two sentences: its formula and numbers, what it does, and how far it holds."""
+    numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
+    before, after = number(law.before[1]), number(law.after[1])
+    low, high, rate = _range(law)
+    beside = f", beside {' and '.join(map(label_text, law.beside))}," if law.beside else ""
+    beside = f" in place of {' and '.join(map(label_text, law.instead))}" if law.instead else beside
+    return (
+        f"A law learned from this record for the wall of {places_text(law.where)}{beside} closes "
+        f"{number(100.0 * law.closed, 2)} % of the gap to held-out beats (from {before} to {after} times the noise): "
+        f"{law.formula}, {numbers}. It was seen at strains from {number(low, 2)} to {number(high, 2)} and rates up to "
+        f"{number(rate, 2)}/s, and is held beyond; no other record has borne it out."
+    )
+
+
+def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
+    """An outcome with a law, if there is one, which its sentence says, too."""
+    if law is None:
+        return outcome
+    return replace(outcome, learned=law, sentence=f"{outcome.sentence} {law_text(law)}")
+
+
+def _range(law: LearnedLaw) -> tuple[float, float, float]:
+    lows, highs, rates = zip(*law.seen.values(), strict=True)
+    return min(lows), max(highs), max(rates)
+
+
+def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[str, str | bytes]:
+    """The network with the law, which says where that comes from, and its FMU; without a law, what acts at the places
+    of the map as a table: a description, not an explanation."""
+    if law is not None:
+        source = f"# From {law.record[0]} (sha256 {law.record[1]}).\n"
+        return {MODEL: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", FMU: law.archive}
+    return {} if shown is None or not shown.signals else {TABLE: _table(shown)}
+
+
+def _table(shown: SourceMapShown) -> str:
+    """g(t) of every place with its standard deviation, in SI, over one beat."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    head = ["time [s]"]
+    for a in shown.signals:
+        name = a.place.label + (f" ({a.part})" if a.part else "")
+        head += [f"{name} [{a.unit}]", f"sd of {name} [{a.unit}]"]
+    writer.writerow(head)
+    columns = [shown.time, *(c for a in shown.signals for c in (a.mean, a.band))]
+    writer.writerows([f"{x:.9g}" for x in row] for row in zip(*columns, strict=True))
+    return text.getvalue()

@@ -1,0 +1,132 @@
+"""Every number that decides what a record says: where beats begin, which are used, what is noise, what is refused.
+
+"Simulated" names a rate that was counted on synthetic records; "by" a derivation. All others are judgement, held by
+benchmarks/periods.py, none of whose recordings has a wrong period without a note, and by benchmarks/real_pressure.py.
+Floors of rounding and resolutions of a search stand where they are used.
+"""
+
+from __future__ import annotations
+
+import math
+
+from solver.units import MMHG
+
+# --- for all ---
+FIVE_PERCENT = 1.645  # standard deviations, one-sided
+ABOVE_NOISE = 3.0  # standard deviations, from which a harmonic of the mean beat is the signal's: 0.1 % of noise
+NEIGHBOURS = 3  # harmonics on either side that share one estimate of the noise
+ORDINARY = (0.02, 0.98)  # quantiles: beyond them by the distance between them are spikes
+NAMED = 3  # beats of a kind that a note names
+
+# --- how far beats of one record may differ ---
+NEAR = 0.1  # of a beat: one that is longer or shorter by more is not used, nor a given period so far off
+UNSTEADY = 0.05  # of a beat: what is more is said, and is no strict period
+SLIP = 0.02  # of a period over the whole record, by which a given one may differ from the one of equal beats
+# In 400 steady synthetic recordings of 20 to 50 dB, upstrokes stray by at most 0.1 % in 95 %. Simulated: they exceed
+# VARIES in 1.5 % of the recordings, and the pulses exceed both VARIES and NO_PULSE in 1 %.
+VARIES = 0.02  # of the beat or the pulse: standard deviation, from which beats are cut singly
+RANGE = (0.05, 0.95)  # quantiles of a beat whose distance is its pulse: spikes are beyond them
+NO_PULSE = 0.5  # of the noise over the pulse: more is no noise of a beat's range
+ALIKE = 0.9  # median correlation of beats with their mean, from which they are those of one heart
+MOSTLY = 0.4  # of the intervals that must be near the usual one, or the upstrokes are no beats
+ONE = 1.5  # times more or less often than the period says: these upstrokes are not one a beat
+UNLIKE, USUAL = 0.35, 6.0  # of the pulse, and times as much as usual: a beat that differs by both is not used
+MISSING = 3  # such beats in a row that do not end a stretch
+ODD, VISIBLE = 5.0, 1e-3  # times as much as usual, and of the pulse: a beat that differs by both is named
+DIASTOLE = 0.06  # of a beat: its end, from which a short one goes on
+FEWEST_BEATS = 5  # fewer say too little about the noise for a 95 % interval, and about which samples are spikes
+FEWEST_SAMPLES = 8  # of a beat, and of a record
+
+# --- the period ---
+SHORTEST, LONGEST = 0.1, 1.0 / 0.3  # that are looked for [s]: heart rates of 10 and 0.3 Hz
+FASTEST_HEART = 0.2  # [s]; hearts of rabbits and larger animals beat at 300 a minute at most
+SCREENED = 64.0  # [s] of the record that the search looks at
+WANDER = 0.25  # [Hz]; slower than any heart
+PERIODIC = 0.7  # correlation of a stretch with a later one; a channel with less has no beat: white noise reaches 0.65
+# correlations, of those of the best lag, after which so much of the power goes on alike
+GOES_ON = math.sqrt(0.75)  # a lag to judge
+SAME = math.sqrt(0.9)  # beats that alternate, if they do; less is another part of a beat
+NEARLY_SAME = math.sqrt(0.85)  # another part of a beat, which is said
+HALF = math.sqrt(0.5)  # of stretches as long as the lag, which hold parts of two beats
+IN_TURN = 1.5  # times the usual difference, from which beats may differ in turn: by 0.7 of its standard deviation
+SURE = 3.0  # standard deviations of a sign test: 0.13 % of beats that are alike reach it
+AS_MUCH = 4.0  # times less than the most is nearly as much: beats that are alike in turn are so after twice as many
+MUCH = 10.0  # and from which the part of a beat is not taken for one
+ELASTIC = 0.15  # of a lag, by which a stretch may come early or late
+UPSTROKES = 3  # of a beat, at most: four beats alike in turn are as likely those of one breath, but if much more so
+UNTIMELY = 3.0  # times as much as usual, by which every second or third comes off time, if by NEAR, too
+
+# --- where a beat begins, in parts of the usual one ---
+NEAREST = 0.6  # two beats are no closer
+RISING = 0.08  # means on either side whose difference is the rise; the one after a notch is shorter
+BEFORE, AFTER = 0.12, 0.28  # of the upstroke: the part of a beat that tells its time
+ANOTHER = 0.73  # after the upstroke: the part that tells one beat from half of another
+RESEMBLING = 0.5  # of the usual correlation with the mean beat, from which there is a beat
+SEARCHED = 0.08  # by which an upstroke may come earlier or later than the mean beat says
+FLAT_FOOT = 0.1  # of the steepest slope: where the foot is
+UPSTROKE = 0.7  # of the usual likeness: what is less alike is an artefact, such as a sensor dead for some beats
+FEWEST_UPSTROKES = 3
+
+# --- equal beats ---
+IN_STEP = 1e-6  # samples that beats may slip against the samples over the whole record and be taken as they are
+MOST_HARMONICS = 128  # of the harmonic model; what lies above is left to the residual
+MANY_BEATS = 200.0  # beats, from which no drift can feign a period
+MOVED = 8  # harmonics above N/8, where half a sample is a sixteenth of a turn and more
+JITTER = 1e-3  # probability of shifts as large without any jitter (F test), below which they are taken out
+TIMING = 48  # harmonics that tell the timing of a beat
+
+# --- spikes, and steps of a converter ---
+FAR = 7.0  # robust standard deviations off the other beats and the neighbours
+STEPS = 3.0  # of the converter: rounding, and what a median of rounded values adds
+SLIP_OF_CUTS = 2.0  # samples by which a beat may be off the others where it was cut, its shape included
+STEP_SHARE = 1e-3  # quantile of the steps between neighbours: the smallest may be an accident of rounding twice
+STEP_WHOLE = 0.02  # of a step, by which a difference may miss a whole number of steps
+STEP_NEAR = 30.0  # steps: differences that are compared with whole steps
+STEP_FEWEST = 20  # of them. Simulated: of 400 analogue records of 20 to 1000 values none has a step
+STEP_FINEST = 1e-5  # of the range: finer steps are of no converter
+STEP_SURE = 0.1  # of a step: a harmonic of the mean beat that is larger is the signal's, not of rounding
+
+# --- noise of the mean beat ---
+MANY = 10  # beats that tell the noise of a low harmonic with fewer neighbours: 1/f noise is largest at k = 1
+MOST_SERIAL = 0.9  # correlation of successive beats' means
+MAX_HARMONICS = 40  # that a network is compared in
+TAIL = 0.75  # of the Nyquist frequency: from here on harmonics tell what lies beyond it
+BEATS_BEFORE, BEATS_UNKNOWN = 8, 3  # mean beats put before a record, and how many may have been larger or smaller
+SEAM_ERROR = 0.3  # of the seam: the walls are not yet known, and the network is not linear
+SEAM_SAID = 3.0  # times the noise: more of what is not known of the seam is worth a sentence
+COHERENT, LOW = 0.5, 6  # of the variance of P that follows R at one of so many harmonics: beats differ, not sensors
+HOLES = 0.01  # of the samples in gaps, from which phases are means of different beats: single spikes do no harm
+LOOP_SHOWN = 5.0  # standard deviations, from which a harmonic tells the law of a loop
+SAFE = 0.1  # of a harmonic that a filter leaves: to undo that makes ten times its noise, which the weights know
+UNDONE = 1e-4  # a filter that leaves less is not undone: any flow is then within the noise over H
+
+# --- stamps of time ---
+LATEST = 1e10  # [s], times since 1970 included
+LOST = 0.02  # of the steps: fewer wide ones are lost samples, for rates are within 2 % of what stamps show
+WIDE_STEP = 1.5  # steps: halfway between that of neighbours and that over a lost sample
+# Of steps that are shorter than half or longer than 1.5 intervals, no sample lost: by 2 Q(0.5/(√2 0.21)) = 0.09 they
+# are 10 % where stamps are off by 0.21 intervals (Gaussian). Beyond, which samples are lost is not seen.
+IRREGULAR = 0.1
+VAGUE_RATE = 0.1  # largest relative error of the rate
+ONE_SAMPLE = 0.02  # of an interval: nearer stamps are of one sample, and rates that differ by less need no low-pass
+
+# --- sensors that are dead or clipped ---
+FLAT = 1e-9  # of its size: a channel that varies by less is dead
+PLATEAU = 4  # equal samples at the extreme that may be clipped
+QUANTA = 12.0  # that a signal falls beside a plateau of a clipped channel; rounding alone makes fewer
+VALVE = 0.05  # of its range, within which a flow may rest near zero: a closed valve, not a clipped sensor
+WIDE = 0.03  # [m]; no radius but a pressure in the wrong column if the site's pressure is small
+
+# --- what arteries of mammals have ---
+HIGHEST_MEAN = 300.0 * MMHG  # mmHg read as kPa make any mean above 40 mmHg exceed it
+PULSE = (2.0 * MMHG, 200.0 * MMHG)  # mmHg read as Pa make 15 to 150 mmHg 0.1 to 1.1
+# kPa read as mmHg make means from 40 to 187 mmHg 5 to 25, where only lungs and veins have theirs. The ratio of pulse to
+# mean knows no unit: 0.3 to 0.7 in systemic arteries, about 1 in those of the lungs. A pressure that is told from a
+# reference, as the published sheep's, is all pulse.
+LOW_MEAN, SYSTEMIC = 25.0 * MMHG, 0.75
+RADIUS = (5e-5, 0.04)  # [m]
+TO_R0 = 1.6  # mean radius over R0: an artery is stretched by less, and a diameter is twice its radius
+WALL = (0.02, 0.5)  # h/R: 0.04 to 0.2 in arteries of mammals, so that a factor of 10 leaves it either way or nearly
+STEEP = 6.0  # ratio of dP/dR to the model's: below the factor of the units, above what animals and effects differ by
+LEVELS = (1.0, 50.0, 99.0)  # percentiles: lowest, mean and highest, whatever single samples are
+FASTEST_FLOW = 5.0  # [m/s], of a peak flow over the area at R0

@@ -1,0 +1,333 @@
+"""Several recordings of one animal in `discover`: the joint model, what may be named, and which state to record next.
+
+Records are of the independent generator (tests/states.py), but for the joint model, which is checked on a fork of three
+vessels (tests/forked.py).
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from forked import NETWORK, exact, record
+from refused import refused
+from states import OTHER, REST, State, recorded
+from truth.hide import Effect
+from truth.records import Case
+from typer.testing import CliRunner
+
+import arterial_fmu.__main__
+from discrepancy import together
+from discrepancy.confirm import confirmed_together
+from discrepancy.recorded import Recorded
+from discrepancy.second_state import second_state, separations
+from discrepancy.show import Gap
+from discrepancy.study import Study, prepare
+from discrepancy.study import name as name_one
+from discrepancy.together import name_together
+from discrepancy.verdict import Naming
+from fitting.inference.fit import Member
+from fitting.inference.gauss_newton import Trial
+from fitting.inference.network_record import network_problem
+from fitting.inference.several import Several
+from fitting.inference.simulator import OutOfTime, Runs
+from fitting.records.record import write_record
+from solver.files import read_network, write_network
+
+SITE = "CA"
+RELAXATION = Case("bench", SITE, 27.0, (Effect("stress_relaxation", (SITE,), 0.006),))
+BENT = Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),))
+
+
+HIGHER = {("B", "R_t"): 0.45, ("C", "R_t"): 0.25, ("B", "P_venous"): 300.0, ("C", "P_venous"): 300.0}
+
+
+# --- the joint model --------------------------------------------------------------------------------------------------
+
+
+@cache
+def fork(varies: tuple[str, ...] = ("*.R_t", "*.P_venous")) -> Several:
+    """Two recordings of a stiffer fork: under more flow R_t and the venous pressure are higher."""
+    stiff = NETWORK.with_parameters({f"{s.name}.E": 1.1 * s.E for s in NETWORK.segments})
+    other = stiff.with_parameters({f"{end}.outlet.{key}": x for (end, key), x in HIGHER.items()})
+    beats = [record(exact(1.0, stiff), 8, 0.01, seed=1), record(exact(1.3, other), 8, 0.01, seed=2)]
+    parts = tuple(network_problem(each, NETWORK) for each in beats)
+    return Several(parts, ("rest", "effort"), varies, tuple((each, each) for each in beats))
+
+
+@pytest.mark.parametrize("individual", [False, True])
+def test_jacobian(individual: bool) -> None:
+    """Derivatives of the joint residual are its central differences, to 2 %, at a point with an effect in it; those of
+    a recording by what another has of its own are 0."""
+    whole = fork().individual() if individual else fork()
+    (term,) = (t for t in terms_of(whole) if t.label == "external_pressure at A")
+    unknowns = whole.hypothesis((term,))
+    x = 0.1 * np.random.default_rng(3).normal(size=len(unknowns))
+    names = [u.name for u in unknowns]
+    assert {"all.outlet.R_t of rest", "all.outlet.R_t of effort"} <= set(names) and "all.outlet.R_t" not in names
+    assert sum("P_venous of" in name for name in names) == 2 and "A.P_ext" in names
+
+    def z(at: np.ndarray) -> np.ndarray:
+        trial = Trial(Member((term,), unknowns, at), np.arange(0), None, 0.0 * at)
+        (point,) = whole.points([trial], Runs())
+        assert point is not None
+        return point.z
+
+    (point,) = whole.points([Trial(Member((term,), unknowns, x), np.arange(len(x)), None, 0.0 * x)], Runs())
+    assert point is not None
+    size = np.array([u.typical_sd for u in unknowns])
+    for i, name in enumerate(names):
+        step = 0.01 * size[i] * np.eye(len(x))[i]
+        difference = (z(x + step) - z(x - step)) / (0.02 * size[i])
+        off = np.linalg.norm(point.J[:, i] - difference)
+        assert off <= 0.02 * np.linalg.norm(difference) + 1e-9, name
+        for label, rows in zip(whole.labels, whole.rows, strict=True):
+            if " of " in name and "its own" not in name.rpartition(" of ")[2] and not name.endswith(f" of {label}"):
+                assert not point.J[rows, i].any()
+
+
+def terms_of(whole: Several) -> Sequence[Any]:
+    from fitting.inference.terms import candidates
+
+    return candidates(whole.network, whole.first.signals)
+
+
+def test_in_common_and_of_its_own() -> None:
+    """E is found from both recordings, R_t and the venous pressure of each its own: what makes them, to 4 sd."""
+    whole = fork()
+    (found,) = whole.refit([()])
+    assert found is not None and found.chi2 < 1.3 * len(found.z)
+    sd = np.sqrt(np.diag(found.covariance))
+    known = {u.name: (u, float(x), float(s)) for u, x, s in zip(found.unknowns, found.x, sd, strict=True)}
+    for name, truth in (("all.E", np.log(1.1)), ("B+C.outlet.P_venous of rest", 0.0)):
+        u, x, s = known[name]
+        assert abs(x * u.moves[0][1] - truth) < 4.0 * s * u.moves[0][1]
+    u, x, s = known["B+C.outlet.P_venous of effort"]
+    assert u.moves[0][0] == "B.outlet.P_venous of effort" and abs(x * u.moves[0][1] - 300.0) < 4.0 * s * u.moves[0][1]
+    alone = whole.of(found, 1)
+    assert [u.name for u in alone.unknowns] == [u.name for u in whole.of(found, 0).unknowns]
+    assert alone.x[[u.name for u in alone.unknowns].index("B+C.outlet.P_venous")] == x
+    assert len(alone.z) == whole.rows[1].stop - whole.rows[1].start
+
+
+def test_what_varies_is_a_number_of_the_network() -> None:
+    refused(lambda: fork(("*.R2",)).added, "--varies *.R2", ["names no number of fork", "*.E"])
+
+
+# --- naming -----------------------------------------------------------------------------------------------------------
+
+
+@cache
+def named(case: Case, seed: int, states: tuple[State, ...] = (REST, OTHER)) -> tuple[list[Study], list[Naming], Naming]:
+    """Studies of the recordings, the naming of each, and that of all together."""
+    studies = [prepare(each, case.network()) for each in recorded(case, seed, states)]
+    alone = [name_one(s.problem, s.terms, Runs()) for s in studies]
+    return studies, alone, name_together(whole_of(studies), alone, studies[0].terms, Runs())
+
+
+def whole_of(studies: Sequence[Study]) -> Several:
+    parts, beats = tuple(s.problem for s in studies), tuple((s.fitted, s.held_out) for s in studies)
+    return Several(parts, tuple("ABC"[: len(parts)]), (), beats)
+
+
+def test_two_recordings_leave_one_name() -> None:
+    """Relaxation at 27 dB: at rest alone a class of three, a lag of the pressure among it; with another rate and
+    pressure it is named, and tau is in its interval of 4 sd, which is narrower than that of one recording."""
+    _, (rest, _), found = named(RELAXATION, 1)
+    assert rest.verdict == "ambiguous" and {"channel_lag", "stress_relaxation"} <= {t.effect for t in _all(rest)}
+    assert found.verdict == "effect" and [t.effect for t in _all(found)] == ["stress_relaxation"] and found.complete
+    (_, s), (both, sd) = _tau(rest), _tau(found)
+    assert abs(both - 0.006) < 4.0 * sd and sd < 0.7 * s
+
+
+def _all(naming: Naming) -> list[Any]:
+    return [t for n in naming.members for t in n.fit.terms]
+
+
+def _tau(naming: Naming) -> tuple[float, float]:
+    """tau [s] and its standard deviation."""
+    fit = next(n.fit for n in naming.members if n.fit.terms[0].effect == "stress_relaxation")
+    i, u = next((i, u) for i, u in enumerate(fit.unknowns) if u.name.endswith(".tau"))
+    value = u.estimate(float(fit.x[i]), float(np.sqrt(fit.covariance[i, i])), 1.0)
+    return value.value, 0.5 * (value.ci95[1] - value.ci95[0])
+
+
+def test_no_name_where_nothing_is_hidden() -> None:
+    assert named(Case("bench", SITE, 40.0), 1)[2].verdict == "none"
+
+
+def test_what_pressure_tells() -> None:
+    """A bent elasticity, one recording: none or a class; two at other pressures: its name."""
+    _, alone, found = named(BENT, 2)
+    assert [n.verdict for n in alone] == ["ambiguous", "none"] and found.verdict == "effect"
+    assert _all(found)[0].effect == "nonlinear_elasticity"
+
+
+def test_time_that_is_over_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the model without effect is refitted to all: not complete, and no surer than not; before: no verdict."""
+    studies, alone, _ = named(RELAXATION, 1)
+
+    def over(*_: Any) -> Any:
+        raise OutOfTime("over")
+
+    monkeypatch.setattr(together, "_refitted", over)
+    found = name_together(whole_of(studies), alone, studies[0].terms, Runs())
+    assert not found.complete and found.confidence <= 0.5
+    with pytest.raises(OutOfTime):
+        name_together(whole_of(studies), alone, studies[0].terms, Runs(deadline=time.monotonic() - 1.0))
+    cut = [replace(n, complete=False) for n in alone]
+    monkeypatch.undo()
+    assert not name_together(whole_of(studies), cut, studies[0].terms, Runs()).complete
+
+
+# --- the second state -------------------------------------------------------------------------------------------------
+
+
+def test_the_state_that_separates() -> None:
+    """Of a bent wall and a springpot another pressure makes more than another rate, and recorded it does."""
+    _, (one, _), found = named(BENT, 2)
+    d = separations(one, Runs())
+    assert min(d["mean pressure + 30 %"], d["mean pressure − 30 %"]) > 10.0 > d["heart rate × 1.5"]
+    said = second_state(one)
+    assert said.startswith("A second recording at mean pressure") and "nonlinear elasticity at CA from" in said
+    assert second_state(found) == ""
+
+
+def test_no_state_separates() -> None:
+    """Relaxation and a catheter that is as slow: the least d' counts, and the sentence says that none is enough."""
+    said = second_state(named(RELAXATION, 1)[1][0])
+    assert said.startswith("No second state that was simulated would separate the class (d′ below 6: ")
+    assert "pulse pressure × 1.5" in said
+
+
+def test_states_of_a_network() -> None:
+    """Two hypotheses of a fork with walls of their own: an effect and none. The states are simulated; what varies is as
+    uncertain as its prior again, so that no state separates better than where it were known."""
+    sizes = []
+    for varies in (("*.R_t",), ()):
+        whole = fork(varies).individual()
+        (term,) = (t for t in terms_of(whole) if t.label == "wall_viscosity at C")
+        none, effect = whole.refit([(), (term,)])
+        assert none is not None and effect is not None
+        i = [u.name for u in effect.unknowns].index(term.unknowns[0].name)
+        effect = replace(effect, x=np.where(np.arange(len(effect.x)) == i, 1.0, effect.x))
+        naming: Any = type("N", (), {})()
+        naming.problem, naming.members = whole, [type("M", (), {"fit": f, "label": "x at C"})() for f in (effect, none)]
+        d = separations(naming, Runs())
+        assert set(d) == {"heart rate × 1.5", "mean pressure + 30 %", "mean pressure − 30 %", "inflow × 1.5"}
+        assert all(np.isfinite(each) and each > 0.0 for each in d.values())
+        sizes.append(d)
+    assert all(sizes[0][words] <= 1.001 * sizes[1][words] for words in sizes[0])
+
+
+# --- what may be named ------------------------------------------------------------------------------------------------
+
+BEFORE, AFTER = Gap((9.0, 5.0), {}), Gap((2.0, 1.2), {})
+
+
+def one(label: str, fallen: float, d: float, fitted: bool = True) -> Recorded:
+    """A recording whose χ² falls by so much, ± 10."""
+    return Recorded(label, f"{label}.csv", "", 20, 0.5, fitted, (9.0, 5.0), {}, (2.0, 1.2), {}, d, fallen, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("each", "words"),
+    [
+        ([one("A", 100.0, 20.0), one("B", 50.0, 20.0)], None),
+        ([one("A", 100.0, 20.0), one("B", 5.0, 11.0)], None),  # hardly seen there
+        ([one("A", 100.0, 20.0), one("B", 5.0, 12.0)], "in B chi2 falls by 5"),
+        ([one("A", 100.0, 20.0), one("B", -17.0, 1.0)], "in B chi2 rises by 17"),
+        ([one("A", 11.0, 5.0), one("B", 11.0, 5.0)], "over A, B chi2 falls by 22"),
+        ([one("A", 100.0, 20.0), one("C", 100.0, 20.0, False)], None),
+        ([one("A", 100.0, 20.0), one("C", 3.0, 5.0, False)], "over C chi2 falls by 3"),
+        ([one("A", 100.0, 20.0), one("C", 90.0, 20.0, False), one("D", -20.0, 9.0, False)], "in D chi2 rises by 20"),
+    ],
+)
+def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> None:
+    """χ² of held-out beats falls over all, in each that shows the effect, and rises in none; held-out ones likewise."""
+    naming = named(RELAXATION, 1)[2]
+    found = confirmed_together(naming, each, BEFORE, AFTER)
+    if words is None:
+        assert found is naming
+    else:
+        assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
+    nothing = confirmed_together(naming, each, Gap((1.0, 0.9), {}), AFTER)
+    assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def written(folder: Path, case: Case, states: Sequence[State]) -> None:
+    for each in recorded(case, 1, states):
+        units = {"P": "mmHg", "R": "mm", "Q": "mL/s"}
+        write_record(folder / each.path, each.time, each.channels, {n: units[n[-1]] for n in each.channels})
+    write_network(case.network(), folder / "base.toml")
+
+
+def discovered(folder: Path, *more: object) -> Any:
+    line = ["discover", folder / "A.csv", "--model", folder / "base.toml", "--out", folder / "out", *more]
+    return CliRunner(env={"COLUMNS": "160"}).invoke(arterial_fmu.__main__.app, [str(each) for each in line])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("several")
+    written(path, RELAXATION, (REST, OTHER, State(0.4, -15.0, 0.9)))
+    text = (path / "B.csv").read_text().splitlines()
+    (path / "P.csv").write_text("\n".join(",".join(line.split(",")[:2]) for line in text) + "\n")
+    (path / "Q.csv").write_text(
+        "\n".join([text[0] + ",inlet.Q [mL/s]", *(f"{line},{line.split(chr(44))[1]}" for line in text[1:])]) + "\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        (["--varies", "*.E"], 2, "--varies *.E: there is one recording; give others with --and."),
+        (["--and", "B.csv", "--varies", "*.outlet.R2"], 2, "--varies *.outlet.R2: it names no number of"),
+        (["--and", "Q.csv"], 2, "it has no inlet.Q, which"),
+        (["--and", "P.csv"], 3, "it has CA.P, but no inlet.Q"),
+        (["--and", "no.csv"], 2, "no.csv"),
+        (["--and", "B.csv", "--with", "C.csv"], 2, "--with: adds files to one recording"),
+    ],
+)
+def test_refused(folder: Path, more: Sequence[str], code: int, words: str) -> None:
+    """One sentence, before any search: what varies must be a number, and each recording fit for the comparison."""
+    done = discovered(folder, *(folder / each if each.endswith(".csv") else each for each in more))
+    assert done.exit_code == code and words in " ".join(done.output.split()), done.output
+
+
+@pytest.mark.slow
+def test_command(folder: Path) -> None:
+    """Alone: a class, and which second state would separate it. With B, and C held out: the name, what is left of each
+    recording, E of each, and an FMU."""
+    done = discovered(folder)
+    told = json.loads((folder / "out" / "verdict.json").read_text())
+    assert done.exit_code == 0 and told["verdict"] == "ambiguous" and told["recordings"] == {}
+    assert "second state" in told["separating_measurement"] and "second state" in " ".join(done.output.split())
+    assert "second state" in (folder / "out" / "report.html").read_text()
+    more = ["--and", folder / "B.csv", "--hold-out", folder / "C.csv", "--varies", "*.E", "--jobs", "1"]
+    done = discovered(folder, *more)
+    told = json.loads((folder / "out" / "verdict.json").read_text())
+    assert done.exit_code == 0 and told["verdict"] == "effect", done.output
+    assert told["effects"][0]["name"] == "stress_relaxation" and told["complete"]
+    assert list(told["recordings"]) == ["A", "B", "C"] and told["provenance"]["asked"]["varies"] == ["*.E"]
+    assert [each["fitted"] for each in told["recordings"].values()] == [True, True, False]
+    E = [each["own"][f"{SITE}.E"]["value"] for each in told["recordings"].values()]
+    assert len(set(E)) == 3 and np.ptp(E) < 0.05 * E[0]  # the same artery
+    for each in told["recordings"].values():
+        assert each["gap"]["after"]["held_out"] < 0.5 * each["gap"]["before"]["held_out"]
+        assert each["chi2_falls"]["value"] > 3.0 * each["chi2_falls"]["sd"] and each["d_prime"] > 12.0
+    page = (folder / "out" / "report.html").read_text()
+    assert "Each recording" in page and "C, not fitted" in page and "C, not fitted" in done.output
+    assert read_network(folder / "out" / "model.toml").parameters()[f"{SITE}.E"] == pytest.approx(E[0], rel=1e-6)
+    assert (folder / "out" / "model.fmu").exists()

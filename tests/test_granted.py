@@ -1,0 +1,50 @@
+"""The error of a calibration's model: its size by evidence, and what it does to numbers and intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from forked import CHANNELS, SETTINGS, exact, record
+from test_calibrate import START, TRUTH, UNKNOWNS
+
+from fitting.calibrate import calibrate
+from fitting.records.beats import Beats
+
+Array = np.ndarray
+
+LACKING = 0.03  # of each channel's pulse, the standard deviation of every harmonic
+
+
+def lacking(seed: int, size: float = LACKING) -> Beats:
+    """Noisy beats of the fork, the same error of the model in each: independent in all harmonics, Gaussian."""
+    rng, noisy = np.random.default_rng([5, seed]), record(exact(), 15, 0.01, seed)
+    values = dict(noisy.values)
+    for name in CHANNELS:
+        wave = noisy.mean(name)
+        harmonics = rng.normal(size=(2, len(wave) // 2 + 1)) * size * wave.std()
+        error = (harmonics[0] + 1j * harmonics[1]) / np.sqrt(2.0)
+        error[0] = harmonics[0, 0]
+        values[name] = values[name] + np.fft.irfft(error, len(wave), norm="forward")
+    return replace(noisy, values=values)
+
+
+def test_what_a_model_lacks_is_its_error() -> None:
+    """Of six records with 3 % the error of all harmonics is found to a fifth, and Σ z² of the three unknowns is below
+    the 99.5 % of χ²(18), 37.2; above a third of its mean. By the noise alone it would be some ten times as much: χ²/dof
+    is 10 to 12."""
+    squares = 0.0
+    for seed in range(6):
+        found = calibrate(lacking(seed), START, UNKNOWNS, settings=SETTINGS)
+        means, rest = found.model_errors
+        assert rest == pytest.approx(LACKING, rel=0.2) and means < 3.0 * LACKING
+        assert found.chi2 / found.dof > 8.0
+        squares += float(np.sum(((found.x - TRUTH) / found.sd) ** 2))
+    assert 6.0 < squares < 37.2, squares
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_right_model_has_none(seed: int) -> None:
+    """Noise alone is left: no error, by the four standard deviations of χ² that are granted to chance."""
+    assert calibrate(record(exact(), 15, 0.01, seed), START, UNKNOWNS, settings=SETTINGS).model_errors == (0.0, 0.0)

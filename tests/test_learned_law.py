@@ -1,0 +1,224 @@
+"""Laws that are learned: from records of the independent generator, none from nulls, and what is said and written."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from forked import NETWORK, N, T, inflow, record
+from test_source_map_report import LEAK, SQUEEZED, found, shown
+from truth.anatomy import anatomy
+from truth.beat import Beat
+from truth.hide import Effect, hide
+from truth.network import Balance
+from truth.records import Case, Made, hidden_model, make, write
+
+from discrepancy import discover
+from discrepancy.journal import Journal
+from discrepancy.learned_law import LearnedLaw, law_json
+from discrepancy.learned_text import MODEL, TABLE, law_text, learned_files, with_law
+from discrepancy.learning import Learnt, in_range, learns, learnt, stands
+from discrepancy.outcome import Outcome, verdict_json
+from discrepancy.show import Run, compared
+from discrepancy.study import Study, prepare
+from discrepancy.verdict import Naming
+from discrepancy.weigh import weighed
+from fitting.estimate import Estimate
+from fitting.inference.bench import Bench
+from fitting.inference.network_record import network_problem
+from fitting.inference.simulator import Runs
+from fitting.records.record import Record, write_record
+from solver.files import read_network, write_network
+
+SITE = "AA"
+
+
+def judged(study: Study, verdict: str = "unknown") -> Naming:
+    """As if no effect explained the record."""
+    (base,) = study.problem.refit([()])
+    assert base is not None
+    none = weighed(study.problem, base, study.terms)
+    return Naming(verdict, study.problem, none, (none,), (), {}, study.terms, 0.5)
+
+
+def bench(hidden: tuple[Effect, ...], seed: int, dB: float = 40.0) -> tuple[Made, Study]:
+    made = make(Case("bench", SITE, dB, hidden), seed)
+    return made, prepare(Record("made", "", made.time, made.channels, {}), made.base)
+
+
+# --- what is learned --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("hidden", "size", "key"),
+    [("cubic_rate", 2.0, "learned_cubic"), ("strain_viscosity", 15.0, "learned_rise")],
+)
+def test_the_law_of_the_generator_is_found(hidden: str, size: float, key: str) -> None:
+    """One term, and no other; the held-out beats keep a noise of 21 data; φ3 to 4 standard deviations, and to 20 %."""
+    made, study = bench((Effect(hidden, (SITE,), size),), 1)
+    naming = judged(study)
+    law = learnt(study, naming, Runs())
+    assert law is not None and law.keys == (key,) and law.term.place == SITE
+    own = in_range(study.problem, law.ranges)
+    ((before, n),) = study.problem.held_out(study.held_out, study.fitted).predict([naming.base.fit])
+    ((after, _),) = own.held_out(study.held_out, study.fitted).predict([law.fit])
+    assert before / n > 9.0 and after / n < 2.0
+    assert law.score < naming.base.score - 50.0
+    if hidden == "cubic_rate":
+        model = hidden_model(made.case, anatomy(made.base), made.nuisance)
+        true = model.vessel(SITE).phi3
+        unknown, x, sd = law.term.unknowns[0], law.fit.x[-1], np.sqrt(law.fit.covariance[-1, -1])
+        assert abs(unknown.size * x - true) <= 4.0 * unknown.size * sd
+        assert 2.0 * unknown.size * sd < 0.2 * true
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nothing_is_learned_of_a_null(seed: int) -> None:
+    """Asked although nothing is hidden: no term is worth its price."""
+    _, study = bench((), seed, (40.0, 30.0)[seed % 2])
+    assert learnt(study, judged(study), Runs()) is None
+
+
+def test_what_is_asked_of_which_verdict() -> None:
+    """What is named in full, and what is met only with odd numbers, leaves nothing to learn."""
+    _, study = bench((), 1)
+    naming = judged(study)
+    assert naming.base.explains and not learns(naming)
+    lost = replace(naming, base=replace(naming.base, misfit=9.0))
+    assert learns(lost) and learns(replace(naming, verdict="partial"))
+    assert not any(learns(replace(lost, verdict=verdict)) for verdict in ("none", "effect", "several", "ambiguous"))
+
+
+def test_a_range_changes_nothing() -> None:
+    """A network that knows where a law would hold is the one without, to the last bit."""
+    q = inflow(np.arange(N) * (T / N))
+    problem = network_problem(record({"inlet.Q": q, "B.P": 1e4 + 1e8 * q}, 9, 1e-3), NETWORK, ("B.P",))
+    own = in_range(problem, {"B.learned_low": 0.01, "B.learned_span": 0.1, "B.learned_rate": 2.0})
+    (plain,), (ranged,) = (p.refit([()]) for p in (problem, own))
+    assert plain is not None and ranged is not None and np.array_equal(plain.z, ranged.z)
+
+
+def test_a_law_survives_a_journal(tmp_path: Path) -> None:
+    """An interrupted study goes on with the same law, bit by bit, or with none."""
+    _, study = bench((Effect("cubic_rate", (SITE,), 2.0),), 1)
+    law = learnt(study, judged(study), Runs())
+    assert law is not None
+    for name, made in (("learned", law), ("none", None)):
+        Journal(tmp_path, []).stage(name, lambda made=made: made)
+    again = Journal(tmp_path, []).stage("learned", pytest.fail)
+    assert np.array_equal(again.fit.x, law.fit.x) and again.term == law.term
+    assert (again.keys, again.ranges, again.seen, again.score) == (law.keys, law.ranges, law.seen, law.score)
+    assert Journal(tmp_path, []).stage("none", pytest.fail) is None
+
+
+# --- its FMU ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_law_must_shrink_the_gap() -> None:
+    """A run that leaves what was left before, or less by chance, is none that stands; one that leaves noise does."""
+    made, study = bench((Effect("cubic_rate", (SITE,), 2.0),), 1)
+    naming = judged(study)
+    law = learnt(study, naming, Runs())
+    assert law is not None and isinstance(study.problem, Bench)
+    own = replace(study, problem=in_range(study.problem, law.ranges))
+
+    def run(fit: object, study: Study) -> Run:
+        """As inference has R of a fit, P being given."""
+        X = np.fft.rfft(np.stack([study.fitted.mean(n) for n in study.problem.signals], axis=1), axis=0, norm="forward")
+        mean = np.fft.rfft(study.held_out.mean(f"{SITE}.R"), norm="forward")
+        X[:, 1] = mean * (1.0 if fit is law.fit else 1.02)
+        return compared(study, naming.base.fit, X)
+
+    source = Record("made.csv", "ab", made.time, made.channels, {})
+    before = run(naming.base.fit, study)
+    kept = stands(study, law, before, source, lambda own, network, fit: (run(fit, own), b"fmu"))
+    assert kept is not None and kept.archive == b"fmu" and kept.after[1] < 0.5 * kept.before[1]
+    assert kept.network.segment(SITE).terms["learned_cubic"] == pytest.approx(kept.parameters["AA.learned_cubic"].value)
+    assert stands(study, law, before, source, lambda own, network, fit: (before, b"")) is None
+    assert own.problem.site == SITE
+
+
+# --- words and files --------------------------------------------------------------------------------------------------
+
+
+LAW = LearnedLaw(
+    "learned_wall", ("B",), "σ = … + cubic ε̇³", {"B.learned_cubic": Estimate(5.5e4, "Pa.s^3", (5e4, 6e4))},
+    {"B": (0.02, 0.081, 1.21)}, (), (), (9.0, 8.0), (1.2, 1.04), ("b.csv", "ab12"), NETWORK, b"fmu",
+)  # fmt: skip
+
+
+def test_a_law_is_said_with_range_and_source() -> None:
+    text = law_text(LAW)
+    assert "for the wall of B closes 87 % of the gap to held-out beats (from 8 to 1.04 times the noise): σ = …" in text
+    assert "B.learned_cubic = 55000 (50000 to 60000) Pa·s³" in text
+    assert "at strains from 0.02 to 0.081 and rates up to 1.2/s, and is held beyond; no other record" in text
+    assert " in place of stenosis at B closes" in law_text(replace(LAW, instead=("stenosis at B",)))
+    assert ", beside stenosis at B, closes" in law_text(replace(LAW, beside=("stenosis at B",)))
+    content = json.loads(json.dumps(law_json(LAW)))
+    assert content["seen"] == {"B": {"strain": [0.02, 0.081], "rate": 1.21}}
+    assert content["gap"]["after"] == {"fit": 1.2, "held_out": 1.04}
+
+
+def test_files_of_a_law_or_of_the_map(tmp_path: Path) -> None:
+    """The network reads back, with where its law comes from; else g(t) and its band in SI, or nothing."""
+    files = learned_files(LAW, None)
+    (tmp_path / MODEL).write_text(str(files[MODEL]), encoding="utf-8")
+    assert read_network(tmp_path / MODEL) == NETWORK
+    assert str(files[MODEL]).startswith("# A law learned") and "# From b.csv (sha256 ab12)." in str(files[MODEL])
+    table = list(csv.reader(io.StringIO(str(learned_files(None, shown(LEAK, SQUEEZED))[TABLE]))))
+    assert table[0][:3] == ["time [s]", "a loss of flow along B [m^3/s]", "sd of a loss of flow along B [m^3/s]"]
+    leak = shown(LEAK).acting[0]
+    np.testing.assert_allclose([float(r[1]) for r in table[1:]], leak.mean, atol=1e-8 * leak.rms)
+    assert learned_files(None, None) == learned_files(None, shown()) == {}
+    outcome = with_law(Outcome("unknown", "Something is missing.", "b.csv", "m.toml", "network"), LAW)
+    assert outcome.sentence.startswith("Something is missing. A law learned")
+    assert verdict_json(outcome)["learned"]["formula"] == LAW.formula
+    assert found().explains  # of the map that this is beside
+
+
+@pytest.mark.slow
+def test_a_study_offers_the_law(tmp_path: Path) -> None:
+    """From the record on disk: beside the partial name, a law in its place, its network and FMU, and its numbers."""
+    made = make(Case("bench", SITE, 40.0, (Effect("cubic_rate", (SITE,), 2.0),)), 1)
+    write(made, tmp_path / "aa.csv")
+    write_network(made.base, tmp_path / "aa.toml")
+    outcome = discover(tmp_path / "aa.csv", tmp_path / "aa.toml", tmp_path / "out")
+    assert outcome.verdict == "partial" and outcome.learned is not None
+    law = outcome.learned
+    assert law.after[1] < 1.3 < law.before[1] and law.instead
+    held = read_network(tmp_path / "out" / MODEL).segment(SITE).terms
+    assert held["learned_cubic"] == law.parameters[f"{SITE}.learned_cubic"].value
+    assert (tmp_path / "out" / "model_learned.fmu").stat().st_size > 0
+    assert json.loads((tmp_path / "out" / "verdict.json").read_text())["learned"]["instead"] == list(law.instead)
+    assert isinstance(law.network.parameters()[f"{SITE}.learned_cubic"], float) and not isinstance(law, Learnt)
+
+
+@pytest.mark.slow
+def test_a_study_of_a_network_offers_the_law(tmp_path: Path) -> None:
+    """B with φ0 ε̇ + 4 φ0 ε̇³ by the generator's waves of a fork: unknown, in the wall of B, which has most of the gap;
+    the law there leaves noise of the held-out beats in its FMU, which is the model that was inferred."""
+    K, base = 24, anatomy(NETWORK)
+    hidden = hide(base, Effect("cubic_rate", ("B",), 4.0))
+    q = np.fft.rfft(inflow(np.arange(256) * (T / 256)), norm="forward")[: K + 1]
+    channels = Balance(hidden, Beat(T, K, N * 2), 14).solve(q).channels
+    turn = np.exp(2j * np.pi * np.outer(np.arange(N) / N, np.arange(K + 1)))
+    names = ["inlet.Q", *(f"{s}.{k}" for s in "ABC" for k in "PQR")]
+    waves = {n: 2.0 * (turn @ channels[n]).real - channels[n][0].real for n in names}
+    rng = np.random.default_rng(1)
+    noisy = {n: np.tile(w, 20) + 2e-3 * w.std() * rng.normal(size=20 * N) for n, w in waves.items()}
+    units = {"P": "mmHg", "Q": "mL/s", "R": "mm"}
+    write_record(tmp_path / "fork.csv", np.arange(20 * N) * (T / N), noisy, {n: units[n[-1]] for n in names})
+    write_network(NETWORK, tmp_path / "fork.toml")
+    outcome = discover(tmp_path / "fork.csv", tmp_path / "fork.toml", tmp_path / "out")
+    assert outcome.verdict == "unknown" and outcome.learned is not None and outcome.map is not None
+    share, law = outcome.map.acting[0].share, outcome.learned
+    assert outcome.map.acting[0].place.key == ("wall", "B", None) and share is not None and share > 0.9
+    assert law.where == ("B",) and law.formula == "σ = … + cubic ε̇³" and law.before[1] > 2.0 and law.after[1] < 1.3
+    assert law.parameters["B.learned_cubic"].value == pytest.approx(4.0 * base.vessel("B").phi0, rel=0.05)
+    assert read_network(tmp_path / "out" / MODEL) == law.network
+    assert (tmp_path / "out" / "model_learned.fmu").stat().st_size > 0 and not (tmp_path / "out" / TABLE).exists()
