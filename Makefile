@@ -5,6 +5,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
+ENGINE := $(VENV)/engine
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # modules are compiled once, not in every process that tests start
 unexport PYTHONDONTWRITEBYTECODE
@@ -29,20 +30,20 @@ help:
 	@echo "make docs      write the documentation and the API reference to build/docs"
 	@echo "make clean     remove .venv and everything that was built"
 
-demo: $(VENV)/installed-run
+demo: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python examples/demo.py
 
-loop: $(VENV)/installed-run
+loop: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python examples/closed_loop.py
 
-discover: $(VENV)/installed-run
+discover: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python examples/discover.py
 
-test: $(VENV)/installed-test
+test: $(VENV)/installed-test $(ENGINE)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not endurance"
 
 # a file on one core: the snippets of a document build on one another
-test-slow: $(VENV)/installed-test
+test-slow: $(VENV)/installed-test $(ENGINE)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder -m slow
 
 check: $(VENV)/installed-dev
@@ -50,10 +51,11 @@ check: $(VENV)/installed-dev
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 
-bench: $(VENV)/installed-run
+bench: $(VENV)/installed-run $(ENGINE)
 	$(BIN)/python benchmarks/speed.py
 	$(BIN)/python benchmarks/balance.py
 	$(BIN)/python benchmarks/size.py
+	$(BIN)/python benchmarks/native.py
 	$(BIN)/python benchmarks/fmu.py
 	$(BIN)/python benchmarks/fit_speed.py
 	$(BIN)/python benchmarks/wall_fits.py
@@ -70,7 +72,7 @@ docs: $(VENV)/installed-docs
 	@echo "Open build/docs/index.html"
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .hypothesis .ruff_cache .mypy_cache
+	rm -rf $(VENV) build dist solver/engine *.egg-info .pytest_cache .hypothesis .ruff_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # --- the virtual environment: one stamp per set of dependencies ---
@@ -87,6 +89,11 @@ $(BIN)/python:
 $(VENV)/installed-run: pyproject.toml | $(BIN)/python
 	@echo "Installing arterial-fmu into $(VENV); the first time takes a minute or two"
 	@$(INSTALL) --editable .
+	@touch $@
+
+# the compiled engine, where there is a C compiler; a line says which
+$(ENGINE): $(wildcard native/*.c native/*.h native/*.py) | $(VENV)/installed-run
+	@$(BIN)/python native/build.py
 	@touch $@
 
 $(VENV)/installed-%: pyproject.toml | $(BIN)/python

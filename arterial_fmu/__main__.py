@@ -26,7 +26,9 @@ app = typer.Typer(cls=_Lazy, no_args_is_help=True, rich_markup_mode=None, pretty
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"arterial-fmu {__version__}")
+        from solver.native import available  # takes a tenth of a second
+
+        typer.echo(f"arterial-fmu {__version__}\nsteps by {available()}")
         raise typer.Exit
 
 

@@ -55,6 +55,9 @@ def main(
     ] = None,
     tolerance: Annotated[float, typer.Option(help="Largest relative change between the last two beats.")] = 1e-5,
     max_beats: Annotated[int, typer.Option(help="Give up after this many beats.")] = 100,
+    backend: Annotated[
+        str, typer.Option(help="numpy; native, the compiled engine; or auto, the engine where it can run this.")
+    ] = "numpy",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -65,7 +68,7 @@ def main(
         seconds = parse_quantity(dt, "s", "--dt")
         settings = _settings(scheme, seconds, element_length, cell, cfl, ends, slopes)
         model = model.with_parameters(_assignments(model, set_ or []))
-        result = _run(model, scheme, settings, duration, start, tolerance, max_beats, quiet)
+        result = _run(model, scheme, settings, duration, start, tolerance, max_beats, backend, quiet)
         if out is not None:
             result.to_csv(out)
     if as_json:
@@ -113,6 +116,7 @@ def _run(
     start: str | None,
     tolerance: float,
     max_beats: int,
+    backend: str,
     quiet: bool,
 ) -> Waveforms:
     with bar(quiet, f"simulating {network.name}") as progress:
@@ -125,6 +129,7 @@ def _run(
                 scheme=scheme,
                 start=start or "rest",
                 progress=progress,
+                backend=backend,
             )
         return simulate_periodic(
             network,
@@ -134,6 +139,7 @@ def _run(
             max_beats=max_beats,
             start=start,
             progress=progress,
+            backend=backend,
         )
 
 
@@ -144,6 +150,7 @@ def _plain(network: Network, result: Waveforms, out: Path | None) -> dict[str, A
         "beats": result.beats,
         "change": None if math.isnan(result.change) else result.change,
         "variables": ranges(result.time, result.columns, result.units),
+        "backend": result.backend,
         "notes": list(result.notes),
         "written": [] if out is None else [str(out)],
     }

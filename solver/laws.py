@@ -151,7 +151,7 @@ def riemann_velocity(law: ElasticLaw, s: Array, K: Array, e: Array, rho: Array) 
     half = 0.5 * (s - 1.0)[..., None]
     x = 1.0 + half * (1.0 + _NODES)
     slope = law.derivative(x, K[..., None], e[..., None])
-    integrand = np.sqrt(2.0 * slope / (np.asarray(rho)[..., None] * x))
+    integrand = np.sqrt(2.0 * slope / (np.expand_dims(rho, -1) * x))
     return half[..., 0] * (integrand @ _WEIGHTS)
 
 
@@ -236,13 +236,15 @@ class LearnedStress:
         """σ_L [Pa]."""
         x = np.clip(rate, -self.rate, self.rate)
         inside = (self._shear(strain) + self.cubic * x * x) * x + self.friction * np.tanh(_SATURATES * x / self.rate)
-        return np.asarray(inside + self.by_rate(strain, x) * (rate - x))
+        found: Array = inside + self.by_rate(strain, x) * (rate - x)
+        return found
 
     def by_rate(self, strain: Array, rate: Array) -> Array:
         """∂σ_L/∂ε̇ [Pa·s]."""
         x = np.clip(rate, -self.rate, self.rate)
         slope = _SATURATES / self.rate / np.cosh(_SATURATES * x / self.rate) ** 2
-        return np.asarray(self._shear(strain) + 3.0 * self.cubic * x * x + self.friction * slope)
+        found: Array = self._shear(strain) + 3.0 * self.cubic * x * x + self.friction * slope
+        return found
 
     def by_strain(self, strain: Array, rate: Array) -> Array:
         """∂σ_L/∂ε [Pa]."""

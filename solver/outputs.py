@@ -12,6 +12,7 @@ from .scheme.mesh import Layout, Samples
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.step import State
+from .wall import Wall
 
 Array = np.ndarray
 S = TypeVar("S")  # the states of a scheme
@@ -30,16 +31,13 @@ class Reporter(Generic[S]):
         return self.report(state)
 
 
-def reporter(model: Model) -> Reporter[State]:
+def reporter(model: Model, wall: Wall | None = None) -> Reporter[State]:
     """Outputs of a network: P of each inlet (Q where P is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A and ∂A/∂t are interpolated and P follows from the wall law, and so is what memory makes of the viscous
-    stress; the nodal pressures are the multipliers H.
+    stress; the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`.
     """
-    network, mesh = model.network, model.mesh
-    index = {segment.name: i for i, segment in enumerate(network.segments)}
-    segment = np.array([index[site.segment] for site in network.sites], int)
-    position = np.array([site.position for site in network.sites])
+    network, mesh, (segment, position) = model.network, model.mesh, _sites(model)
     gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
     # of a state vector with ∂A/∂t and H behind it
     joined = Layout({**model.layout.shapes, "A_t": model.layout.shapes["A"], "H": (mesh.n_nodes,)})
@@ -48,13 +46,14 @@ def reporter(model: Model) -> Reporter[State]:
     at_inlets = np.where(inlets.by_flow, H_columns[mesh.topology.inlets], inlets.first)
     at_outlets = np.stack([H_columns[mesh.topology.outlets], Q_columns[mesh.outlet_element, -1]], axis=1)
     ends = np.concatenate([at_inlets, at_outlets.ravel()])
-    wall = model.coefficients.wall_at(segment, position)
+    wall = site_walls(model) if wall is None else wall
     n, first = len(segment), len(at_inlets)
     units = network.output_units()
 
     def report(state: State) -> Array:
         B = len(state.y)  # parameter sets, or moments of one
-        result, values = np.empty((B, len(units))), joined.join(state.y, state.A_t, state.H)
+        values = joined.join(state.y, state.A_t, state.H)
+        result = np.empty_like(values, shape=(B, len(units)))
         A, A_t, flow = sampled(values).reshape(B, 3, n).swapaxes(0, 1)
         at_ends = values.take(ends, 1)
         result[:, :first], result[:, first + 3 * n :] = at_ends[:, :first], at_ends[:, first:]
@@ -71,6 +70,17 @@ def reporter(model: Model) -> Reporter[State]:
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)
+
+
+def site_walls(model: Model) -> Wall:
+    """The walls at the sites : (B, n_sites)."""
+    return model.coefficients.wall_at(*_sites(model))
+
+
+def _sites(model: Model) -> tuple[Array, Array]:
+    """Segment and x/L of every site : (n_sites,)."""
+    index, sites = {segment.name: i for i, segment in enumerate(model.network.segments)}, model.network.sites
+    return np.array([index[site.segment] for site in sites], int), np.array([site.position for site in sites])
 
 
 def inlet_answers(model: Model, state: State) -> Array:

@@ -13,6 +13,7 @@ from .coefficients import Parameters
 from .errors import InputError
 from .inflow import Drives, Inflows, drives_of
 from .mixing import Beats, fills_slowly
+from .native import Backend
 from .network import Network
 from .outputs import Reporter
 from .scheme.failure import NonPhysicalState
@@ -57,6 +58,7 @@ def simulate(
     scheme: str = "staggered",
     start: str = "rest",
     progress: Progress | None = None,
+    backend: str = "numpy",
 ) -> Waveforms:
     """Run from rest under P_0 for ``duration`` [s] (default one period of the inlet).
 
@@ -67,6 +69,8 @@ def simulate(
     start : "rest", or "periodic": near the beats that this inflow repeats at the inlet's period (:mod:`~solver.start`).
     A batch shares one mesh, made for the longest of each segment, and ends with the first member that breaks down.
     scheme : "staggered", or "muscl", the paper's finite volumes (:mod:`~solver.muscl`), with its settings.
+    backend : "numpy"; "native", the compiled engine (:mod:`~solver.native`), which makes the same steps; "auto", the
+    engine where there is one that can run this.
     Raises ValueError for bad parameters or inflow, NonPhysicalState if the solution breaks down.
     """
     check_network(network)
@@ -79,7 +83,7 @@ def simulate(
             f"start = {repr(start)[:40]}: must be {' or '.join(map(repr, STARTS))}; an earlier result is a start of "
             "simulate_periodic."
         )
-    run = _run(network, inflow, parameters, made, settings, settings.dt)
+    run = _run(network, inflow, parameters, made, settings, settings.dt, backend)
     n = max(1, math.ceil(duration / settings.dt - 1e-9))
     table, state = run.table(run.begin(start, network.inlet.T), n, progress, "simulating")
     return run.waveforms(table, duration / network.inlet.T, math.nan, state)
@@ -98,6 +102,7 @@ def simulate_periodic(
     start: Waveforms | str | None = None,
     accelerate: bool = True,
     progress: Progress | None = None,
+    backend: str = "numpy",
 ) -> Waveforms:
     """Run beats until every output repeats: relative L2 change from one beat to the next <= ``tolerance``.
 
@@ -111,7 +116,7 @@ def simulate_periodic(
     Raises ValueError, NonPhysicalState as :func:`simulate`, NotPeriodic after ``max_beats``, and ValueError where
     ``start`` has another mesh, step or batch.
     """
-    run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, scheme)
+    run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, scheme, backend)
     accelerate = accelerate and run.scheme.accelerates
     state, resort = run.begin_beats(start, n * run.dt, accelerate)
     return _until_repeated(run, n, state, tolerance, max_beats, progress, resort=resort, accelerate=accelerate)
@@ -121,6 +126,7 @@ def repeating_beat(
     network: Network, inflow: Inflows | None = None, period: float | None = None, *,
     parameters: Parameters | None = None, settings: Settings | None = None,
     tolerance: float = 1e-5, resolved: float = 0.0, max_beats: int = 100, progress: Progress | None = None,
+    backend: str = "numpy",
 ) -> Waveforms:  # fmt: skip
     """The beat of :func:`simulate_periodic` in a third of its time: for studies, which need thousands.
 
@@ -133,7 +139,7 @@ def repeating_beat(
     to a few times that. Where a beat does not halve the difference, it goes on as simulate_periodic.
     Arguments, result and errors as there; ``change`` is that difference.
     """
-    run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats)
+    run, n = _periodic_run(network, inflow, period, parameters, settings, tolerance, max_beats, backend=backend)
     state = run.near(n * run.dt)
     table, gap, done, least = run.report(state)[None], math.inf, 0, math.inf
     for quarter in range(1, 4 * max_beats + 1):
@@ -193,7 +199,7 @@ def _until_repeated(
 
 def _periodic_run(
     network: Network, inflow: Inflows | None, period: float | None, parameters: Parameters | None,
-    settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered",
+    settings: AnySettings | None, tolerance: float, max_beats: int, scheme: str = "staggered", backend: str = "numpy",
 ) -> tuple[_Run, int]:  # fmt: skip
     """The run whose beats are to repeat, and the steps of a beat."""
     check_network(network)
@@ -208,7 +214,7 @@ def _periodic_run(
     if not (isinstance(max_beats, (int, np.integer)) and max_beats >= 2):
         raise InputError(f"max_beats = {max_beats!r} must be a whole number of at least 2: beats are compared.")
     n = math.ceil(period / settings.dt - 1e-9)
-    return _run(network, inflow, parameters, made, settings, period / n), n
+    return _run(network, inflow, parameters, made, settings, period / n, backend), n
 
 
 def check_network(network: Any) -> None:
@@ -219,10 +225,11 @@ def check_network(network: Any) -> None:
 
 def _run(
     network: Network, inflow: Inflows | None, parameters: Parameters | None,
-    scheme: Scheme, settings: AnySettings, dt: float,
+    scheme: Scheme, settings: AnySettings, dt: float, backend: str,
 ) -> _Run:  # fmt: skip
     model = scheme.build(network, parameters, settings)
-    return _Run(scheme, model, scheme.reporter(model), drives_of(network, inflow, model.coefficients.B), dt)
+    drives = drives_of(network, inflow, model.coefficients.B)
+    return _Run(scheme, model, scheme.reporter(model), drives, dt, Backend.of(backend, model, dt))
 
 
 @dataclass(frozen=True)
@@ -234,6 +241,7 @@ class _Run:
     report: Reporter[Any]
     drives: Drives
     dt: float
+    backend: Backend
 
     def begin(self, start: Waveforms | str | None, period: float) -> Any:
         """The state to start from: rest, near the periodic one, or where another run ended."""
@@ -267,7 +275,8 @@ class _Run:
         if not hasattr(settings, "tolerance"):
             return self
         finer = replace(settings, tolerance=max(0.1 * min(tolerance, settings.tolerance), _FINEST))
-        return replace(self, model=replace(self.model, settings=finer))
+        model = replace(self.model, settings=finer)
+        return replace(self, model=model, backend=self.backend.again(model))
 
     def near(self, period: float) -> Any:
         """A state near the periodic one, or rest."""
@@ -287,13 +296,18 @@ class _Run:
             )
         drive = self.drives((round(state.t / self.dt) + np.arange(n)[:, None] + INFLOW_TIMES) * self.dt)
         table = np.empty((n + 1, B, len(names)))
-        table[0] = self.report(state)
-        every = max(1, n // 50)
-        for i in range(n):
-            state = self.scheme.step(self.model, state, self.dt, drive[i])
-            table[i + 1] = self.report(state)
-            if progress and (i + 1) % every == 0:
-                progress((i + 1) / n, label)
+        table[0], done = self.report(state), 0
+        every = max(1, n // 50) if progress else n
+        for until in range(every, n + every, every):
+            end = min(until, n)
+            while done < end:
+                many, state = self.backend.steps(state, drive[done:end], table[done + 1 : end + 1])
+                if not many:
+                    state, many = self.scheme.step(self.model, state, self.dt, drive[done]), 1
+                    table[done + 1] = self.report(state)
+                done += many
+            if progress and done == until:
+                progress(done / n, label)
         return table, state
 
     def waveforms(self, table: Array, beats: float, change: float, state: Any, resumable: bool = True) -> Waveforms:
@@ -306,7 +320,7 @@ class _Run:
             values[name] = table[:, :, i].T.copy() if self.model.coefficients.batched else table[:, 0, i].copy()
         units = {name: SIGNAL_UNITS[name[-1]] for name in self.drives.inflows}
         units |= dict(zip(self.report.names, self.report.units, strict=True))
-        return Waveforms(time, values, units, beats, change, end, state.halved)
+        return Waveforms(time, values, units, beats, change, end, state.halved, self.backend.name)
 
 
 def change_of(table: Array, before: Array, names: Sequence[str]) -> float:

@@ -10,10 +10,10 @@ P_el and σ_v are those of :mod:`~solver.laws`, what a stress remembers that of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,9 +56,12 @@ class Wall:
     learned: Array | None = None
     moment: Moment | None = None
 
+    # which counts the members of a batch, where it is not the first
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"tau": 1, "share": 1, "learned": 1}
+
     def at(self, index: Array | slice) -> Wall:
         """The walls at some of the points: last axis indexed."""
-        return self._with(lambda array: np.ascontiguousarray(array[..., index]))
+        return self._with(lambda array: array[..., index].copy())
 
     def shaped(self, shape: tuple[int, ...]) -> Wall:
         """The same walls with the last axis in this shape."""
@@ -147,7 +150,8 @@ class Wall:
     def forgets(self) -> Array:
         """Where the viscous stress has no memory, like A0."""
         tau, share = self.elements
-        return np.asarray((tau[0] == 0.0) & (share[0] == 1.0) & np.all(share[1:] == 0.0, axis=0))
+        none: Array = (tau[0] == 0.0) & (share[0] == 1.0) & np.all(share[1:] == 0.0, axis=0)
+        return none
 
     def remembering(self, past: Array, theta: float) -> Wall:
         """The wall of a moment: θ [s] ago the stresses of its elements were ``past`` : (m, …) [Pa], with ε̇ as it is now
@@ -175,7 +179,8 @@ class Wall:
 
     def combined(self, stresses: Array) -> Array:
         """σ_v [Pa] of the stresses of the elements : (m, …)."""
-        return np.asarray((self.elements[1] * stresses).sum(axis=0))
+        stress: Array = (self.elements[1] * stresses).sum(axis=0)
+        return stress
 
     def responses(self, iw: Array) -> Array:
         """σ_v of every element over its stress without memory, share/(1 + iωτ), at iω : (n, 1) [1/s];

@@ -37,7 +37,8 @@ class Waveforms(Shown, Mapping[str, Array]):
 
     units : SI unit per variable. beats : beats that were run. change : largest relative change from the beat before
     (NaN for :func:`simulate`). end : where the run ended, for :func:`simulate_periodic` to start from. halved : how
-    many times a step of the run did not converge and was cut into halves.
+    many times a step of the run did not converge and was cut into halves. backend : what made the steps, "numpy" or
+    "native", and why where it is not what was asked for.
     """
 
     time: Array
@@ -47,6 +48,7 @@ class Waveforms(Shown, Mapping[str, Array]):
     change: float = math.nan
     end: End | None = field(default=None, compare=False, repr=False)
     halved: int = 0
+    backend: str = "numpy"
 
     @property
     def notes(self) -> tuple[str, ...]:

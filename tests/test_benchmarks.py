@@ -21,6 +21,7 @@ RUNS = {
     "speed": (["--small"], "viscoelastic beat, the same within 1e-4"),
     "balance": (["--small"], "elastic, batch of 1, in time"),
     "size": (["10", "20"], "a step of 20 segments, comb"),
+    "native": (["--small"], "measure"),  # or why it does not
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
     "wall_fits": (["--seeds", "2"], "CA"),

@@ -122,7 +122,7 @@ from arterial_fmu.solver.network import Network
 assert fit is af.fit and isinstance(af.load("cca"), Network) and all(hasattr(af, name) for name in af.__all__)
 print(af.__version__, all((files(p) / "py.typed").is_file() for p in PACKAGES))
 """
-    version = run(home, "arterial-fmu", "--version").split()[-1]
+    version = run(home, "arterial-fmu", "--version").split()[1]
     said = run(home, "python", "-c", code.replace("PACKAGES", repr(PACKAGES)))
     assert said == f"{version} True\n"
     (home / "own").mkdir()

@@ -25,13 +25,13 @@ import numpy as np
 import pytest
 
 from solver.effect import Array, Effect, SearchSpec, Values
-from solver.outlets import Outlet
+from solver.outlets import Load, Outlet
 from solver.quantity import Quantity, quantity
 from solver.sensors import Sensor
 from solver.wall import Wall
 
 if TYPE_CHECKING:  # the toys run in the copy alone
-    from solver.outlets import Condition, Load, Numbers
+    from solver.outlets import Condition, Numbers
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -82,7 +82,7 @@ class Elimination:
 
         Raises LinAlgError where G is singular.
         """
-        G = np.zeros((len(products), self.n_entries), products.dtype)
+        G = np.zeros_like(products, shape=(len(products), self.n_entries))
         G[:, self.elements.targets] = np.add.reduceat(products.take(self.elements.order, 1), self.elements.first, 1)
         G[:, :-1] *= scale.take(self.rows, 1)
         G[:, : less.shape[1]] -= less

@@ -16,17 +16,17 @@ Array = np.ndarray
 def check(model: Model, A: Array, A_t: Array, Q: Array, t: float) -> None:
     """Raise NonPhysicalState unless A > 0, effective viscosity > 0, dP/dA > 0 and |U| < c everywhere."""
     # where there is no area, or no stiffness, the last margin is not positive either
-    *first, _, _, last = _margins(model, A, A_t, Q)
+    *first, _, _, last = margins(model, A, A_t, Q)
     if all(margin.item(margin.argmin()) > 0.0 for margin, _, _ in (*first, last)):
         return
-    for margin, reason, remedy in _margins(model, A, A_t, Q):
+    for margin, reason, remedy in margins(model, A, A_t, Q):
         if not margin.min() > 0.0:
             _fail(NonPhysicalState, model, margin, t, reason(), remedy)
 
 
 def physical(model: Model, A: Array, A_t: Array, Q: Array) -> Array:
     """Which members hold what :func:`check` asks : (B,)."""
-    hold = [(margin > 0.0).all(axis=(1, 2)) for margin, _, _ in _margins(model, A, A_t, Q)]
+    hold = [(margin > 0.0).all(axis=(1, 2)) for margin, _, _ in margins(model, A, A_t, Q)]
     return np.logical_and.reduce(hold)
 
 
@@ -53,7 +53,7 @@ def refuse(
                 f"check {name}.outlet.P_venous and the elastic law",
             )
     innocent = np.where(done, np.inf, 0.0)[:, None, None]
-    for margin, reason, remedy in _margins(model, A, A_t, Q):
+    for margin, reason, remedy in margins(model, A, A_t, Q):
         if not np.min(margin + innocent) > 0.0:
             _fail(NotConverged, model, margin + innocent, t, reason(), remedy)
     margin = innocent - changes[..., None] / model.wall.A0
@@ -61,7 +61,7 @@ def refuse(
     _fail(NotConverged, model, margin, t, "the step did not converge", remedy)
 
 
-def _margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
+def margins(model: Model, A: Array, A_t: Array, Q: Array) -> Iterator[tuple[Array, Callable[[], str], str]]:
     """What must stay positive : (B, n_e, N), how to say that it does not, and the remedy; in the order to ask."""
     wall = model.wall
     if wall.nonlinear:

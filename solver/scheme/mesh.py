@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..network import Network
 from .element import Element, element, lagrange
-from .elimination import Elimination, Sums, eliminate
+from .elimination import CORE, Elimination, Sums, eliminate
 
 Array = np.ndarray
 Index = Array | slice
@@ -100,7 +100,8 @@ class Mesh:
     left : (n_e,) x/L where it begins. piece : (n_e,) number of the stretch between cuts that it lies in.
     ends : (n_e, 2) node at the left and right end; the first nodes are the topology's.
     n_nodes : points where elements meet, or end.
-    first, count : (n_segments,) first element and number of elements of each segment.
+    first, count : (n_segments,) first element and number of elements of each segment. core : about how many nodes are
+    not eliminated but inverted as a whole.
     """
 
     topology: Topology
@@ -113,6 +114,7 @@ class Mesh:
     n_nodes: int
     first: Array
     count: Array
+    core: int = CORE
 
     @property
     def n_elements(self) -> int:
@@ -143,7 +145,7 @@ class Mesh:
     @cached_property
     def elimination(self) -> Elimination:
         """How the system of the nodal pressures is solved."""
-        return eliminate(self.ends, self.n_nodes)
+        return eliminate(self.ends, self.n_nodes, self.core)
 
     @cached_property
     def joined(self) -> Sums:

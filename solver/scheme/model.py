@@ -105,7 +105,7 @@ class Model:
 
     def at_rest(self) -> Array:
         """The state vector of a fluid at rest under P_0, whose walls have been at rest for ever."""
-        y = np.zeros((self.coefficients.B, self.layout.size))
+        y = np.zeros_like(self.A_rest, shape=(self.coefficients.B, self.layout.size))
         self.layout.part(y, "A")[:] = self.A_rest
         self.layout.part(y, "P_C")[:] = self.coefficients.P_0
         return y

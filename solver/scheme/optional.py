@@ -5,6 +5,7 @@ A term of a stage is made from the term of the model by ``since``, which tells i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -18,6 +19,7 @@ Array = np.ndarray
 _LEAK_STEPS = 3  # Newton steps for ∂A/∂t: a leak takes little of the flow, and each step squares the error
 
 
+@dataclass(frozen=True)
 class NoForce:
     """The flow feels no more than friction."""
 
@@ -52,6 +54,8 @@ class DragForce:
     passed: Array = field(default_factory=lambda: np.zeros(0))
     linear: Array | float = 0.0
     constant: Array | float = 0.0
+
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"at_lobatto": None}  # which counts a batch; the others' first
 
     @staticmethod
     def of(drag: Drag, mass: Array, at_lobatto: Array) -> DragForce:
@@ -90,6 +94,7 @@ class DragForce:
 Force = NoForce | DragForce
 
 
+@dataclass(frozen=True)
 class Tight:
     """∂A/∂t = -∂Q/∂x (`massConserv_AQ`)."""
 

@@ -100,7 +100,7 @@ def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
 
     With tau = 1/iω the Jacobian is that of small waves e^{iωt}: a stage puts (x - x_start)/tau for dx/dt.
     """
-    inertia, loads, memory = model.mass / tau, _loads(model, tau), memory_of(model)
+    inertia, loads, memory = model.mass / tau, loads_of(model, tau), memory_of(model)
     about, behind = start(model, tau, inertia, memory, loads, y, model.coefficients.P_venous)
     K = terms.jacobian(about, about.Q.astype(type(tau)))
     return Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
@@ -110,7 +110,7 @@ def operators_repeated(model: Model, times: int, dt: float) -> tuple[Model, Oper
     """All parameter sets so many times in one batch, with the operators for steps of length dt [s]; their Jacobian is
     that of the model, for residuals need none."""
     o, many = operators(model, dt), model.repeated(times)
-    return many, replace(o, inertia=many.mass / o.tau, loads=_loads(many, o.tau))
+    return many, replace(o, inertia=many.mass / o.tau, loads=loads_of(many, o.tau))
 
 
 class NoMemory:
@@ -156,11 +156,11 @@ def start(
     return Start(model, tau, y, A, Q, inertia, wall, force, model.storage.since(wall, A, tau, P_venous)), behind
 
 
-def _loads(model: Model, tau: float) -> Loads:
+def loads_of(model: Model, tau: float) -> Loads:
     c, nodes = model.coefficients, model.mesh.topology
-    scale, outlet_nodes = np.ones((c.B, model.mesh.n_nodes)), np.arange(model.mesh.n_nodes)[nodes.outlets]
-    scale = scale.astype(type(tau))
-    keep, give, charge = (np.zeros((c.B, len(outlet_nodes)), type(tau)) for _ in range(3))
+    outlet_nodes = np.arange(model.mesh.n_nodes)[nodes.outlets]
+    scale = np.ones_like(c.P_0, type(tau), shape=(c.B, model.mesh.n_nodes))
+    keep, give, charge = (np.zeros_like(scale, shape=(c.B, len(outlet_nodes))) for _ in range(3))
     scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
     for ends in c.outlets:
@@ -180,7 +180,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     by_left, by_right = by_ends[..., mesh.element.both_ends].swapaxes(0, 1)
     # into the left node, then into the right one, by the pressures at both
     products = np.stack([-by_left[..., 0], -by_right[..., 0], by_left[..., 1], by_right[..., 1]], axis=-1)
-    less = np.zeros((len(K), mesh.n_nodes), loads.scale.dtype)  # several states may have one parameter set
+    less = np.zeros_like(loads.scale, shape=(len(K), mesh.n_nodes))  # several states may have one parameter set
     less[:, mesh.topology.inlets] += model.inlets.slope
     for nodes, outlets, load in loads.kinds:
         less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])

@@ -162,11 +162,11 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     o, c, layout, guess = operators(model, dt), model.coefficients, model.layout, state.guess
     drives = model.inlets.at_stages(drive)
     venous = c.P_venous if P_venous is None else c.venous(np.atleast_2d(P_venous))
-    small = _tolerances(model, state, model.inlets.gain * drive[:, -1].T)
+    small = tolerances(model, state, model.inlets.gain * drive[:, -1].T)
     y = state.y.copy()
     model.inlets.begin(y, drive[:, 0])
     # the last two stage values, extrapolated, leave so little to correct that one iteration is the rule
-    last, before = _at_stages_of(state, dt)
+    last, before = at_stages_of(state, dt)
     guesses = 2.0 * last - before
     unknowns, k = np.empty_like(guesses), list[Array]()
     changes, heads = o.tau * guess.part(guesses, "rates"), guesses[..., guess.places["heads"]]
@@ -186,7 +186,7 @@ def _advance(model: Model, state: State, dt: float, drive: Array, P_venous: Arra
     return State(state.t + dt, end, A_t, H, unknowns, last, layout, guess, dt, state.halved)
 
 
-def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
+def at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     """The unknowns of the last two steps, as if these had been of length dt [s].
 
     Where they were of another length, the straight line through the values at their ends stands for them: a plain
@@ -203,7 +203,7 @@ def _at_stages_of(state: State, dt: float) -> tuple[Array, Array]:
     return last[-1] + np.multiply.outer(stages - 1.0, slope), last[-1] + np.multiply.outer(stages - 2.0, slope)
 
 
-def _tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
+def tolerances(model: Model, state: State, given: Array) -> tuple[Array, Array]:
     """How little the flows and the nodal pressures may change in the last iteration of a stage : two (B,)."""
     driven = model.inlets.flow(given, state.H[:, model.mesh.topology.inlets])
     flow = np.maximum(largest(state.y[:, state.layout.places["Q"]]), largest(driven))

@@ -1,0 +1,117 @@
+"""The compiled engine against NumPy: CPU time of a step with its outputs, in one run, and how far the two are apart.
+
+    python benchmarks/native.py [--json FILE] [--small]
+
+One thread; the best of several stretches of a beat, NumPy's and the engine's by turns. Recording is what the first
+model of a kind costs, binding what each further one does. Nothing here is asserted: see the tests.
+"""
+
+from __future__ import annotations
+
+import os
+
+# before NumPy is imported: one thread, so that CPU time is time
+for _name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import platform
+import time
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import typer
+
+from benchmarks.size import fork, tree
+from benchmarks.table import Row, Small, show
+from solver import Network, Settings, load
+from solver.coefficients import Parameters
+from solver.inflow import drives_of
+from solver.native import Engine, NoEngine, library
+from solver.outputs import reporter
+from solver.scheme.model import build
+from solver.scheme.sdirk import INFLOW_TIMES
+from solver.scheme.step import initial_state, step
+
+STRETCH, STRETCHES = 50, 6  # steps that are timed together, and how often
+SHEEP = load("sheep")
+ELASTIC = {f"{s.name}.phi0": 0.0 for s in SHEEP.segments}
+MANY = {"CA.phi0": np.linspace(7e4, 8e4, 32), "AA.E": np.linspace(1.4e6, 1.6e6, 32)}
+
+
+class Cost(NamedTuple):
+    """CPU seconds of a step by NumPy and by the engine, of recording and of binding; the largest difference, by the
+    pulse of a channel of its kind."""
+
+    numpy: float
+    native: float
+    record: float
+    bind: float
+    apart: float
+
+
+def measure(network: Network, parameters: Parameters | None, settings: Settings, stretches: int) -> Cost:
+    """The cost of steps of a network, from rest on."""
+    model, dt = build(network, parameters, settings), settings.dt
+    made = []
+    for _ in range(2):
+        start = time.process_time()
+        engine = Engine(model, dt)
+        made.append(time.process_time() - start)
+    report, drives = reporter(model), drives_of(network, None, model.coefficients.B)
+    drive = drives((np.arange(stretches * STRETCH)[:, None] + INFLOW_TIMES) * dt)
+    tables = np.empty((2, len(drive), model.coefficients.B, len(report.names)))
+    states, seconds = [initial_state(model)] * 2, [list[float](), list[float]()]
+    for k in range(0, len(drive), STRETCH):
+        start = time.process_time()
+        for i in range(k, k + STRETCH):
+            states[0] = step(model, states[0], dt, drive[i])
+            tables[0, i] = report(states[0])
+        seconds[0].append(time.process_time() - start)
+        start = time.process_time()
+        done, states[1] = engine._steps(states[1], drive[k : k + STRETCH], tables[1, k : k + STRETCH])
+        seconds[1].append(time.process_time() - start)
+        if done < STRETCH:
+            raise SystemExit(f"{network.name}: the engine stopped at step {k + done}.")
+    kinds = np.array([name[-1] for name in report.names])
+    scale = np.array([np.ptp(tables[0][..., kinds == kind], axis=0).max() for kind in kinds])
+    apart = float((np.abs(tables[1] - tables[0]).max((0, 1)) / scale).max())
+    numpy, native = (min(each) / STRETCH for each in seconds)
+    return Cost(numpy, native, made[0] - made[1], made[1], apart)
+
+
+def main(
+    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the rows to this file.")] = None,
+    small: Small = False,
+) -> None:
+    """Measure and print."""
+    try:
+        library()
+    except NoEngine as reason:
+        print(f"Nothing to measure: {reason}.")
+        return
+    coarse = Settings(dt=5e-3, tolerance=1e-3)
+    cases: list[tuple[str, Network, Parameters | None, Settings]] = [
+        ("sheep, steps of 5 ms", SHEEP, None, coarse),
+        ("sheep", SHEEP, None, Settings()),
+        ("sheep, elastic", SHEEP, ELASTIC, Settings()),
+        ("sheep, a batch of 32", SHEEP, MANY, Settings()),
+    ]
+    if not small:
+        cases += [(name, load(name), None, Settings()) for name in ("human", "circle_of_willis", "adan56")]
+        cases += [(f"a tree of {n} segments", tree(n, fork), None, Settings()) for n in (100, 1000, 4000)]
+    rows = []
+    for what, network, parameters, settings in cases:
+        cost = measure(network, parameters, settings, 1 if small else STRETCHES)
+        note = (
+            f"NumPy {1e6 * cost.numpy:.0f} us, x {cost.numpy / cost.native:.1f}; apart {cost.apart:.0e}; recorded in "
+            f"{1e3 * cost.record:.0f} ms, bound in {1e3 * cost.bind:.1f} ms"
+        )
+        rows.append(Row(what, 1e6 * cost.native, "us", None, note))
+    show(
+        rows, f"{platform.machine()}, Python {platform.python_version()}, NumPy {np.__version__}, one thread", json_file
+    )
+
+
+if __name__ == "__main__":
+    typer.run(main)

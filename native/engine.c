@@ -1,0 +1,297 @@
+/* The operations of array programs. */
+#include "engine.h"
+#include "run.h"
+
+#include <math.h>
+#include <string.h>
+
+#define OPERATIONS(X)                                                                                                  \
+    X(copy) X(negative) X(sqrt) X(exp) X(expm1) X(log) X(log1p) X(absolute) X(sign) X(square) X(reciprocal) X(sin)     \
+    X(cos) X(sinh) X(cosh) X(tanh) X(logical_not) X(isfinite) X(add) X(subtract) X(multiply) X(divide) X(power)        \
+    X(maximum) X(minimum)                                                                                              \
+    X(greater) X(greater_equal) X(less) X(less_equal) X(equal) X(not_equal) X(logical_and) X(logical_or) X(where)      \
+    X(gather) X(scatter) X(sums) X(product) X(inverse) X(sum) X(largest) X(least) X(require)
+#define CODE(name) OP_##name,
+#define NAME(name) #name " "
+enum { GROUP, OPERATIONS(CODE) LAST };
+
+#ifndef ARTERIAL_SOURCES /* a digest, which native/build.py gives */
+#define ARTERIAL_SOURCES ""
+#endif
+
+int arterial_fits(const char *operations, int32_t places, int32_t program, const char *sources)
+{
+    return strcmp(operations, OPERATIONS(NAME)) == 0 && places == PLACES &&
+           program == (int32_t)sizeof(arterial_program) && (!*sources || strcmp(sources, ARTERIAL_SOURCES) == 0);
+}
+
+static double *at(const memory *m, int32_t address)
+{
+    double *const base[3] = {(double *)m->constant, m->fixed, m->work};
+    return base[address & 3] + (address >> 2);
+}
+
+/* --- elementwise --------------------------------------------------------------------------------------------------- */
+
+#define UNARY(name, expression)                                                                                        \
+    case OP_##name:                                                                                                    \
+        for (i = 0; i < n; i++) { const double x = a[i * sa]; o[i] = (expression); }                                   \
+        break;
+#define FAST_UNARY(name, expression)                                                                                   \
+    case OP_##name:                                                                                                    \
+        if (sa) for (i = 0; i < n; i++) { const double x = a[i]; o[i] = (expression); }                                \
+        else { const double x = a[0], y = (expression); for (i = 0; i < n; i++) o[i] = y; }                            \
+        break;
+#define BINARY(name, expression)                                                                                       \
+    case OP_##name:                                                                                                    \
+        if (sa && sb) for (i = 0; i < n; i++) { const double x = a[i], y = b[i]; o[i] = (expression); }                \
+        else if (sa) { const double y = b[0]; for (i = 0; i < n; i++) { const double x = a[i]; o[i] = (expression); } } \
+        else if (sb) { const double x = a[0]; for (i = 0; i < n; i++) { const double y = b[i]; o[i] = (expression); } } \
+        else { const double x = a[0], y = b[0], z = (expression); for (i = 0; i < n; i++) o[i] = z; }                  \
+        break;
+
+static void elementwise(int32_t op, int32_t n, double *restrict o, const double *restrict a, int sa,
+                        const double *restrict b, int sb, const double *restrict c, int sc)
+{
+    int32_t i;
+    switch (op) {
+        FAST_UNARY(copy, x)
+        FAST_UNARY(negative, -x)
+        FAST_UNARY(sqrt, sqrt(x))
+        FAST_UNARY(absolute, fabs(x))
+        FAST_UNARY(square, x * x)
+        FAST_UNARY(reciprocal, 1.0 / x)
+        UNARY(exp, exp(x))
+        UNARY(expm1, expm1(x))
+        UNARY(log, log(x))
+        UNARY(log1p, log1p(x))
+        UNARY(sin, sin(x))
+        UNARY(cos, cos(x))
+        UNARY(sinh, sinh(x))
+        UNARY(cosh, cosh(x))
+        UNARY(tanh, tanh(x))
+        UNARY(sign, x != x ? x : (double)((x > 0.0) - (x < 0.0)))
+        UNARY(logical_not, x == 0.0)
+        UNARY(isfinite, x - x == 0.0)
+        BINARY(add, x + y)
+        BINARY(subtract, x - y)
+        BINARY(multiply, x * y)
+        BINARY(divide, x / y)
+        BINARY(power, pow(x, y))
+        BINARY(maximum, x >= y || x != x ? x : y)
+        BINARY(minimum, x <= y || x != x ? x : y)
+        BINARY(greater, x > y)
+        BINARY(greater_equal, x >= y)
+        BINARY(less, x < y)
+        BINARY(less_equal, x <= y)
+        BINARY(equal, x == y)
+        BINARY(not_equal, x != y)
+        BINARY(logical_and, x != 0.0 && y != 0.0)
+        BINARY(logical_or, x != 0.0 || y != 0.0)
+    case OP_where:
+        for (i = 0; i < n; i++) o[i] = a[i * sa] != 0.0 ? b[i * sb] : c[i * sc];
+        break;
+    default: break;
+    }
+}
+
+/* --- products and inverses ------------------------------------------------------------------------------------------ */
+
+#define ROWS(K, N)                                                                                                     \
+    for (i = 0; i < m; i++, a += K, o += N)                                                                            \
+        for (j = 0; j < N; j++) {                                                                                      \
+            double s = a[0] * b[j];                                                                                    \
+            for (l = 1; l < K; l++) s += a[l] * b[l * N + j];                                                          \
+            o[j] = s;                                                                                                  \
+        }
+
+static double dot(const double *restrict a, const double *restrict b, int32_t n)
+{
+    double s[4] = {0.0, 0.0, 0.0, 0.0};
+    int32_t i = 0;
+    for (; i + 4 <= n; i += 4) {
+        s[0] += a[i] * b[i];
+        s[1] += a[i + 1] * b[i + 1];
+        s[2] += a[i + 2] * b[i + 2];
+        s[3] += a[i + 3] * b[i + 3];
+    }
+    for (; i < n; i++) s[0] += a[i] * b[i];
+    return (s[0] + s[1]) + (s[2] + s[3]);
+}
+
+/* o : (m, n) = a : (m, k) times b : (k, n) */
+static void product(double *restrict o, const double *restrict a, const double *restrict b, int32_t m, int32_t k,
+                    int32_t n)
+{
+    int32_t i, j, l;
+    if (n == 1 && k == 4) {
+        for (i = 0; i < m; i++, a += 4) o[i] = (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]);
+    } else if (n == 1) {
+        for (i = 0; i < m; i++) o[i] = dot(a + (int64_t)i * k, b, k);
+    } else if (k == 3 && n == 4) {
+        ROWS(3, 4)
+    } else if (k == 4 && n == 3) {
+        ROWS(4, 3)
+    } else {
+        for (i = 0; i < m; i++, a += k, o += n) {
+            for (j = 0; j < n; j++) o[j] = 0.0;
+            for (l = 0; l < k; l++)
+                for (j = 0; j < n; j++) o[j] += a[l] * b[(int64_t)l * n + j];
+        }
+    }
+}
+
+/* a : (n, n) becomes its inverse, by Gauss and Jordan with exchanged rows, which pivot : (n,) remembers. */
+static void inverse(double *a, double *pivot, int32_t n)
+{
+    int32_t i, j, k;
+    for (k = 0; k < n; k++) {
+        double *const row = a + (int64_t)k * n;
+        int32_t best = k;
+        for (i = k + 1; i < n; i++)
+            if (fabs(a[(int64_t)i * n + k]) > fabs(a[(int64_t)best * n + k])) best = i;
+        pivot[k] = best;
+        for (j = 0; j < n && best != k; j++) {
+            const double x = row[j];
+            row[j] = a[(int64_t)best * n + j];
+            a[(int64_t)best * n + j] = x;
+        }
+        const double scale = 1.0 / row[k];
+        row[k] = 1.0;
+        for (j = 0; j < n; j++) row[j] *= scale;
+        for (i = 0; i < n; i++) {
+            double *const other = a + (int64_t)i * n, factor = other[k];
+            if (i == k) continue;
+            other[k] = 0.0;
+            for (j = 0; j < n; j++) other[j] -= factor * row[j];
+        }
+    }
+    for (k = n - 1; k >= 0; k--) {
+        const int32_t other = (int32_t)pivot[k];
+        for (i = 0; i < n && other != k; i++) {
+            const double x = a[(int64_t)i * n + k];
+            a[(int64_t)i * n + k] = a[(int64_t)i * n + other];
+            a[(int64_t)i * n + other] = x;
+        }
+    }
+}
+
+/* --- groups ---------------------------------------------------------------------------------------------------------- */
+
+/* Some parts of one operation of a group: 8 words, of the operation, flags, width, out, three places, and one more. */
+static void part(const memory *m, const int32_t *w, int32_t from, int32_t many)
+{
+    const int32_t width = w[2], k = w[7] >> 8, n = w[7] & 255, *const index = m->index + w[5];
+    const int64_t skip = (int64_t)from * width;
+    double *o = at(m, w[3]);
+    const double *a = at(m, w[4]), *b;
+    int32_t i;
+    if (w[0] == OP_gather) {
+        for (i = 0; i < many * width; i++) o[skip + i] = a[index[skip + i]];
+    } else if (w[0] == OP_product && (w[1] & 4)) { /* rows times one matrix */
+        product(o + skip * n, a + skip * k, at(m, w[5]), many * width, k, n);
+    } else if (w[0] == OP_product) { /* matrices of w[6] rows; flags: whether a, b differ */
+        b = at(m, w[5]);
+        for (i = 0; i < many * width; i++)
+            product(o + (skip + i) * w[6] * n, a + (w[1] & 1 ? (skip + i) * w[6] * k : 0),
+                    b + (w[1] & 2 ? (skip + i) * k * n : 0), w[6], k, n);
+    } else { /* flags: which operands are one number */
+        const int sa = !(w[1] & 1), sb = !(w[1] & 2), sc = !(w[1] & 4);
+        elementwise(w[0], many * width, o + skip, a + (sa ? skip : 0), sa, at(m, w[5]) + (sb ? skip : 0), sb,
+                    at(m, w[6]) + (sc ? skip : 0), sc);
+    }
+}
+
+/* Operations that are done together, some parts at once. */
+static void group(const memory *m, const int32_t *code, int32_t parts, int32_t at_once, int32_t count)
+{
+    int32_t from, k;
+    for (from = 0; from < parts; from += at_once)
+        for (k = 0; k < count; k++) part(m, code + 8 * k, from, parts - from < at_once ? parts - from : at_once);
+}
+
+/* --- the rest ------------------------------------------------------------------------------------------------------- */
+
+#define FOLD(expression)                                                                                               \
+    for (i = 0; i + 4 <= n; i += 4)                                                                                    \
+        for (j = 0; j < 4; j++) { const double x = a[i + j], y = s[j]; s[j] = (expression); bad[j] += x != x; }         \
+    for (; i < n; i++) { const double x = a[i], y = s[0]; s[0] = (expression); bad[0] += x != x; }                      \
+    for (j = 1; j < 4; j++) { const double x = s[j], y = s[0]; s[0] = (expression); bad[0] += bad[j]; }
+
+/* The sum, the largest or the least of n numbers; NaN where one of them is. */
+static double reduced(int32_t op, const double *a, int32_t n)
+{
+    double s[4], bad[4] = {0.0, 0.0, 0.0, 0.0};
+    int32_t i, j;
+    for (j = 0; j < 4; j++) s[j] = op == OP_sum ? 0.0 : a[0];
+    if (op == OP_sum) { FOLD(x + y) } else if (op == OP_largest) { FOLD(x > y ? x : y) } else { FOLD(x < y ? x : y) }
+    return op == OP_sum || bad[0] == 0.0 ? s[0] : NAN;
+}
+
+/* One operation: w of out, index, sizes, operands and whether these are one number. Returns 0 where a guard fails. */
+static int other(const memory *m, int32_t op, const int32_t *w)
+{
+    double *o = at(m, w[0]);
+    const int32_t *index = m->index + w[1];
+    int32_t i, j;
+    switch (op) {
+    case OP_gather: {
+        const double *const a = at(m, w[3]);
+        for (i = 0; i < w[2]; i++) o[i] = a[index[i]];
+        break;
+    }
+    case OP_scatter: {
+        const double *const a = at(m, w[3]);
+        for (i = 0; i < w[2]; i++) o[index[i]] = a[w[4] ? 0 : i];
+        break;
+    }
+    case OP_sums: { /* sizes: targets, terms */
+        const double *const a = at(m, w[4]);
+        for (i = 0; i < w[2]; i++) {
+            double s = a[index[i]];
+            for (j = index[i] + 1; j < index[i + 1]; j++) s += a[j];
+            o[i] = s;
+        }
+        break;
+    }
+    case OP_product: { /* sizes: count, m, k, n, whether a and b differ between these */
+        const double *const a = at(m, w[8]), *const b = at(m, w[9]);
+        const int32_t rows = w[3], k = w[4], n = w[5];
+        for (i = 0; i < w[2]; i++)
+            product(o + (int64_t)i * rows * n, a + (w[6] ? (int64_t)i * rows * k : 0), b + (w[7] ? (int64_t)i * k * n : 0),
+                    rows, k, n);
+        break;
+    }
+    case OP_inverse: { /* sizes: count, n */
+        const int32_t n = w[3], size = n * n;
+        memcpy(o, at(m, w[4]), sizeof(double) * (size_t)w[2] * (size_t)size);
+        for (i = 0; i < w[2]; i++) inverse(o + (int64_t)i * size, o + (int64_t)w[2] * size, n);
+        break;
+    }
+    case OP_sum:
+    case OP_largest:
+    case OP_least: { /* sizes: of the result, terms of each */
+        const double *const a = at(m, w[4]);
+        for (i = 0; i < w[2]; i++) o[i] = reduced(op, w[5] ? a : a + (int64_t)i * w[3], w[5] ? 1 : w[3]) * (op == OP_sum && w[5] ? w[3] : 1);
+        break;
+    }
+    case OP_require: return *at(m, w[3]) != 0.0;
+    default: return 0;
+    }
+    return 1;
+}
+
+int run(const arterial_program *p, const memory *m, int phase)
+{
+    const int32_t *w = p->code + p->begin[phase], *const end = p->code + p->begin[phase + 1];
+    while (w < end) {
+        if (w[0] == GROUP) {
+            group(m, w + 4, w[1], w[2], w[3]);
+            w += 4 + 8 * w[3];
+        } else {
+            if (!other(m, w[0], w + 2)) return 0;
+            w += w[1];
+        }
+    }
+    return 1;
+}

@@ -1,0 +1,218 @@
+"""Recorded operations as numbers that the engine in ``native/`` runs.
+
+A program has four kinds of memory: constants of the code; what a parameter set fixes, one block a member of a batch;
+workspace; and indices. An address is 4 · offset + kind. What only one phase uses shares its place with others.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .array import ELEMENTWISE, Traced
+from .recorder import CONSTANT, Instruction, Operand, Recorder, Slot
+
+Array = np.ndarray
+
+_OTHER = ("gather", "scatter", "sums", "product", "inverse", "sum", "largest", "least", "require")
+OPERATIONS = (*ELEMENTWISE, *_OTHER)
+_CODES = {name: code for code, name in enumerate(OPERATIONS, 1)}
+_CONSTANT, _FIXED, _WORK = range(3)
+_AT_ONCE = 256  # numbers of an operation
+
+
+@dataclass(frozen=True)
+class Program:
+    """code : of all phases, begin : (n_phases + 1,) where each begins. constants, index : numbers and places in it.
+    n_fixed, n_work : how many numbers a member and the workspace have. address : of inputs and outputs by name."""
+
+    code: Array
+    begin: Array
+    constants: Array
+    index: Array
+    n_fixed: int
+    n_work: int
+    address: Mapping[str, int]
+
+
+def compiled(
+    r: Recorder, phases: int, units: int, inputs: Mapping[str, Sequence[Traced]], outputs: Mapping[str, Traced]
+) -> Program:
+    """The program of all that was recorded and that outputs need; units : elements of the mesh. What several phases
+    take as one input has one place."""
+    ends = {name: r.operand(x, x.shape) for name, x in outputs.items()}
+    for name, end in ends.items():
+        if end.single and outputs[name].size > 1 or end.slot.phase == CONSTANT:
+            size = max(1, outputs[name].size)
+            ends[name] = Operand(r.emit("copy", (end,), (size,), size), 0, False)
+    needed = {end.slot for end in ends.values()}
+    kept: dict[int, list[Instruction]] = {}
+    for phase in range(phases)[::-1]:
+        kept[phase] = []
+        for instruction in reversed(r.phases.get(phase, ())):
+            if instruction.out in needed or instruction.name == "require":
+                kept[phase].append(instruction)
+                needed |= {operand.slot for operand in instruction.operands}
+        kept[phase].reverse()
+    given = {name: [x.buffer.slot for x in each] for name, each in inputs.items()}
+    place = _Places(
+        units, {slot for each in given.values() for slot in each} | {end.slot for end in ends.values()}, kept
+    )
+    for first, *others in given.values():
+        place.address |= {slot: place.of(first) for slot in others}
+    written = [place.encoded(kept[phase]) for phase in range(phases)]
+    used = {slot for each in kept.values() for i in each for slot in (i.out, *(o.slot for o in i.operands))}
+    address = {name: place.of(slot) for name, (slot, *_) in given.items() if slot.phase or slot in used}
+    address |= {name: place.of(end.slot) + 4 * end.start for name, end in ends.items()}
+    return Program(
+        code=np.concatenate([np.array(code, np.int32) for code in written]),
+        begin=np.cumsum([0, *map(len, written)]).astype(np.int32),
+        constants=np.concatenate([np.zeros(1), *place.constants]),
+        index=np.concatenate([np.zeros(1, np.int32), *place.indices]).astype(np.int32),
+        n_fixed=place.size[_FIXED],
+        n_work=place.size[_WORK],
+        address=address,
+    )
+
+
+@dataclass
+class _Group:
+    """Operations that are done together part by part, so that what they pass on stays in the cache."""
+
+    units: int
+    written: set[Slot] = field(default_factory=set)
+    widest: int = 1
+    code: list[int] = field(default_factory=list)
+
+    def add(self, out: Slot, width: int, code: list[int]) -> None:
+        self.written.add(out)
+        self.widest = max(self.widest, width)
+        self.code += code
+
+    def encoded(self) -> list[int]:
+        """Operation 0: parts, how many at once, operations."""
+        together = max(1, _AT_ONCE // self.widest)
+        return [0, self.units, together, len(self.code) // 8, *self.code] if self.code else []
+
+
+def _apart(each: Instruction) -> list[Operand]:
+    """The operands that it reads elsewhere than where it writes."""
+    if each.name == "gather":
+        return list(each.operands)
+    if each.name == "product":
+        count, *_, one, two = each.sizes
+        shared = (False, True) if count == 1 else (not one, not two)
+        return [o for o, same in zip(each.operands, shared, strict=True) if same or o.start]
+    return [o for o in each.operands if o.single or o.start]
+
+
+@dataclass
+class _Places:
+    """Where slots lie. lasting : those that outlive their phase, or are given or asked for. units : elements of the
+    mesh, by which operations are done part by part."""
+
+    units: int
+    lasting: set[Slot]
+    kept: Mapping[int, list[Instruction]]
+    address: dict[Slot, int] = field(default_factory=dict)
+    size: list[int] = field(default_factory=lambda: [1, 0, 0])
+    constants: list[Array] = field(default_factory=list)
+    indices: list[Array] = field(default_factory=list)
+    n_index: int = 1
+    free: dict[int, list[int]] = field(default_factory=lambda: defaultdict(list))
+
+    def __post_init__(self) -> None:
+        for phase, instructions in self.kept.items():
+            for instruction in instructions:
+                self.lasting |= {o.slot for o in instruction.operands if o.slot.phase != phase}
+
+    def of(self, slot: Slot) -> int:
+        """The address of a slot, which gets one the first time."""
+        if slot not in self.address:
+            kind = (
+                _CONSTANT if slot.phase == CONSTANT else _FIXED if slot.phase == 0 and slot in self.lasting else _WORK
+            )
+            if kind == _CONSTANT:
+                self.constants.append(np.zeros(slot.size) if slot.data is None else slot.data)
+            if kind == _WORK and slot not in self.lasting and self.free[slot.size]:
+                self.address[slot] = self.free[slot.size].pop()
+            else:
+                self.address[slot] = 4 * self.size[kind] + kind
+                self.size[kind] += slot.size
+        return self.address[slot]
+
+    def encoded(self, instructions: list[Instruction]) -> list[int]:
+        """The code of a phase."""
+        last = {slot: i for i, each in enumerate(instructions) for slot in (each.out, *(o.slot for o in each.operands))}
+        code, group = list[int](), _Group(0)
+        for i, each in enumerate(instructions):
+            units = self._units(each)
+            if units != group.units or any(o.slot in group.written for o in _apart(each)):
+                code += group.encoded()
+                group = _Group(units)
+            if units:
+                group.add(each.out, self._width(each, units), self._grouped(each, units))
+            else:
+                code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
+            for slot in {each.out, *(o.slot for o in each.operands)}:
+                if last[slot] == i and slot.phase != CONSTANT and slot not in self.lasting:
+                    self.free[slot.size].append(self.address[slot])
+        return code + group.encoded()
+
+    def _units(self, each: Instruction) -> int:
+        """In how many equal parts it may be done, one after the other with its neighbours; 0 for none.
+
+        It then writes a whole slot. What it reads elsewhere than where it writes must last: its place is no one's else.
+        """
+        outside = all(o.slot in self.lasting or o.slot.phase == CONSTANT for o in _apart(each) if not o.single)
+        if each.start or not outside or each.name not in (*ELEMENTWISE, "gather", "product"):
+            return 0
+        if each.name == "product":
+            count, m, k, n, *_ = each.sizes
+            fits = max(k, n) < 256 and each.out.size == count * m * n
+            return self.units if fits and (m if count == 1 else count) % self.units == 0 else 0
+        n = each.sizes[0]
+        return 0 if n != each.out.size else self.units if n % self.units == 0 else n
+
+    def _width(self, each: Instruction, units: int) -> int:
+        """Numbers of a part; rows, or matrices, of a product."""
+        count, *rest = each.sizes
+        return (rest[0] if each.name == "product" and count == 1 else count) // units
+
+    def _grouped(self, each: Instruction, units: int) -> list[int]:
+        """An operation of a group: 8 words."""
+        places = [self.of(o.slot) + 4 * o.start for o in each.operands]
+        flags, extra = sum(1 << i for i, o in enumerate(each.operands) if o.single), 0
+        if each.name == "gather":
+            places.append(self._index(each))
+        if each.name == "product":
+            count, m, k, n, one, two = each.sizes
+            places.append(m)
+            flags, extra = 4 if count == 1 else one + 2 * two, 256 * k + n
+        out = self.of(each.out)
+        return [_CODES[each.name], flags, self._width(each, units), out, *places, *[0] * (3 - len(places)), extra]
+
+    def _elementwise(self, each: Instruction) -> list[int]:
+        """An elementwise operation that is a group of its own, because of where it reads or writes."""
+        single = sum(1 << i for i, o in enumerate(each.operands) if o.single)
+        places = [self.of(o.slot) + 4 * o.start for o in each.operands]
+        numbers = [1, *places, *[0] * (3 - len(places)), 0]
+        out = self.of(each.out) + 4 * each.start
+        return [0, each.sizes[0], each.sizes[0], 1, _CODES[each.name], single, 1, out, *numbers[1:]]
+
+    def _index(self, each: Instruction) -> int:
+        """Where its places begin among all indices."""
+        if each.places is None:
+            return 0
+        self.indices.append(each.places)
+        self.n_index += len(each.places)
+        return self.n_index - len(each.places)
+
+    def _other(self, each: Instruction) -> list[int]:
+        places = [self.of(o.slot) + 4 * o.start for o in each.operands]
+        single = [int(o.single) for o in each.operands]
+        numbers = [self.of(each.out) + 4 * each.start, self._index(each), *each.sizes, *places, *single]
+        return [_CODES[each.name], 2 + len(numbers), *numbers]

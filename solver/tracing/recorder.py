@@ -1,0 +1,140 @@
+"""Operations on numbers that are not known yet, written down in the order in which a program is to do them.
+
+An operation belongs to the *phase* of the latest of its operands: what depends on parameters alone is computed when
+these are given, what depends on the state at the start of a stage once a stage, and only the rest in every iteration.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+
+CONSTANT = -1  # the phase of numbers that the code itself contains
+
+
+class Untraceable(TypeError):
+    """An array program cannot be recorded: it asks for numbers, or calls what the engine does not have."""
+
+
+class Slot:
+    """Numbers of a program: how many, in which phase they are computed, and the numbers themselves if constant."""
+
+    def __init__(self, size: int, phase: int, data: Array | None = None) -> None:
+        self.size, self.phase, self.data = size, phase, data
+        self.empty = phase == CONSTANT and data is None  # nothing has been written yet
+        self.version = 0  # counts writes to a part of it
+        self.read_in = phase  # the last phase that reads it
+
+
+class Buffer:
+    """What views share: the slot that holds the numbers now. own : whether no other buffer has it."""
+
+    def __init__(self, slot: Slot, own: bool = False) -> None:
+        self.slot, self.own = slot, own
+
+
+class View:
+    """Numbers of a buffer : ``index`` says where they lie, in the shape of an array."""
+
+    def __init__(self, recorder: Recorder, buffer: Buffer, index: Array) -> None:
+        self.recorder, self.buffer, self.index = recorder, buffer, index
+
+
+class Operand(NamedTuple):
+    """Numbers an operation reads: from ``start`` in a slot, one after the other, or the same one again and again."""
+
+    slot: Slot
+    start: int
+    single: bool
+
+
+class Instruction(NamedTuple):
+    """out[start:] = name(operands); ``sizes`` are those that the operation needs, ``places`` where things lie."""
+
+    name: str
+    out: Slot
+    start: int
+    operands: tuple[Operand, ...]
+    sizes: tuple[int, ...]
+    places: Array | None = None
+
+
+class Recorder:
+    """Writes operations down, by phase."""
+
+    def __init__(self) -> None:
+        self.phases: dict[int, list[Instruction]] = {}
+        self._constants: dict[bytes, Slot] = {}
+        self._known: dict[tuple[Any, ...], Slot] = {}
+
+    def constant(self, value: Any) -> Slot:
+        data = np.ascontiguousarray(value, float).ravel()
+        return self._constants.setdefault(data.tobytes(), Slot(data.size, CONSTANT, data))
+
+    # --- operands -------------------------------------------------------------------------------------------------
+
+    def operand(self, x: Any, shape: tuple[int, ...]) -> Operand:
+        """x in a shape, as numbers one after the other, which are gathered where they are not."""
+        if not isinstance(x, View):
+            value = np.broadcast_to(np.asarray(x, float), shape)
+            same = value.size > 0 and value.max() == value.min()
+            return Operand(self.constant(value.flat[0] if same else value), 0, bool(same))
+        index, slot = np.broadcast_to(x.index, shape).ravel(), x.buffer.slot
+        if index.size == 0:
+            return Operand(slot, 0, False)
+        first = int(index[0])
+        if index[0] == index[-1] and index.min() == index.max():
+            return Operand(slot, first, True)
+        if np.array_equal(index, np.arange(first, first + index.size)):
+            return Operand(slot, first, False)
+        return Operand(self.emit("gather", (Operand(slot, 0, False),), (index.size,), index.size, index), 0, False)
+
+    def emit(
+        self, name: str, operands: tuple[Operand, ...], shape: tuple[int, ...], size: int, index: Array | None = None
+    ) -> Slot:
+        """The slot of size numbers that an operation makes."""
+        read = tuple((o.slot, o.slot.version, o.start, o.single) for o in operands)
+        key = (name, read, shape, None if index is None else index.tobytes())
+        if key not in self._known:
+            slot = Slot(size, max(0, *(o.slot.phase for o in operands)))
+            self.write(Instruction(name, slot, 0, operands, shape, index))
+            self._known[key] = slot
+        return self._known[key]
+
+    def write(self, instruction: Instruction) -> None:
+        phase = instruction.out.phase
+        for operand in instruction.operands:
+            operand.slot.read_in = max(operand.slot.read_in, phase)
+        self.phases.setdefault(phase, []).append(instruction)
+
+    # --- writing to a part ----------------------------------------------------------------------------------------
+
+    def assign(self, target: View, value: Any) -> None:
+        """target[...] = value: views of the same buffer see it."""
+        buffer, index = target.buffer, target.index.ravel()
+        if isinstance(value, View) and value.buffer is buffer and np.array_equal(value.index, target.index):
+            return  # the second half of x[...] += y
+        source = self.operand(value, target.index.shape)
+        if index.size == 0:
+            return
+        if index.size == buffer.slot.size and not source.single and source.slot.size == index.size \
+                and np.array_equal(index, np.arange(index.size)) and source.slot.phase > CONSTANT:  # fmt: skip
+            if isinstance(value, View):
+                value.buffer.own = False
+            buffer.slot, buffer.own = source.slot, False
+            return
+        phase = max(buffer.slot.phase, source.slot.phase)
+        if not buffer.own or phase > buffer.slot.phase or buffer.slot.read_in > phase:
+            whole = Slot(buffer.slot.size, max(0, phase))
+            if not buffer.slot.empty:
+                self.write(Instruction("copy", whole, 0, (Operand(buffer.slot, 0, False),), (whole.size,)))
+            buffer.slot, buffer.own = whole, True
+        slot, start = buffer.slot, int(index[0])
+        slot.version += 1
+        if np.array_equal(index, np.arange(start, start + index.size)):
+            self.write(Instruction("copy", slot, start, (source,), (index.size,)))
+        else:
+            self.write(Instruction("scatter", slot, 0, (source,), (index.size,), index))

@@ -1,0 +1,211 @@
+"""The steps of a model as a program: one pass of the scheme's own code over arrays without numbers.
+
+Recorded are :func:`~solver.scheme.stage.operators_about` at rest, :class:`~solver.scheme.stage.Stage` with its
+Jacobian, the tolerances, the guards and the outputs, with the laws, outlets and effects of the network at hand. Models
+that differ in numbers alone share a program.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..network import Network
+from ..outputs import reporter, site_walls
+from ..scheme.guards import margins
+from ..scheme.mesh import Layout, Mesh
+from ..scheme.model import Model
+from ..scheme.sdirk import INFLOW_TIMES
+from ..scheme.stage import Stage, condense, largest, operators_about
+from ..scheme.step import State, tolerances
+from ..scheme.terms import jacobian
+from .array import Traced, array, later
+from .program import Program, compiled
+from .recorder import Recorder
+
+Array = np.ndarray
+
+# the phases of a program, in the order of native/engine.h
+PHASES = ("bind", "prepare", "start", "correct", "finite", "refresh", "correct_fresh", "end", "check", "report")
+# where it takes and leaves its numbers, in the order there
+PLACES = (
+    "y", "H0", "drive", "venous", "begun", "given", "small_Q", "small_H", "start", "given_now", "Q", "H",
+    "Q_new", "dH", "change_Q", "change_H", "Q_new_fresh", "dH_fresh", "change_Q_fresh", "change_H_fresh",
+    "finite", "end", "A_t", "margin", "y_report", "A_t_report", "H_report", "report",
+)  # fmt: skip
+_PHASE = {name: number for number, name in enumerate(PHASES)}
+CORE = 32  # nodes that are inverted as a whole: compiled, a round costs less than in NumPy
+_KEPT = 16  # programs
+_MESH = ("segment", "parts", "left", "piece", "ends")
+
+
+@dataclass
+class Recorded:
+    """A program, and the address of each array of numbers of its models, -1 where none needs it. checked : whether a
+    step of it was compared with NumPy's."""
+
+    program: Program
+    places: tuple[int, ...]
+    checked: bool = False
+
+
+# --- a model as numbers and what they belong to --------------------------------------------------------------------
+
+
+@dataclass
+class Leaves:
+    """The arrays of numbers in frozen objects, in the order of their fields.
+
+    arrays : (B, n) each. kind : all else that the objects hold: models of one kind have one program. recorder : where
+    :meth:`of` makes traced arrays of one member in their place.
+    """
+
+    recorder: Recorder = field(default_factory=Recorder)
+    arrays: list[Array] = field(default_factory=list)
+    traced: list[Traced] = field(default_factory=list)
+    kind: list[Hashable] = field(default_factory=list)
+
+    def of(self, x: Any, axis: int | None = 0) -> Any:
+        """The same object with traced arrays in it; ``axis`` counts the members of a batch, None where they share x."""
+        if isinstance(x, np.ndarray):
+            return self._array(x, axis)
+        if isinstance(x, (Network, Mesh, Layout)):
+            self.kind.append(_facts(x))
+            return x
+        if is_dataclass(x) and not isinstance(x, type):
+            self.kind.append(type(x))
+            axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
+            named = {f.name: getattr(x, f.name) for f in fields(x) if f.init}
+            return replace(x, **{name: self.of(value, axes.get(name, 0)) for name, value in named.items()})
+        if isinstance(x, tuple):
+            parts = [self.of(part) for part in x]
+            return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
+        if isinstance(x, Mapping):
+            self.kind.append(tuple(x))
+            return {key: self.of(value) for key, value in x.items()}
+        self.kind.append(x)
+        return x
+
+    def _array(self, x: Array, axis: int | None) -> Any:
+        if axis is None or x.dtype != float or x.ndim <= axis or not x.shape[axis]:
+            self.kind.append((x.shape, x.tobytes()))
+            return x
+        self.kind.append((x.shape[:axis], x.shape[axis + 1 :]))
+        rows = np.moveaxis(x, axis, 0)
+        self.arrays.append(rows.reshape(len(rows), math.prod(rows.shape[1:])))
+        self.traced.append(array(self.recorder, _PHASE["bind"], (*x.shape[:axis], 1, *x.shape[axis + 1 :])))
+        return self.traced[-1]
+
+
+def _facts(x: Network | Mesh | Layout) -> Hashable:
+    """What a program takes from it."""
+    if isinstance(x, Network):
+        names = tuple(segment.name for segment in x.segments)
+        return names, tuple((site.segment, site.position) for site in x.sites), tuple(x.output_units())
+    if isinstance(x, Layout):
+        return tuple(x.shapes.items())
+    return x.element.N, x.core, x.n_nodes, *(getattr(x, name).tobytes() for name in _MESH)
+
+
+def numbers(model: Model) -> tuple[Any, ...]:
+    """All that a step and its outputs are made of."""
+    return replace(model, parameters={}, memo={}, mesh=replace(model.mesh, core=CORE)), site_walls(model)
+
+
+# --- recording -----------------------------------------------------------------------------------------------------
+
+_programs: dict[Hashable, Recorded] = {}
+
+
+def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
+    """The program of the steps of a model with stages of length tau [s], and the numbers that it is bound to.
+
+    Raises Untraceable, which says what cannot be recorded.
+    """
+    leaves = Leaves()
+    m, walls = leaves.of(numbers(model))
+    key = (tau, *leaves.kind)
+    found = _programs.pop(key, None) or _Recording(leaves.recorder, m, tau).all(leaves, walls)
+    while len(_programs) >= _KEPT:
+        _programs.pop(next(iter(_programs)), None)
+    _programs[key] = found
+    return found, leaves.arrays
+
+
+class _Recording:
+    """What is given to the program of a model m, and what it leaves, by name; all of one member."""
+
+    def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
+        self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
+        self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
+        self.o = operators_about(m, tau, m.at_rest(), np.broadcast_to(m.coefficients.P_0, (1, self.n_H)))
+
+    def all(self, leaves: Leaves, walls: Any) -> Recorded:
+        """The program; walls : at the sites."""
+        state, venous = self.prepare()
+        stage = self.start(venous)
+        self.correct(stage, "correct", "", self.o.at_rest)
+        self.refresh(stage)
+        self.end(stage)
+        self.report(state, walls)
+        places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
+        program = compiled(self.recorder, len(PHASES), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        return Recorded(program, tuple(program.address.get(name, -1) for name in places))
+
+    def take(self, name: str, phase: str, *shape: int) -> Any:
+        """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
+        self.given[name].append(array(self.recorder, _PHASE[phase], (1, *shape)))
+        return self.given[name][-1]
+
+    def prepare(self) -> tuple[State, Any]:
+        """What a step begins with: tolerances, what drives the inlets at its stages, the state with the new inflow."""
+        m, out = self.m, self.out
+        y, H = self.take("y", "prepare", m.layout.size), self.take("H0", "prepare", self.n_H)
+        drive = self.take("drive", "prepare", len(m.inlets.by_flow), len(INFLOW_TIMES))[0, ..., None]
+        venous = m.coefficients.venous(self.take("venous", "prepare", len(m.mesh.topology.outlet_segment)))
+        state = State(0.0, y, y, H, y, y, m.layout, m.layout)
+        out["given"] = m.inlets.at_stages(drive)
+        out["small_Q"], out["small_H"] = tolerances(m, state, m.inlets.gain * drive[:, -1].T)
+        out["begun"] = y.copy()
+        m.inlets.begin(out["begun"], drive[:, 0])
+        return state, venous
+
+    def start(self, venous: Any) -> Stage:
+        """A stage, from the state vector where it starts."""
+        y = self.take("start", "start", self.m.layout.size)
+        given = self.take("given_now", "start", len(self.m.inlets.by_flow))
+        return Stage.of(self.m, self.o, y, given, venous, 0.0)
+
+    def correct(self, stage: Stage, phase: str, fresh: str, jacobian: Any) -> None:
+        """A chord iteration, and how much it changes."""
+        Q, H = self.take("Q", phase, *self.shapes["Q"]), self.take("H", phase, self.n_H)
+        Q_new, dH = stage.correct(jacobian, Q, H)
+        self.out |= {f"Q_new{fresh}": Q_new, f"dH{fresh}": dH, f"change_H{fresh}": largest(dH)}
+        self.out[f"change_Q{fresh}"] = largest((Q_new - Q).reshape(1, -1))
+
+    def refresh(self, stage: Stage) -> None:
+        """Whether the last iterate is one to go on from, the Jacobian there, and iterations with it."""
+        s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
+        self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
+        Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
+        self.correct(stage, "correct_fresh", "_fresh", condense(self.m, self.o.loads, jacobian(s, Q), H, stage.behind))
+
+    def end(self, stage: Stage) -> None:
+        """The state at the end of the stage, and the smallest number that must be positive of a solution."""
+        m, Q = self.m, self.take("Q", "end", *self.shapes["Q"])
+        A_t: Any = stage.start.area_rate(Q)
+        end: Any = stage.end(Q, A_t)
+        checked = (later(self.recorder, x, _PHASE["check"]) for x in (m.layout.part(end, "A"), A_t, Q))
+        least = [np.min(margin) for margin, _, _ in margins(m, *checked)]
+        self.out |= {"A_t": A_t, "end": end, "margin": np.min(np.stack(least))}
+
+    def report(self, state: State, walls: Any) -> None:
+        """The outputs of a state."""
+        y, H = self.take("y_report", "report", self.m.layout.size), self.take("H_report", "report", self.n_H)
+        moment = replace(state, y=y, A_t=self.take("A_t_report", "report", *self.shapes["A"]), H=H)
+        self.out["report"] = reporter(self.m, walls).report(moment)
