@@ -21,6 +21,7 @@ from fitting.inference.several import Several
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates, rewired
 from fitting.inference.unknown import parameter_values, precision
+from fitting.record_options import not_judged
 from fitting.records.record import Record
 from solver.errors import InputError
 from solver.network import Network
@@ -112,7 +113,7 @@ class Recordings:
                 fits = _there(whole, study, base), best and _there(whole, study, best)
                 runs = _runs(f"{i}", study, *fits, before, after)
             except (InputError, RunFailed) as error:  # the verdict stands without it
-                unjudged.append(f"{record.path}: it was held out and is not judged: {error}")
+                unjudged.append(not_judged(record.path, error))
                 continue
             d = float(np.linalg.norm(_seen(fits[1] or fits[0])))
             found.append(self._recorded(i, record, study, fits[1] or fits[0], runs, d, whole))
@@ -165,7 +166,7 @@ def recordings_of(
             check_record(other)
             held.append((other, prepare(other, study.network, asked.period, runs, known)))
         except InputError as error:
-            warnings.append(f"{other.path}: it was held out and is not judged: {error}")
+            warnings.append(not_judged(other.path, error))
     found = Recordings((record, *others), (study, *made), tuple(held), asked.varies, tuple(warnings))
     assert found.whole
     return found
