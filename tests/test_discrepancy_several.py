@@ -312,6 +312,7 @@ def test_refused(folder: Path, more: Sequence[str], code: int, words: str) -> No
     [
         ("flat", "CA", lambda P: 80.0, "column 'CA.P [mmHg]': the channel is constant"),
         ("kPa", "CA", lambda P: P / 7.5, "CA.P: its mean is 10.6 mmHg"),
+        ("other", "VA1", lambda P: P, "it is of VA1, and"),
     ],
 )
 def test_what_cannot_be_judged_is_said(folder: Path, name: str, title: str, pressure: Any, words: str) -> None:
