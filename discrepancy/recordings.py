@@ -21,6 +21,7 @@ from fitting.inference.several import Several
 from fitting.inference.simulator import Runs
 from fitting.inference.terms import Term, candidates, rewired
 from fitting.inference.unknown import parameter_values, precision
+from fitting.record_options import not_judged
 from fitting.records.record import Record
 from solver.errors import InputError
 from solver.network import Network
@@ -112,7 +113,7 @@ class Recordings:
                 fits = _there(whole, study, base), best and _there(whole, study, best)
                 runs = _runs(f"{i}", study, *fits, before, after)
             except (InputError, RunFailed) as error:  # the verdict stands without it
-                unjudged.append(f"{record.path}: it was held out and is not judged: {error}")
+                unjudged.append(not_judged(record.path, error))
                 continue
             d = float(np.linalg.norm(_seen(fits[1] or fits[0])))
             found.append(self._recorded(i, record, study, fits[1] or fits[0], runs, d, whole))
@@ -148,24 +149,24 @@ def recordings_of(
     Raises UnusableRecord for one that cannot be used; of those held out that is a warning. Raises InputError where one
     is compared with the network and another with one wall, or for a number that cannot vary.
     """
-    made = []
-    for other in others:
-        _check_alike(record, other)
+
+    def prepared(other: Record) -> Study:
         check_record(other)
-        made.append(prepare(other, study.network, asked.period, runs, known))
-        check_beats(made[-1])
-        if made[-1].site != study.site:
-            raise InputError(
-                f"{other.path}: it is of {made[-1].site}, and {record.path} of {study.site}; give one site."
-            )
+        found = prepare(other, study.network, asked.period, runs, known)
+        check_beats(found)
+        if found.site != study.site:
+            raise InputError(f"{other.path}: it is of {found.site}, and {record.path} of {study.site}; give one site.")
+        return found
+
+    for other in (*others, *unseen):
+        _check_alike(record, other)
+    made = [prepared(other) for other in others]
     held, warnings = [], [f"{s.fitted.source}: {text}" for s in made for text in s.warnings]
     for other in unseen:
-        _check_alike(record, other)
         try:
-            check_record(other)
-            held.append((other, prepare(other, study.network, asked.period, runs, known)))
+            held.append((other, prepared(other)))
         except InputError as error:
-            warnings.append(f"{other.path}: it was held out and is not judged: {error}")
+            warnings.append(not_judged(other.path, error))
     found = Recordings((record, *others), (study, *made), tuple(held), asked.varies, tuple(warnings))
     assert found.whole
     return found

@@ -27,7 +27,7 @@ from fitting.inference.simulator import Meter, OutOfTime, Runs
 from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
-from fitting.record_options import check_one
+from fitting.record_options import check_one, not_judged
 from fitting.records.columns import Reading
 from fitting.records.filters import with_filters
 from fitting.records.plausible import arteries, check_plausible
@@ -129,13 +129,14 @@ def discover(
     check_folder(folder, [record, *(reading.beside if reading else ()), model, prior, *others])
     journal = None
     try:
-        records = list[Record]()
-        for each in (measured, *also):
-            if isinstance(each, UnusableRecord):
-                raise each
-            if not as_measured:
-                check_plausible(each, arteries(network))
-            records.append(each)
+        records, n = list[Record](), 1 + len(asked.further)
+        for i, each in enumerate((measured, *also)):
+            try:
+                records.append(_usable(each, network, as_measured))
+            except UnusableRecord as error:
+                if i < n:
+                    raise
+                said.append(not_judged(others[i - 1], error))
         measured = records[0]
         check_record(measured)
         given = [measured.sha256, dict(measured.told), to_dict(network), os.fspath(model), [r.sha256 for r in records]]
@@ -169,6 +170,15 @@ def _read(record: str | os.PathLike[str], reading: Reading | None) -> Record | U
         return read_record(record, reading)
     except UnusableRecord as error:
         return error
+
+
+def _usable(read: Record | UnusableRecord, network: Network, as_measured: bool) -> Record:
+    """A record that may be used with a network. Raises UnusableRecord for one that may not."""
+    if isinstance(read, UnusableRecord):
+        raise read
+    if not as_measured:
+        check_plausible(read, arteries(network))
+    return read
 
 
 def _rising(progress: Progress) -> Progress:

@@ -32,6 +32,7 @@ from .record_options import (
     Mapped,
     Period,
     check_one,
+    not_judged,
     seconds,
 )
 from .records.align import align
@@ -119,7 +120,7 @@ def calibrate_command(
             try:
                 held_out.append(judge(result, beats, described))
             except (InputError, NonPhysicalState, NotPeriodic) as error:  # the fit stands without it
-                unjudged.append(f"{beats.source}: it is not judged: {error}")
+                unjudged.append(not_judged(beats.source, error))
         extra: dict[str, object] = {"filters": list(filters)} if filters else {}
         if starts > 1:
             extra["starts"] = tried.plain()

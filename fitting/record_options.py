@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -92,6 +93,12 @@ def check_one(beside: Sequence[object] | None, recordings: int) -> None:
     """Raise InputError if further files of one recording are given with several recordings."""
     if beside and recordings > 1:
         raise InputError("--with: adds files to one recording, and there are several; join its files before.")
+
+
+def not_judged(path: str | os.PathLike[str], error: Exception) -> str:
+    """The sentence on a recording that was held out and cannot be judged by: the result stands without it."""
+    source = os.fspath(path)
+    return f"{source}: it was held out and is not judged: {str(error).removeprefix(f'{source}: ')}"
 
 
 def seconds(text: str | None, name: str) -> float | None:

@@ -72,4 +72,4 @@ class LearnedWall(Effect):
             "learned_friction": "friction tanh(4ε̇/rate)",
         }
         said = f"σ = … + {' + '.join(each[key] for key in keys)}"
-        return said + (", u = (ε - low)/span" if "u" in "".join(each[key] for key in keys).split() else "")
+        return said + (", u = (ε - low)/span" if {"learned_rise", "learned_fall"} & set(keys) else "")

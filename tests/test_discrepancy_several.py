@@ -307,6 +307,26 @@ def test_refused(folder: Path, more: Sequence[str], code: int, words: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "title", "pressure", "words"),
+    [
+        ("flat", "CA", lambda P: 80.0, "column 'CA.P [mmHg]': the channel is constant"),
+        ("kPa", "CA", lambda P: P / 7.5, "CA.P: its mean is 10.6 mmHg"),
+        ("other", "VA1", lambda P: P, "it is of VA1, and"),
+    ],
+)
+def test_what_cannot_be_judged_is_said(folder: Path, name: str, title: str, pressure: Any, words: str) -> None:
+    """A recording held out that is of no use leaves the verdict of the others: one sentence says why."""
+    head, *lines = (folder / "C.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    text = [head.replace("CA.", f"{title}."), *(f"{t},{pressure(float(P))},{R}" for t, P, R in rows)]
+    (folder / f"{name}.csv").write_text("\n".join(text) + "\n")
+    done = discovered(folder, "--hold-out", folder / f"{name}.csv", "--time-limit", "20 s")
+    (said,) = (s for s in json.loads((folder / "out" / "verdict.json").read_text())["warnings"] if f"{name}.csv" in s)
+    assert done.exit_code == 0 and said.startswith(f"{folder / name}.csv: it was held out and is not judged: {words}")
+
+
+@pytest.mark.slow
 def test_command(folder: Path) -> None:
     """Alone: a class, and which second state would separate it. With B, and C held out: the name, what is left of each
     recording, E of each, and an FMU."""
