@@ -43,7 +43,8 @@ def effects_table(outcome: Outcome) -> Table:
 
 def recordings_table(outcome: Outcome) -> Table:
     """What is left of each of several recordings."""
-    table = Table(*TITLES, title="each recording, before → after", pad_edge=False)
+    columns = (Column(title, overflow="fold") for title in TITLES)  # names of numbers are longer than their column
+    table = Table(*columns, title="each recording, before → after", pad_edge=False)
     for row in rows(outcome.recordings):
         table.add_row(*row)
     return table

@@ -12,12 +12,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from forked import NETWORK, exact, record
 from refused import refused
+from rich.console import Console
 from states import OTHER, REST, State, recorded
 from truth.hide import Effect
 from truth.records import Case
@@ -25,6 +27,7 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from discrepancy import together
+from discrepancy.command_tables import recordings_table
 from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
 from discrepancy.second_state import second_state, separations
@@ -260,6 +263,15 @@ def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> Non
         assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
     nothing = confirmed_together(naming, each, Gap((1.0, 0.9), {}), AFTER)
     assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
+
+
+def test_names_of_own_numbers_are_whole() -> None:
+    """On 80 columns, too: a name longer than its column goes on in the next line."""
+    each = replace(one("effort", 1.0, 1.0), rms_after={"CA.P": 100.0}, own={"CA.outlet.P_venous": 700.0})
+    outcome: Any = SimpleNamespace(recordings=(each,))
+    with (console := Console(width=60)).capture() as said:
+        console.print(recordings_table(outcome))
+    assert "…" not in said.get() and "5.25" in said.get()
 
 
 # --- the command ------------------------------------------------------------------------------------------------------
