@@ -61,10 +61,10 @@ def gap_text(outcome: Outcome) -> str:
 
 
 def _rms_text(outcome: Outcome) -> str:
-    """The same of the channels over the held-out beats, in their units."""
+    """The same of the channels over the held-out beats, in their units; of several recordings their table says it."""
     before, after = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
     loud = {c.name: c.gap_before[1] for c in outcome.channels}
-    if not before:
+    if not before or sum(each.fitted for each in outcome.recordings) > 1:
         return ""
     return f"; rms {changes(before, after, loud) if set(after) == set(before) else sizes(before, loud)}"
 

@@ -27,7 +27,7 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from discrepancy import together
-from discrepancy.command_tables import recordings_table
+from discrepancy.command_tables import gap_text, recordings_table
 from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
 from discrepancy.second_state import second_state, separations
@@ -272,6 +272,17 @@ def test_names_of_own_numbers_are_whole() -> None:
     with (console := Console(width=60)).capture() as said:
         console.print(recordings_table(outcome))
     assert "…" not in said.get() and "5.25" in said.get()
+
+
+def test_rms_beside_a_gap_of_all_is_not_of_one() -> None:
+    """The gap is over both recordings, so that no RMS of the first stands beside it; of one that was fitted it does."""
+    channel = SimpleNamespace(name="CA.P", gap_before=(9.0, 5.0), rms_before=(300.0, 300.0), rms_after=None)
+    each = [one("A", 1.0, 1.0), one("B", 1.0, 1.0), one("C", 1.0, 1.0, False)]
+    outcome: Any = SimpleNamespace(gap_before=(9.0, 5.0), gap_after=None, channels=(channel,), provenance={})
+    outcome.recordings = each[::2]
+    assert "held-out ones; rms 2.3 mmHg of CA.P" in gap_text(outcome)
+    outcome.recordings = each
+    assert "rms 2.3" not in gap_text(outcome)
 
 
 # --- the command ------------------------------------------------------------------------------------------------------
