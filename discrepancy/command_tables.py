@@ -43,7 +43,8 @@ def effects_table(outcome: Outcome) -> Table:
 
 def recordings_table(outcome: Outcome) -> Table:
     """What is left of each of several recordings."""
-    table = Table(*TITLES, title="each recording, before → after", pad_edge=False)
+    columns = (Column(title, overflow="fold") for title in TITLES)  # names of numbers are longer than their column
+    table = Table(*columns, title="each recording, before → after", pad_edge=False)
     for row in rows(outcome.recordings):
         table.add_row(*row)
     return table
@@ -60,10 +61,10 @@ def gap_text(outcome: Outcome) -> str:
 
 
 def _rms_text(outcome: Outcome) -> str:
-    """The same of the channels over the held-out beats, in their units."""
+    """The same of the channels over the held-out beats, in their units; of several recordings their table says it."""
     before, after = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
     loud = {c.name: c.gap_before[1] for c in outcome.channels}
-    if not before:
+    if not before or sum(each.fitted for each in outcome.recordings) > 1:
         return ""
     return f"; rms {changes(before, after, loud) if set(after) == set(before) else sizes(before, loud)}"
 

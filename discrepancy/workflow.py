@@ -319,7 +319,8 @@ class _Work:
         try:
             return self._kept(fmu, stage, fit, wave, starts, study or self.study)
         except RunFailed as error:
-            raise Unusable(f"{self.record.path}: the model does not run with this record: {error}") from None
+            source = (study or self.study).fitted.source
+            raise Unusable(f"{source}: the model does not run with this record: {error}") from None
 
     def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,10 +14,12 @@ from fitting.inference import hierarchy
 from fitting.inference.beside import found_beside, map_beside
 from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
+from fitting.inference.place_model import PlaceModel
 from fitting.inference.simulator import Runs
 from fitting.inference.source_map import source_map
 from solver import Settings, simulate_periodic
 from solver.effects import BY_NAME
+from solver.errors import InputError
 
 Array = np.ndarray
 
@@ -57,6 +60,18 @@ def test_nothing_acts_beside_the_law() -> None:
     narrow = problem(3.0)
     (law,) = narrow.refit([(term("stenosis", "C"),)])
     assert law is not None and found_beside(narrow, law) is None
+
+
+def test_nothing_acts_beside_what_has_no_state() -> None:
+    """A fit that ended at an external pressure under which the wall carries no start pressure: no answer, no crash."""
+    (law,) = problem(3.0).refit([(term("external_pressure", "C"),)])
+    assert law is not None
+    ends = {u.name: u for u in law.unknowns}
+    there = {"C.P_ext": ends["C.P_ext"].high, "all.E": np.log(0.4) / ends["all.E"].moves[0][1]}  # 100 kPa on 90 kPa
+    x = np.array([there.get(u.name, x) for u, x in zip(law.unknowns, law.x, strict=True)])
+    with pytest.raises(InputError, match="cannot carry the start pressure"):
+        PlaceModel(problem(3.0), Runs(), law.terms, law.unknowns).responses(x)
+    assert found_beside(problem(3.0), replace(law, x=x)) is None
 
 
 def test_the_map_s_animal_is_as_probable_as_the_map_says() -> None:

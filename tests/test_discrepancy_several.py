@@ -12,12 +12,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from forked import NETWORK, exact, record
 from refused import refused
+from rich.console import Console
 from states import OTHER, REST, State, recorded
 from truth.hide import Effect
 from truth.records import Case
@@ -25,6 +27,7 @@ from typer.testing import CliRunner
 
 import arterial_fmu.__main__
 from discrepancy import together
+from discrepancy.command_tables import gap_text, recordings_table
 from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
 from discrepancy.second_state import second_state, separations
@@ -260,6 +263,26 @@ def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> Non
         assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
     nothing = confirmed_together(naming, each, Gap((1.0, 0.9), {}), AFTER)
     assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
+
+
+def test_names_of_own_numbers_are_whole() -> None:
+    """On 80 columns, too: a name longer than its column goes on in the next line."""
+    each = replace(one("effort", 1.0, 1.0), rms_after={"CA.P": 100.0}, own={"CA.outlet.P_venous": 700.0})
+    outcome: Any = SimpleNamespace(recordings=(each,))
+    with (console := Console(width=60)).capture() as said:
+        console.print(recordings_table(outcome))
+    assert "…" not in said.get() and "5.25" in said.get()
+
+
+def test_rms_beside_a_gap_of_all_is_not_of_one() -> None:
+    """The gap is over both recordings, so that no RMS of the first stands beside it; of one that was fitted it does."""
+    channel = SimpleNamespace(name="CA.P", gap_before=(9.0, 5.0), rms_before=(300.0, 300.0), rms_after=None)
+    each = [one("A", 1.0, 1.0), one("B", 1.0, 1.0), one("C", 1.0, 1.0, False)]
+    outcome: Any = SimpleNamespace(gap_before=(9.0, 5.0), gap_after=None, channels=(channel,), provenance={})
+    outcome.recordings = each[::2]
+    assert "held-out ones; rms 2.3 mmHg of CA.P" in gap_text(outcome)
+    outcome.recordings = each
+    assert "rms 2.3" not in gap_text(outcome)
 
 
 # --- the command ------------------------------------------------------------------------------------------------------

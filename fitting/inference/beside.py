@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver.balance import NoSteadyState
+from solver.errors import InputError
 
 from .fit import Fit
 from .misfit import Beside, settled
@@ -27,7 +27,7 @@ from .source_map import SourceMap
 
 Array = np.ndarray
 
-_NO_ANSWER = (NoSteadyState, np.linalg.LinAlgError)  # of small waves
+_NO_ANSWER = (InputError, np.linalg.LinAlgError)  # of small waves: no steady state, or no start
 
 
 def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:

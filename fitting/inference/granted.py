@@ -6,7 +6,8 @@ and one of all harmonics, by restricted maximum likelihood (:mod:`fitting.infere
 unknowns, refitted in the linear problem, leave noise alone. Far from the minimum they are large and the cost smooth; as
 the search comes nearer they fall by themselves. Where the model is wrong they stay, and channels and harmonics count by
 what is left of them in mmHg or mL/s, not by a noise far below that. All recordings and channels have the same two: with
-its own each could be fitted at the cost of the others.
+its own each could be fitted at the cost of the others. Of one channel alone both are one: with an error of its own, the
+one mean would be given up for the harmonics.
 """
 
 from __future__ import annotations
@@ -84,24 +85,30 @@ def model_errors(problem: Problem, x: Array, batches: Sequence[Array]) -> Array:
     The linear problem's own minimum counts as far as one step of the search reaches.
     """
     point = problem.point(x, batches)
-    n, near = len(point.z), tuple(
+    n, free = len(point.z), np.array([u.low < u.high for u in problem.unknowns], bool)
+    near = tuple(
         replace(u, low=u.low - here, high=u.high - here, prior_sd=LARGEST * u.typical_sd)
         for u, here in zip(problem.unknowns, x, strict=True)
-    )  # fmt: skip
-    fit = Fit((), near, np.zeros(len(x)), point.z, point.J, np.zeros(n, int), np.zeros(n, int))
+        if u.low < u.high
+    )
+    fit = Fit((), near, np.zeros(len(near)), point.z, point.J[:, free], np.zeros(n, int), np.zeros(n, int))
     if settled(fit).chi2 < n + CHANCE * math.sqrt(2.0 * n):
         return np.zeros(2)
+    lone = len(problem.parts) == 1 and len(problem.parts[0].simulator.names) == 1  # one mean tells no error of means
     each = zip(problem.parts, problem.rows(), strict=True)
-    means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start)], 2)
+    means, rest = estimated(fit, [block for part, rows in each for block in _blocks(part, rows.start, int(lone))], 2)
     return np.array([max(means, rest), rest])  # few means tell little of their error: it is not below the harmonics'
 
 
-def _blocks(part: Part, start: int) -> Iterator[Block]:
-    """The errors of every harmonic as they look in z, whose real parts of harmonics 1 … K come before the imaginary."""
+def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
+    """The errors of every harmonic as they look in z, whose real parts of harmonics 1 … K come before the imaginary.
+
+    of_means : the index of the error that means have.
+    """
     assert part.target is not None
     white, m = part.target.whitener * pulses(part.beats, part.target.names), len(part.target.names)
     own = start + np.arange(m)
-    yield Block(own, white[0].real, np.zeros(m, int))
+    yield Block(own, white[0].real, np.full(m, of_means))
     for k, W in enumerate(white[1:], 1):
         rows = np.concatenate([own + k * m, own + (k + len(white) - 1) * m])
         yield Block(rows, np.block([[W.real, -W.imag], [W.imag, W.real]]), np.ones(2 * m, int))
