@@ -29,7 +29,8 @@ import arterial_fmu.__main__
 from discrepancy import together
 from discrepancy.command_tables import gap_text, recordings_table
 from discrepancy.confirm import confirmed_together
-from discrepancy.recorded import Recorded, rows
+from discrepancy.recorded import Recorded
+from discrepancy.recorded import rows as rows_of
 from discrepancy.second_state import second_state, separations
 from discrepancy.show import Gap
 from discrepancy.study import Study, prepare
@@ -277,9 +278,9 @@ def test_names_of_own_numbers_are_whole() -> None:
 def test_all_is_all() -> None:
     """Numbers that are the same are said together; as those of all only where no other differs."""
     two = {"B.outlet.P_venous": 133.322, "C.outlet.P_venous": 133.322}
-    (row,) = rows([replace(one("A", 1.0, 1.0), own=two)])
+    (row,) = rows_of([replace(one("A", 1.0, 1.0), own=two)])
     assert row[-1] == "all.outlet.P_venous 1 mmHg"
-    (row,) = rows([replace(one("A", 1.0, 1.0), own=two | {"A.outlet.P_venous": 266.645})])
+    (row,) = rows_of([replace(one("A", 1.0, 1.0), own=two | {"A.outlet.P_venous": 266.645})])
     assert row[-1] == "B+C.outlet.P_venous 1 mmHg, A.outlet.P_venous 2 mmHg"
 
 
