@@ -72,12 +72,16 @@ def rows(recordings: Sequence[Recorded]) -> list[tuple[str, ...]]:
 
 
 def _own(numbers: Mapping[str, float]) -> str:
-    """Numbers with their units; those of one kind that are the same together, "all.outlet.P_venous 5 mmHg"."""
+    """Numbers with their units; those of one kind that are the same together, "CA+FA.outlet.P_venous 5 mmHg"."""
     same: dict[tuple[str, str], list[str]] = {}
     for name, value in numbers.items():
-        same.setdefault((name.partition(".")[2], _in_unit(name, value)), []).append(name)
-    said = ((names[0] if len(names) == 1 else f"all.{key}", value) for (key, value), names in same.items())
-    return ", ".join(f"{name} {value}" for name, value in said)
+        where, _, key = name.partition(".")
+        same.setdefault((key, _in_unit(name, value)), []).append(where)
+    kinds = [key for key, _ in same]
+    return ", ".join(
+        f"{'all' if len(where) > 1 and kinds.count(key) == 1 else '+'.join(where)}.{key} {value}"
+        for (key, value), where in same.items()
+    )
 
 
 def _in_unit(name: str, value: float) -> str:

@@ -144,15 +144,12 @@ def discover(
         outcome, fmu = _Work(records, network, Path(model), journal, asked, known, progress).run()
     except UnusableRecord as error:
         outcome, fmu = unusable(str(error), record, model, measured), None
+    doubts = known.doubts(measured) if known and isinstance(measured, Record) else ()
     outcome = replace(
         outcome,
         seconds=time.perf_counter() - started,
         provenance={**outcome.provenance, "asked": told},
-        warnings=(
-            *said,
-            *(known.doubts(measured) if known and isinstance(measured, Record) else ()),
-            *outcome.warnings,
-        ),
+        warnings=(*said, *doubts, *outcome.warnings),
     )
     if outcome.verdict == "unusable" and holds_study(folder):
         kept = f"{folder}: nothing was written; it holds an earlier study of a record that could be used."
@@ -316,11 +313,11 @@ class _Work:
         self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
     ) -> Run:
         """The free run of a stage, without which there is no study."""
+        own = study or self.study
         try:
-            return self._kept(fmu, stage, fit, wave, starts, study or self.study)
+            return self._kept(fmu, stage, fit, wave, starts, own)
         except RunFailed as error:
-            source = (study or self.study).fitted.source
-            raise Unusable(f"{source}: the model does not run with this record: {error}") from None
+            raise Unusable(f"{own.fitted.source}: the model does not run with this record: {error}") from None
 
     def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))

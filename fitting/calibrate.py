@@ -276,10 +276,11 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     one = max(recordings, key=lambda each: max(each.channels.values()))
     worst = max(one.channels, key=lambda name: one.channels[name])
     where = f"{worst} of {one.label}" if len(recordings) > 1 else worst
+    there = " there" if len(recordings) > 1 else ""
     means, rest = (f"{100.0 * a:.2g} %" for a in errors)
-    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulse, means by {means} (sd)"
+    weighed = f"weighed as if harmonics were off by {rest} of each channel's pulsation (rms), means by {means} (sd)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
-        f"({one.channels[worst]:.3g} times its noise); rms of what is left: {sizes(one.rms, one.channels)}; "
+        f"({one.channels[worst]:.3g} times its noise); rms of what is left{there}: {sizes(one.rms, one.channels)}; "
         + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

@@ -30,6 +30,7 @@ from discrepancy import together
 from discrepancy.command_tables import gap_text, recordings_table
 from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
+from discrepancy.recorded import rows as rows_of
 from discrepancy.second_state import second_state, separations
 from discrepancy.show import Gap
 from discrepancy.study import Study, prepare
@@ -272,6 +273,15 @@ def test_names_of_own_numbers_are_whole() -> None:
     with (console := Console(width=60)).capture() as said:
         console.print(recordings_table(outcome))
     assert "…" not in said.get() and "5.25" in said.get()
+
+
+def test_all_is_all() -> None:
+    """Numbers that are the same are said together; as those of all only where no other differs."""
+    two = {"B.outlet.P_venous": 133.322, "C.outlet.P_venous": 133.322}
+    (row,) = rows_of([replace(one("A", 1.0, 1.0), own=two)])
+    assert row[-1] == "all.outlet.P_venous 1 mmHg"
+    (row,) = rows_of([replace(one("A", 1.0, 1.0), own=two | {"A.outlet.P_venous": 266.645})])
+    assert row[-1] == "B+C.outlet.P_venous 1 mmHg, A.outlet.P_venous 2 mmHg"
 
 
 def test_rms_beside_a_gap_of_all_is_not_of_one() -> None:

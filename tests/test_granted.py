@@ -47,6 +47,14 @@ def test_what_a_model_lacks_is_its_error() -> None:
     assert 6.0 < squares < 37.2, squares
 
 
+def test_of_which_recording_the_rms_is() -> None:
+    """Of several recordings the sentence has the RMS of the worst, and says so."""
+    found = calibrate([lacking(0), lacking(1)], START, UNKNOWNS, settings=SETTINGS)
+    (said,) = (each for each in found.report if "chi2/dof" in each)
+    worst = max(found.recordings, key=lambda each: max(each.channels.values()))
+    assert f"of {worst.label} (" in said and "rms of what is left there: " in said
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_right_model_has_none(seed: int) -> None:
     """Noise alone is left: no error, by the four standard deviations of χ² that are granted to chance."""
@@ -64,7 +72,11 @@ def test_one_mean_has_no_error_of_its_own(channel: str) -> None:
 
 
 def test_what_is_held_takes_up_nothing() -> None:
+<<<<<<< HEAD
     """An unknown that may not move leaves the errors as they are without it, as in a recording that is held out."""
+=======
+    """An unknown that may not move leaves the errors as they are without it: so held-out recordings are judged."""
+>>>>>>> h-review
     free, held = parse_unknowns(["all.outlet.R_t:1", "all.E:1"], SOFT)
     channels = ["A.P", "A.Q"]
     without, beside = (
