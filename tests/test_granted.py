@@ -72,11 +72,7 @@ def test_one_mean_has_no_error_of_its_own(channel: str) -> None:
 
 
 def test_what_is_held_takes_up_nothing() -> None:
-<<<<<<< HEAD
-    """An unknown that may not move leaves the errors as they are without it, as in a recording that is held out."""
-=======
     """An unknown that may not move leaves the errors as they are without it: so held-out recordings are judged."""
->>>>>>> h-review
     free, held = parse_unknowns(["all.outlet.R_t:1", "all.E:1"], SOFT)
     channels = ["A.P", "A.Q"]
     without, beside = (
