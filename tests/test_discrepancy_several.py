@@ -315,6 +315,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("several")
     written(path, RELAXATION, (REST, OTHER, State(0.4, -15.0, 0.9)))
     text = (path / "B.csv").read_text().splitlines()
+    rows = [[float(x) for x in line.split(",")] for line in text[1:]]
+    (path / "big.csv").write_text(
+        "\n".join([text[0], *(f"{t},{P},{4.0 + 9.0 * (R - 4.0)}" for t, P, R in rows)]) + "\n"
+    )
     (path / "P.csv").write_text("\n".join(",".join(line.split(",")[:2]) for line in text) + "\n")
     (path / "Q.csv").write_text(
         "\n".join([text[0] + ",inlet.Q [mL/s]", *(f"{line},{line.split(chr(44))[1]}" for line in text[1:])]) + "\n"
@@ -330,6 +334,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["--and", "Q.csv"], 2, "it has no inlet.Q, which"),
         (["--and", "P.csv"], 3, "it has CA.P, but no inlet.Q"),
         (["--and", "no.csv"], 2, "no.csv"),
+        (["--and", "big.csv", "--as-measured"], 3, "big.csv: the pulse of CA.R is"),
         (["--and", "B.csv", "--with", "C.csv"], 2, "--with: adds files to one recording"),
     ],
 )
