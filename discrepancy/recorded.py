@@ -20,7 +20,8 @@ class Recorded:
 
     period : of the beat [s]. gap_before, gap_after : whitened RMS on (fitted, held-out) beats. rms_before, rms_after :
     on the held-out beats by channel [SI]. d : d' of what was added, of the fitted beats. fallen, sd : by how much χ² of
-    the held-out beats falls with it, and the standard deviation of that. own : its own numbers [SI].
+    the held-out beats falls with it, and the standard deviation of that. own : its own numbers [SI], of the
+    model with what was added, own_before : of that without.
     """
 
     label: str
@@ -37,6 +38,7 @@ class Recorded:
     fallen: float | None = None
     sd: float | None = None
     own: Mapping[str, float] = field(default_factory=dict)
+    own_before: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def plain(self) -> dict[str, Any]:

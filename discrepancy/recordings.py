@@ -107,7 +107,7 @@ class Recordings:
             study, fits = replace(study, problem=whole.parts[i]), (whole.of(base, i), best and whole.of(best, i))
             runs = first if i == 0 else _runs(f"{i}", study, *fits, before, after)
             d = float(np.linalg.norm(seen[whole.rows[i]]))
-            found.append(self._recorded(i, record, study, fits[1] or fits[0], runs, d, whole))
+            found.append(self._recorded(i, record, study, fits, runs, d, whole))
         for i, (record, study) in enumerate(self.unseen, len(self.records)):
             try:
                 fits = _there(whole, study, base), best and _there(whole, study, best)
@@ -116,11 +116,12 @@ class Recordings:
                 unjudged.append(not_judged(record.path, error))
                 continue
             d = float(np.linalg.norm(_seen(fits[1] or fits[0])))
-            found.append(self._recorded(i, record, study, fits[1] or fits[0], runs, d, whole))
+            found.append(self._recorded(i, record, study, fits, runs, d, whole))
         return found, unjudged
 
     def _recorded(
-        self, i: int, record: Record, study: Study, fit: Fit, runs: tuple[Run, Run | None], d: float, whole: Several
+        self, i: int, record: Record, study: Study, fits: tuple[Fit, Fit | None], runs: tuple[Run, Run | None],
+        d: float, whole: Several,
     ) -> tuple[Recorded, Gap, Gap | None]:  # fmt: skip
         first, last = runs
         shown: dict[str, object] = {}
@@ -128,14 +129,16 @@ class Recordings:
             fallen, sd = fall(study, first, last)
             rms = {channel: pair[1] for channel, pair in last.gap.rms.items()}
             shown = {"gap_after": last.gap.total, "rms_after": rms, "d": d, "fallen": fallen, "sd": sd}
-        vary = {
-            v for u in whole.hypothesis(fit.terms) if u.name.endswith(f" of {whole.labels[0]}") for v in u.variables
-        }
-        own = {v: x for v, x in _values(study.network, fit).items() if v in vary}
+
+        def own(fit: Fit) -> dict[str, float]:
+            mine = (u for u in whole.hypothesis(fit.terms) if u.name.endswith(f" of {whole.labels[0]}"))
+            vary = {v for u in mine for v in u.variables}
+            return {v: x for v, x in _values(study.network, fit).items() if v in vary}
+
         found = Recorded(
             self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats, study.fitted.T,
-            i < len(self.records), first.gap.total, {c: pair[1] for c, pair in first.gap.rms.items()}, own=own,
-            **shown,  # type: ignore[arg-type]
+            i < len(self.records), first.gap.total, {c: pair[1] for c, pair in first.gap.rms.items()},
+            own=own(fits[1] or fits[0]), own_before=own(fits[0]), **shown,  # type: ignore[arg-type]
         )  # fmt: skip
         return found, first.gap, None if last is None else last.gap
 
@@ -193,7 +196,7 @@ def confirmed_by_all(
     each = tuple(recorded for recorded, _, _ in found)
     naming = confirmed_together(naming, each, first, last)
     if naming.verdict not in ADDED:
-        last, each = None, tuple(replace(r, gap_after=None, rms_after={}) for r in each)
+        last, each = None, tuple(replace(r, gap_after=None, rms_after={}, own=r.own_before) for r in each)
     return naming, replace(shown, gaps=(first, last)), each, (*several.warnings, *unjudged)
 
 

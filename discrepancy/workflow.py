@@ -228,6 +228,9 @@ class _Work:
         wave = study.problem.measured_wave(study.fitted)
         given = self._free(fmu, "given", _nothing(), wave, {})
         check_waves(study, given.beats)
+        for i, other in enumerate(self.several.studies[1:] if self.several else (), 1):
+            wave = other.problem.measured_wave(other.fitted)
+            check_waves(other, self._free(fmu, f"given_{i}", _nothing(), wave, {}, other).beats)
         naming = self._name()
         study = weighted(study, naming)
         added = naming.verdict in ADDED
@@ -377,9 +380,7 @@ class _Work:
             fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
             with suppress(RunFailed):
                 middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
-        first, second = named
-        last = Round(second, middle or before.gap.total, after.gap.total)
-        return Round(first, before.gap.total, middle), last
+        return Round(named[0], before.gap.total, middle), Round(named[1], middle or before.gap.total, after.gap.total)
 
 
 def _nothing() -> Fit:

@@ -31,10 +31,12 @@ from discrepancy.command_tables import gap_text, recordings_table
 from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
 from discrepancy.recorded import rows as rows_of
+from discrepancy.recordings import confirmed_by_all
 from discrepancy.second_state import second_state, separations
 from discrepancy.show import Gap
 from discrepancy.study import Study, prepare
 from discrepancy.study import name as name_one
+from discrepancy.summary import Shown
 from discrepancy.together import name_together
 from discrepancy.verdict import Naming
 from fitting.inference.fit import Member
@@ -48,8 +50,6 @@ from solver.files import read_network, write_network
 SITE = "CA"
 RELAXATION = Case("bench", SITE, 27.0, (Effect("stress_relaxation", (SITE,), 0.006),))
 BENT = Case("bench", SITE, 40.0, (Effect("nonlinear_elasticity", (SITE,), 2.0),))
-
-
 HIGHER = {("B", "R_t"): 0.45, ("C", "R_t"): 0.25, ("B", "P_venous"): 300.0, ("C", "P_venous"): 300.0}
 
 
@@ -267,12 +267,21 @@ def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> Non
 
 
 def test_names_of_own_numbers_are_whole() -> None:
-    """On 80 columns, too: a name longer than its column goes on in the next line."""
+    """A name longer than its column goes on in the next line."""
     each = replace(one("effort", 1.0, 1.0), rms_after={"CA.P": 100.0}, own={"CA.outlet.P_venous": 700.0})
     outcome: Any = SimpleNamespace(recordings=(each,))
     with (console := Console(width=60)).capture() as said:
         console.print(recordings_table(outcome))
     assert "…" not in said.get() and "5.25" in said.get()
+
+
+def test_own_numbers_are_of_the_model_that_stands() -> None:
+    """Where the FMUs do not bear the name out, a recording's own numbers are those without the effect."""
+    each = replace(one("A", 3.0, 20.0), own={"CA.E": 2e6}, own_before={"CA.E": 1e6})
+    several: Any = SimpleNamespace(judged=lambda *_: ([(each, BEFORE, AFTER)], []), warnings=())
+    run: Any = object()
+    naming, _, (found,), _ = confirmed_by_all(several, named(RELAXATION, 1)[2], run, Shown(run, run, run), run, run)
+    assert naming.verdict == "unknown" and found.own == {"CA.E": 1e6} and found.gap_after is None
 
 
 def test_all_is_all() -> None:
@@ -315,6 +324,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("several")
     written(path, RELAXATION, (REST, OTHER, State(0.4, -15.0, 0.9)))
     text = (path / "B.csv").read_text().splitlines()
+    rows = [[float(x) for x in line.split(",")] for line in text[1:]]
+    (path / "big.csv").write_text(
+        "\n".join([text[0], *(f"{t},{P},{4.0 + 9.0 * (R - 4.0)}" for t, P, R in rows)]) + "\n"
+    )
     (path / "P.csv").write_text("\n".join(",".join(line.split(",")[:2]) for line in text) + "\n")
     (path / "Q.csv").write_text(
         "\n".join([text[0] + ",inlet.Q [mL/s]", *(f"{line},{line.split(chr(44))[1]}" for line in text[1:])]) + "\n"
@@ -330,6 +343,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["--and", "Q.csv"], 2, "it has no inlet.Q, which"),
         (["--and", "P.csv"], 3, "it has CA.P, but no inlet.Q"),
         (["--and", "no.csv"], 2, "no.csv"),
+        (["--and", "big.csv", "--as-measured"], 3, "big.csv: the pulse of CA.R is"),
         (["--and", "B.csv", "--with", "C.csv"], 2, "--with: adds files to one recording"),
     ],
 )
