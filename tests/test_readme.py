@@ -115,7 +115,7 @@ def _here(text: str) -> str:
     text = re.sub("^arterial-fmu ", "python -m arterial_fmu ", text, flags=re.MULTILINE)
     lines = [line.replace("python ", f'"{sys.executable}" ', 1) for line in text.splitlines()]
     text = "\n".join(lines).replace("build_fmu.py", f'"{ROOT / "build_fmu.py"}"')
-    for folder in ("solver/networks/", "tests/clients/", "examples/data/", "benchmarks/"):
+    for folder in ("solver/networks/", "tests/clients/", "examples/", "benchmarks/"):
         text = text.replace(f" {folder}", f" {ROOT}/{folder}")
     return text
 
