@@ -10,6 +10,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import pytest
@@ -57,7 +58,7 @@ def _text(document: str) -> str:
 
 def _snippets(document: str) -> list[tuple[str, str]]:
     found = re.findall(r"```(python|sh)\n(.*?)```", _text(document), flags=re.DOTALL)
-    return [(kind, text) for kind, text in found if not any(word in text for word in NOT_HERE)]
+    return [(kind, dedent(text)) for kind, text in found if not any(word in text for word in NOT_HERE)]
 
 
 @pytest.mark.parametrize("document", PAGES)
