@@ -36,7 +36,7 @@ def lacking(seed: int, size: float = LACKING) -> Beats:
 def test_what_a_model_lacks_is_its_error() -> None:
     """Of six records with 3 % the error of all harmonics is found to a fifth, and Σ z² of the three unknowns is below
     the 99.5 % of χ²(18), 37.2; above a third of its mean. By the noise alone it would be some ten times as much: χ²/dof
-    is 10 to 12."""
+    is 8 to 12."""
     squares = 0.0
     for seed in range(6):
         found = calibrate(lacking(seed), START, UNKNOWNS, settings=SETTINGS)
