@@ -102,7 +102,7 @@ def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
     """
     inertia, loads, memory = model.mass / tau, loads_of(model, tau), memory_of(model)
     about, behind = start(model, tau, inertia, memory, loads, y, model.coefficients.P_venous)
-    K = terms.jacobian(about, about.Q.astype(type(tau)))
+    K = terms.jacobian(about, terms.still(about))
     return Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
 
 
@@ -243,12 +243,16 @@ class Stage(NamedTuple):
             lost = ~done & ~finite
             Q, H = np.where(lost[:, None, None], guess[0], Q), np.where(lost[:, None], guess[1], H)
             try:
-                jacobian = condense(model, self.operators.loads, terms.jacobian(start, Q), H, self.behind)
+                jacobian = condense(model, self.operators.loads, self.jacobian(Q), H, self.behind)
             except np.linalg.LinAlgError:  # a state without a Jacobian: nothing to go on with
                 break
         changes = np.abs(last[0] - before).max(axis=2)
         A_t = start.area_rate(last[0])
         refuse(model, start.area(A_t), A_t, *last, changes, self.P_venous, done, self.t)
+
+    def jacobian(self, Q: Array) -> Array:
+        """That of momentum in every element, where the flow is Q."""
+        return terms.jacobian(self.start, terms.flow(self.start, Q))
 
     def correct(self, jacobian: Condensed, Q: Array, H: Array) -> tuple[Array, Array]:
         """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow. Returns the flow
