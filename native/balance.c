@@ -88,40 +88,51 @@ void arterial_answer(const arterial_balance *b, const double *fixed, double *wor
 
 /* --- between harmonics and moments ------------------------------------------------------------------------------------ */
 
+/* sum : (n) of m rows, each so far from the one before, by weights that are as far apart as step says. */
+static void weigh(double *restrict sum, const double *restrict row, int64_t stride, const double *restrict weight,
+                  int32_t step, int32_t m, int32_t n)
+{
+    int32_t i, k = 0;
+    for (i = 0; i < n; i++) sum[i] = 0.0;
+    for (; k + 4 <= m; k += 4, row += 4 * stride, weight += 4 * step) {
+        const double *const b = row + stride, *const c = b + stride, *const d = c + stride;
+        const double w = weight[0], x = weight[step], y = weight[2 * step], z = weight[3 * step];
+        for (i = 0; i < n; i++) sum[i] += (w * row[i] + x * b[i]) + (y * c[i] + z * d[i]);
+    }
+    for (; k < m; k++, row += stride, weight += step)
+        for (i = 0; i < n; i++) sum[i] += weight[0] * row[i];
+}
+
 /* Values v : (4 K, n) at the moments of a period of amplitudes x. The turns of even harmonics repeat after half a
    period, those of odd ones change sign there; a quarter of the period tells the rest. */
 static void values(const arterial_period *period, const double *x, int32_t n, double *v)
 {
-    const int32_t K = period->K;
+    const int32_t K = period->K, odd_ones = (K + 1) / 2;
     for (int32_t from = 0; from < n; from += BLOCK) {
         const int32_t w = n - from < BLOCK ? n - from : BLOCK;
+        const double *const odd = x + 2 * (int64_t)n + from, *const even = odd + 2 * (int64_t)n;
         for (int32_t j = 0; j <= K; j++) {
-            double sums[2][2][BLOCK] = {{{0.0}}};
-            const double *turn = period->turn + 2 * (int64_t)j * (K + 1);
-            for (int32_t k = 0; k <= K; k++, turn += 2) {
-                const double *const re = x + 2 * (int64_t)k * n + from, *const im = re + n;
-                const double both = k ? 2.0 : 1.0, c = both * turn[0], s = both * turn[1];
-                double *const a = sums[k & 1][0], *const d = sums[k & 1][1];
-                for (int32_t i = 0; i < w; i++) {
-                    a[i] += c * re[i];
-                    d[i] += s * im[i];
-                }
-            }
+            double a[BLOCK], d[BLOCK], odd_a[BLOCK], odd_d[BLOCK];
+            const double *const c = period->turn + 2 * (int64_t)j * (K + 1), *const s = c + K + 1;
+            weigh(a, even, 4 * (int64_t)n, c + 2, 2, K / 2, w);
+            weigh(d, even + n, 4 * (int64_t)n, s + 2, 2, K / 2, w);
+            weigh(odd_a, odd, 4 * (int64_t)n, c + 1, 2, odd_ones, w);
+            weigh(odd_d, odd + n, 4 * (int64_t)n, s + 1, 2, odd_ones, w);
             double *const first = v + (int64_t)j * n + from, *const mirrored = v + (int64_t)(2 * K - j) * n + from;
             double *const half = first + (int64_t)2 * K * n, *const last = j ? v + (int64_t)(4 * K - j) * n + from : first;
             for (int32_t i = 0; i < w; i++) {
-                const double a = sums[0][0][i], d = sums[0][1][i], odd_a = sums[1][0][i], odd_d = sums[1][1][i];
-                last[i] = (a + d) + (odd_a + odd_d);
-                first[i] = (a - d) + (odd_a - odd_d);
-                mirrored[i] = (a + d) - (odd_a + odd_d);
-                half[i] = (a - d) - (odd_a - odd_d);
+                const double mean = x[from + i];
+                last[i] = mean + 2.0 * ((a[i] + d[i]) + (odd_a[i] + odd_d[i]));
+                mirrored[i] = mean + 2.0 * ((a[i] + d[i]) - (odd_a[i] + odd_d[i]));
+                first[i] = mean + 2.0 * ((a[i] - d[i]) + (odd_a[i] - odd_d[i]));
+                half[i] = mean + 2.0 * ((a[i] - d[i]) - (odd_a[i] - odd_d[i]));
             }
         }
     }
 }
 
 /* Two rows become their sum and their difference. */
-static void fold(double *a, double *b, int32_t n, double sign)
+static void fold(double *restrict a, double *restrict b, int32_t n, double sign)
 {
     for (int32_t i = 0; i < n; i++) {
         const double x = a[i], y = sign * b[i];
@@ -142,19 +153,15 @@ static void amplitudes(const arterial_period *period, double *v, int32_t n, doub
     for (int32_t from = 0; from < n; from += BLOCK) {
         const int32_t w = n - from < BLOCK ? n - from : BLOCK;
         for (int32_t k = 0; k <= K; k++) {
-            double a[BLOCK] = {0.0}, d[BLOCK] = {0.0};
+            double a[BLOCK], d[BLOCK];
+            const double *const c = period->turn + 2 * (int64_t)k * (K + 1), *const s = c + K + 1;
             const double *const row = v + (k & 1 ? (int64_t)half * n : 0) + from;
-            for (int32_t j = 0; j <= K; j++) {
-                const double *const turn = period->turn + 2 * ((int64_t)j * (K + 1) + k);
-                const double c = turn[0] / (4 * K), s = turn[1] / (4 * K);
-                const double *const even = row + (int64_t)j * n, *const odd = j ? row + (int64_t)(half - j) * n : even;
-                for (int32_t i = 0; i < w; i++) {
-                    a[i] += c * even[i];
-                    d[i] -= s * odd[i];
-                }
+            weigh(a, row, n, c, 1, K + 1, w);
+            weigh(d, row + (int64_t)(half - 1) * n, -n, s + 1, 1, K, w);
+            for (int32_t i = 0; i < w; i++) {
+                x[2 * (int64_t)k * n + from + i] = a[i] / (4 * K);
+                x[(2 * (int64_t)k + 1) * n + from + i] = -d[i] / (4 * K);
             }
-            copy(x + 2 * (int64_t)k * n + from, a, w);
-            copy(x + (2 * (int64_t)k + 1) * n + from, d, w);
         }
     }
 }

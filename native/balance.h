@@ -26,7 +26,7 @@ typedef struct {
     int32_t more[BALANCE_PLACES];
 } arterial_balance;
 
-/* What a period is made of: K harmonics beside the mean, their omega : (K + 1), cosines and sines : (K + 1, K + 1, 2) of
+/* What a period is made of: K harmonics beside the mean, their omega : (K + 1), cosines and sines : (K + 1, 2, K + 1) of
    2 pi j k / (4 K). Amplitudes are (K + 1, 2, n), real parts and imaginary ones. */
 typedef struct {
     const double *omega, *turn;

@@ -175,9 +175,9 @@ def _planes(x: Array, B: int) -> list[Array]:
 
 @lru_cache(maxsize=8)
 def _turns(K: int) -> Array:
-    """(K+1, K+1, 2) cosines and sines of 2π j k/(4 K)."""
+    """(K+1, 2, K+1) cosines and sines of 2π j k/(4 K)."""
     angle = 2.0 * np.pi / (4 * K) * (np.multiply.outer(np.arange(K + 1), np.arange(K + 1)) % (4 * K))
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 _LONG = np.array(LONG)
