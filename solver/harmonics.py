@@ -24,7 +24,7 @@ from .sources import NO_FORCING, Forcing, Source, shown
 Array = np.ndarray
 
 _CORRECTIONS = 40
-_EQUAL = 1e-9  # to which a balance of the engine must be that of NumPy, in parts of the largest of its kind
+_EQUAL = 1e-8  # to which a balance of the engine must be that of NumPy, in parts of the largest of its kind
 
 
 def beat_harmonics(
@@ -117,7 +117,8 @@ def _beats(model: Model, drive: Array, forcing: Forcing, asked: _Asked, backend:
 
 
 def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _Asked) -> Array:
-    """The first member of a new program is compared with NumPy's. Raises NoEngine where it is another, Unsolved."""
+    """The first member of a model of new classes is compared with NumPy's. Raises NoEngine where it is not the same,
+    Unsolved."""
     model = engine.model
     X = np.full((model.coefficients.B, asked.K + 1, len(asked.names)), np.nan, complex)
     units = tuple(model.network.output_units())
@@ -126,7 +127,7 @@ def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _As
     for b, (beat, found) in enumerate(beats):
         if found is not None and beat.last < asked.tolerance:
             X[b] = found[: asked.K + 1, columns]
-    if not engine.recorded.checked and not np.isnan(X[0]).any():
+    if not engine.checked and not np.isnan(X[0]).any():
         one = slice(0, 1)
         own = {name: np.broadcast_to(value, len(X))[one] for name, value in model.parameters.items()}
         expected = _by_numpy(model.with_parameters(own), drive[:, one], forcing.members(one), asked)
@@ -136,7 +137,7 @@ def _by_engine(engine: BalanceEngine, drive: Array, forcing: Forcing, asked: _As
             off = np.abs(X[0] - expected[0])[:, of].max() / max(np.abs(expected[..., of]).max(), np.finfo(float).tiny)
             if not off <= _EQUAL:
                 raise NoEngine(f"a balance of it is not that of NumPy: {kind} is {off:.1e} off")
-        engine.recorded.checked = True
+        engine.was_checked()
     return X
 
 
