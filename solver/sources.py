@@ -188,9 +188,15 @@ class Forcing(NamedTuple):
             )
         )  # fmt: skip
 
-    def members(self, some: slice) -> Forcing:
-        """That of some members of a batch, where they differ."""
-        return Forcing(*(x[:, some] if isinstance(x, np.ndarray) and x.shape[1] > 1 else x for x in self))
+    def part(self, harmonics: slice, members: slice) -> Forcing:
+        """That of some harmonics and, where they differ, members of a batch."""
+
+        def of(x: Array | float) -> Array | float:
+            if not isinstance(x, np.ndarray):
+                return x
+            return x[harmonics, members] if x.shape[1] > 1 else x[harmonics]
+
+        return Forcing(*map(of, self))
 
 
 NO_FORCING = Forcing(0.0, 0.0, 0.0)
