@@ -371,7 +371,7 @@ class NetworkProblem(Forward):
     def _fit(self, s: Search) -> Fit | None:
         if s.failed or s.here is None:
             return None
-        return allowed(self.network, s.fit(*self.entries), self.highest)
+        return allowed(self.network, s.fit(*self.entries))
 
 
 def _diagonal(variance: Array) -> Array:
