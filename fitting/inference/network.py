@@ -232,7 +232,7 @@ class NetworkProblem(Forward):
     def _searched(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
         search(partial(self.points, runs=runs), searches, known)
         found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
-        return [None if f is None else allowed(self.network, f, self.highest) for f in found]
+        return [None if f is None else allowed(self.network, f) for f in found]
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
         unknowns = self.hypothesis(terms)

@@ -213,8 +213,7 @@ class Several(Forward):
         return [None if s.failed or s.here is None else self._allowed(s.fit(*self.entries)) for s in searches]
 
     def _allowed(self, fit: Fit) -> Fit | None:
-        ends = ((self.of(fit, i), part.highest) for i, part in enumerate(self.parts))
-        return fit if all(allowed(self.network, mine, highest) for mine, highest in ends) else None
+        return fit if all(allowed(self.network, self.of(fit, i)) for i in range(len(self.parts))) else None
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
         """Of each choice the point that costs least, or promises to where the unknowns of ``start`` follow."""
@@ -355,6 +354,9 @@ class Several(Forward):
     @property
     def highest(self) -> float:
         return min(part.highest for part in self.parts)
+
+    def shows(self, fit: Fit) -> bool:
+        return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
 def _beside(part: Forward, fit: Fit) -> Beside | None:
