@@ -94,7 +94,7 @@ def test_a_file_reads_back_and_says_what_is_wrong() -> None:
     for old, new, said in (
         ("outlet", "outlets", "no such kind; use .*did you mean outlet"),
         ('"CA"', '"AA"', "network sheep has none there"),
-        ("Q_", "P_", "give Q of a source outlet"),
+        ('kind = "outlet"', 'kind = "wall"', "give P of a source wall"),
         ("Q_", "R_", "unknown key"),
         ('kind = "outlet"\n', "", r"must be sections \[\[sources\]\]"),
     ):

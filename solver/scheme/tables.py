@@ -84,7 +84,7 @@ class Tables:
 
     def at(self, times: Array) -> list[Array | None]:
         """g : (n_sources,) at each of some times [s]."""
-        return list(np.stack([s.curve.at(times / s.curve.period) for s in self.tables], axis=-1))
+        return list(self._values(times))
 
     def beside(
         self, sources: Sequence[Source], g: Array | None, T: float, n: int, t: float = 0.0
@@ -95,7 +95,7 @@ class Tables:
         """
         for table in self.tables:
             table.check_repeats(T)
-        own = np.fft.rfft(self.at(t + T / _FINE * np.arange(_FINE)), axis=0, norm="forward")[:n]
+        own = np.fft.rfft(self._values(t + T / _FINE * np.arange(_FINE)), axis=0, norm="forward")[:n]
         given = np.zeros((n, len(sources)), complex)
         if g is not None:
             given[: len(g)] = g[:n]
@@ -117,8 +117,11 @@ class Tables:
 
     def let_in(self, drive: Array, t: float) -> Array:
         """What passes the inlets, of what drives them : (n_inlets, B or 1), at the time t [s]."""
-        return drive + (self.at(np.array([t]))[0] @ self.nodes)[self.inlets, None]
+        return drive + (self._values(np.array([t]))[0] @ self.nodes)[self.inlets, None]
 
     def add_to_outputs(self, result: Array, t: float) -> None:
         """Add what outputs : (B, n_outputs) show of them at the time t [s]."""
-        result += self.at(np.array([t]))[0] @ self.shown
+        result += self._values(np.array([t]))[0] @ self.shown
+
+    def _values(self, times: Array) -> Array:
+        return np.stack([s.curve.at(times / s.curve.period) for s in self.tables], axis=-1)
