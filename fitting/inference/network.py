@@ -136,8 +136,8 @@ class NetworkProblem(Forward):
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
 
     def driven(self, wave: Array) -> Drive:
-        """The inflow; a run begins at rest: best where the flow is least."""
-        return Drive(INFLOW, int(np.argmin(np.abs(wave))))
+        """The inflow; a run begins at rest: best where the flow is least; with tables, where these begin."""
+        return Drive(INFLOW, 0 if self.network.sources else int(np.argmin(np.abs(wave))))
 
     @property
     def noise(self) -> Array:
