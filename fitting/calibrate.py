@@ -6,9 +6,9 @@ the network's own values and Gaussian priors of standard deviation s, it minimis
     |z(x)|² + Σ (x_i/s_i)²
 
 One batch of harmonic balances gives z and its derivatives, by finite differences. What the model lacks is an error of
-the channels, whose size is found in turn with x (:mod:`fitting.inference.granted`). A first search comes near. At what
-it found the elements are halved once to measure the solver's own error, and the response to the inflow's noise is taken
-there; with these weights a second search ends.
+the channels, whose size is found in turn with x (:mod:`fitting.inference.calibration`). A first search comes near. At
+what it found the elements are halved once to measure the solver's own error, and the response to the inflow's noise is
+taken there; with these weights a second search ends.
 """
 
 from __future__ import annotations
@@ -29,9 +29,8 @@ from solver.units import INFLOW
 from .calibrated import Calibration, Recording, labels_of, noise_known
 from .first_search import first_error, first_search
 from .inference.asked import parse_unknowns, varied
-from .inference.calibration import DERIVATIVE_ERROR, Problem, part_of
+from .inference.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Problem, granted, minimum, part_of, widening
 from .inference.gauss_newton import Point, Rules
-from .inference.granted import CHANCE, Ended, granted, minimum, widening
 from .inference.identify import Determined, sentences
 from .inference.simulator import Meter
 from .inference.unknown import Unknown, parameter_intervals, parameter_values

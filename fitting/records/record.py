@@ -25,8 +25,7 @@ from .columns import Reading, choose
 from .sensors import KINDS, TIME, check_numbers, check_plateaus, check_ranges, constant_value, may_rest, refuse_constant
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
-from .time_axis import time_axis
-from .together import Part, together
+from .time_axis import Part, time_axis, together
 
 Array = np.ndarray
 
