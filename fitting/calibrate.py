@@ -33,7 +33,7 @@ from .inference.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Problem, gra
 from .inference.gauss_newton import Point, Rules
 from .inference.identify import Determined, sentences
 from .inference.simulator import Meter
-from .inference.unknown import Unknown, parameter_intervals, parameter_values
+from .inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
 from .records.amounts import sizes
 from .records.beats import Beats
 from .records.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
@@ -110,8 +110,9 @@ def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
     for part, batch in zip(problem.parts, near.batches, strict=True):
         pulse = pulses(part.beats, part.simulator.names)
         errors.append(first_error(part))
+        finer = replace(part, simulator=part.simulator.finer())
         try:
-            errors[-1] = solver_error(batch[0], part.finer().simulate(x[part.which][None])[0], pulse)
+            errors[-1] = solver_error(batch[0], finer.simulate(x[part.which][None])[0], pulse)
         except BROKEN:
             unmeasured = ["with shorter elements no beat was found, so that the solver's own error is not measured"]
     return problem.with_targets(x, errors), unmeasured
@@ -185,7 +186,8 @@ def _result(
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
     known = _known(problem, best, chi2 / dof)
-    close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
+    low, high = bounds(unknowns)
+    close = np.minimum(x - low, high - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
     own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}

@@ -32,7 +32,7 @@ from .gauss_newton import Point, Rules, Search, Trial, search
 from .jackknife import Rest, without_groups
 from .loop import Loop, NoFit, fourier, linearise, mean_loop
 from .misfit import Beside, Block, beside, sizes
-from .observation import chain, mean_wander, of_fewer
+from .observation import chain, of_other_beats
 from .simulator import Runs
 from .terms import Term, nuisances
 from .unknown import Unknown, finite_steps, values
@@ -222,9 +222,8 @@ class Bench(Forward):
 
     def held_out(self, beats: Beats, fitted: Beats) -> Bench:
         other = bench(beats, self.network, self.site)
-        noise = of_fewer(self.loop.noise, np.stack([self.error, 0.0 * self.error], 1), self.n_beats / beats.n_beats)
-        wander = mean_wander(beats, fitted, self.signals)
-        noise[0] += np.diag(np.maximum(wander - np.diag(noise[0]).real, 0.0))
+        error = np.stack([self.error, 0.0 * self.error], axis=1)
+        noise = of_other_beats(self.loop.noise, error, beats, fitted, self.signals)
         return replace(other, loop=replace(other.loop, noise=noise), K=self.K)
 
     def predict(self, fits: Sequence[Fit]) -> list[tuple[float, float]]:

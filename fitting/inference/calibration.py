@@ -39,7 +39,7 @@ from .gauss_newton import LARGEST, Point, Rules, Search, Trial, search
 from .identify import Determined, determined
 from .misfit import Block, estimated, settled
 from .simulator import HARMONICS_BEYOND, Meter, Runs, Simulator, linear_response, varying
-from .unknown import Unknown, bounds, finite_steps, parameter_values
+from .unknown import Unknown, finite_steps, parameter_values
 
 Array = np.ndarray
 
@@ -73,10 +73,6 @@ class Part:
     def size(self) -> int:
         """Numbers in its residual."""
         return len(self.simulator.names) * (2 * self.simulator.K + 1)
-
-    def finer(self) -> Part:
-        """The same with half the elements, to see what they do."""
-        return replace(self, simulator=self.simulator.finer())
 
     def with_target(self, x: Array, error: Array) -> Part:
         """The part weighted for all unknowns x : (p,) and a solver's error (K+1, m)."""
@@ -132,11 +128,6 @@ class Problem:
     def prior(self) -> Array:
         """(p,) 1 where an unknown has a prior, 0 where not: its precision in those units."""
         return np.array([0.0 if u.prior_sd is None else 1.0 for u in self.unknowns])
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """(p,) lowest and highest x."""
-        return bounds(self.unknowns)
 
     def with_targets(self, x: Array, errors: Sequence[Array]) -> Problem:
         """The problem weighted for parameters x : (p,) and each part's error of the solver (K+1, m)."""
@@ -268,17 +259,13 @@ def _blocks(part: Part, start: int, of_means: int) -> Iterator[Block]:
         yield Block(rows, np.block([[W.real, -W.imag], [W.imag, W.real]]), np.ones(2 * m, int))
 
 
-def octaves(part: Part) -> Array:
-    """(n,) the octave of every number in a part's residual: harmonics 0 to 3 are one, then 4 to 7, 8 to 15 …"""
-    K, m = part.simulator.K, len(part.simulator.names)
-    each = np.maximum(np.log2(np.maximum(np.arange(K + 1), 1)).astype(int), 1)
-    return np.concatenate([np.repeat(each, m), np.repeat(each[1:], m)])
-
-
 def widening(problem: Problem, z: Array, paid: float) -> float:
     """By how much the covariance of the unknowns is too small: an error that is alike at all harmonics is less than
-    that of the worst octave. z : (n,) whitened with the error; paid : numbers that the unknowns took of them."""
-    left = z**2 * len(z) / max(len(z) - paid, 1.0)
-    worst = [np.bincount(octaves(part), left[rows]) / np.maximum(np.bincount(octaves(part)), 1)
-             for part, rows in zip(problem.parts, problem.rows(), strict=True)]  # fmt: skip
-    return max(1.0, float(np.concatenate(worst).max()))
+    that of the worst octave, harmonics 0 to 3, then 4 to 7, 8 to 15 … z : (n,) whitened with the error; paid : numbers
+    that the unknowns took of them."""
+    left, worst = z**2 * len(z) / max(len(z) - paid, 1.0), 1.0
+    for part, rows in zip(problem.parts, problem.rows(), strict=True):
+        each = np.maximum(np.log2(np.maximum(np.arange(part.simulator.K + 1), 1)).astype(int), 1)
+        octave = np.repeat(np.concatenate([each, each[1:]]), len(part.simulator.names))
+        worst = max(worst, float((np.bincount(octave, left[rows]) / np.maximum(np.bincount(octave), 1)).max()))
+    return worst

@@ -119,7 +119,7 @@ def _rhythm(record: Record, period: float | None) -> tuple[float, Whole | None, 
     beats = period / T
     count = max(1, round(beats))
     slip = abs(beats / count - 1.0) * len(record.time) * dt / period
-    if abs(beats - count) > limit.NEAR if whole is not None else slip > limit.SLIP:
+    if abs(beats - count) > limit.NEAR if whole is not None else slip > limit.VARIES:
         raise InputError(
             f"{source}: period = {period:.4g} s: the record repeats every {T:.4g} s; give that, or leave it out."
         )
@@ -230,7 +230,7 @@ def _timing(F: Array, N: int) -> tuple[Array, float, float, Array]:
         turned -= mean[:, None]
         S = _pooled(_power(turned)) / (n_beats - 1) if S is None else S
         S = np.maximum(S, _EXACT**2 * (np.abs(mean) ** 2).sum(axis=1, keepdims=True))
-        mean *= np.abs(mean) ** 2 > limit.ABOVE_NOISE**2 * S / n_beats
+        mean *= np.abs(mean) ** 2 > limit.SURE**2 * S / n_beats
         tau, size = -2j * np.pi * k * mean, _inner(line, line, S)
         template = tau - line * (_inner(tau, line, S) / size)
         information = float(_inner(template, template, S).sum())

@@ -126,7 +126,7 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
         each = chosen.pop(0)  # what is not needed is not kept: a record may be large
         with np.errstate(over="ignore"):
             channels[each.name] = each.column.values * each.factor
-        check_numbers(channels[each.name], each.name, each.column.title, place)
+        check_numbers(channels[each.name], each.column.title, place)
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])

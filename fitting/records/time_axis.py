@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -86,9 +86,7 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     if dt > 0.0 and worst <= (q if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
         return Axis((given[0] + t - off) * factor, given * factor, said=said)
-    bad = np.flatnonzero(step <= 0.0)
-    if len(bad):
-        _refuse_order(given, int(bad[0]), title, place)
+    _check_order(given, np.flatnonzero(step <= 0.0), title, place)
     number = _numbered(t, q)
     dt, off = _line(t, number)
     lost = int(number[-1]) + 1 - n
@@ -114,13 +112,15 @@ def _check(given: Array, factor: float, title: str, place: Place) -> None:
         longest = float(np.abs(given).max()) * factor
     if not longest < limit.LATEST:
         refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
-    if len(back) or not given[-1] > given[0]:
-        _refuse_order(given, int(back[0]) if len(back) else 0, title, place)
+    _check_order(given, back if len(back) or given[-1] > given[0] else np.zeros(1, int), title, place)
 
 
-def _refuse_order(given: Array, at: int, title: str, place: Place) -> NoReturn:
-    why = f"the time does not increase ({given[at]:g} to {given[at + 1]:g}); correct the line, or begin the file there"
-    refuse(place, at + 1, title, why)
+def _check_order(given: Array, back: Array, title: str, place: Place) -> None:
+    """Raise ValueError if there are steps (n,) ``back`` in time."""
+    if len(back):
+        at, end = given[back[0] : back[0] + 2]
+        why = f"the time does not increase ({at:g} to {end:g}); correct the line, or begin the file there"
+        refuse(place, int(back[0]) + 1, title, why)
 
 
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
@@ -181,10 +181,10 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
     """Of stamps too coarse to show single samples. An error of up to q/2 of all stamps moves the slope of their line by
     at most Σ|i| q/2 / Σi² = 1.5 q/(n dt) of itself. Raises ValueError where that is too much."""
     error = 1.5 * q / t[-1]
-    if error > limit.VAGUE_RATE:
+    if error > limit.IRREGULAR:
         raise UnusableRecord(
             f"{place}: its times are printed in steps of {q * factor:g} s, which over {t[-1] * factor:.4g} s leave the "
-            f"rate open by {error:.0%}, and {limit.VAGUE_RATE:.0%} is allowed; print the time with more decimals, or "
+            f"rate open by {error:.0%}, and {limit.IRREGULAR:.0%} is allowed; print the time with more decimals, or "
             "record longer."
         )
     return (
@@ -271,7 +271,7 @@ def together(parts: Sequence[Part]) -> tuple[Array, dict[str, Array], str]:
     """
     base = max(parts, key=lambda p: round(p.dt / parts[0].dt, 4))
     low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
-    at = base.time[(base.time >= low - limit.ONE_SAMPLE * base.dt) & (base.time <= high + limit.ONE_SAMPLE * base.dt)]
+    at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
     if len(at) < 2:
         spans = ", ".join(f"{p.source} from {p.time[0]:.6g} to {p.time[-1]:.6g} s" for p in parts)
         raise InputError(f"{spans}: their times do not overlap; give files of one recording, stamped by one clock.")
@@ -295,9 +295,9 @@ def _at(part: Part, values: Array, base: Part, at: Array) -> Array:
     place = (at - part.time[0]) / part.dt
     near = np.clip(np.rint(place).astype(int), 0, len(values) - 1)
     gaps, ratio = np.isnan(values), base.dt / part.dt
-    if ratio > 1.0 + limit.ONE_SAMPLE:
+    if ratio > 1.0 + limit.LOST:
         values = _low_passed(np.interp(part.time, part.time[~gaps], values[~gaps]), ratio)
-    if np.abs(place - near).max() > limit.ONE_SAMPLE:
+    if np.abs(place - near).max() > limit.LOST:
         there = ~np.isnan(values)
         return np.where(gaps[near], np.nan, between(part.time[there], values[there], at))
     return np.where(gaps[near], np.nan, values[near])
