@@ -87,8 +87,9 @@ def origin(lines: Sequence[Line]) -> str:
     said = []
     for group, kind, seed in sorted({_plan(x) for x in lines}):
         own = [x for x in lines if _plan(x) == (group, kind, seed)]
-        lost = sum(x["verdict"] == "not made" for x in own)
+        lost, small = (sum(x["verdict"] == which for x in own) for which in (w.NOT_MADE, w.NOT_JUDGED))
         without = f" ({lost} without a periodic state, left out)" if lost else ""
+        without += f" ({small} of too little d′, chosen before any verdict, left out)" if small else ""
         said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
     return "; ".join(said) + "."
 

@@ -19,10 +19,12 @@ from tests.truth.hide import OUTSIDE, OUTSIDE_SENSOR, OUTSIDE_WALL
 Line = dict[str, Any]
 Where = tuple[str, ...]
 
+NOT_MADE, NOT_JUDGED = "not made", "not judged"  # without a periodic state; of less d' than was asked for
+
 
 def judged(lines: Iterable[Line]) -> list[Line]:
-    """Those with a verdict, or a crash in place of one; not those that the generator could not make."""
-    return [x for x in lines if x["verdict"] != "not made"]
+    """Those with a verdict, or a crash in place of one; not those that could not be made or were left out."""
+    return [x for x in lines if x["verdict"] not in (NOT_MADE, NOT_JUDGED)]
 
 
 def group(line: Line) -> str:

@@ -159,7 +159,7 @@ class Bench(Forward):
     def _fitted(self, terms: tuple[Term, ...], start: Fit | None, known: float) -> Fit | None:  # from start, or nothing
         for begin in (start, None):
             with suppress(NoFit):
-                return allowed(self.network, fit(self, terms, begin, known), self.highest)
+                return allowed(self.network, fit(self, terms, begin, known))
         return None
 
     def relaxed(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
@@ -168,7 +168,7 @@ class Bench(Forward):
             (runs or Runs()).check()
             found.append(None)
             with suppress(NoFit, np.linalg.LinAlgError):
-                found[-1] = allowed(self.network, _searched(self, f.member), self.highest)
+                found[-1] = allowed(self.network, _searched(self, f.member))
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:

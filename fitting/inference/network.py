@@ -147,8 +147,8 @@ class NetworkProblem(Forward):
         return (self if beats is fitted else self.held_out(beats, fitted)).target.X[: K + 1]
 
     def driven(self, wave: Array) -> Drive:
-        """The inflow; a run begins at rest: best where the flow is least."""
-        return Drive(INFLOW, int(np.argmin(np.abs(wave))))
+        """The inflow; a run begins at rest: best where the flow is least; with tables, where these begin."""
+        return Drive(INFLOW, 0 if self.network.sources else int(np.argmin(np.abs(wave))))
 
     @property
     def noise(self) -> Array:
@@ -243,7 +243,7 @@ class NetworkProblem(Forward):
     def _searched(self, searches: Sequence[Search], runs: Runs, known: float = np.inf) -> list[Fit | None]:
         search(partial(self.points, runs=runs), searches, known)
         found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
-        return [None if f is None else allowed(self.network, f, self.highest) for f in found]
+        return [None if f is None else allowed(self.network, f) for f in found]
 
     def _begin(self, terms: tuple[Term, ...], start: Fit | None, columns: Mapping[str, Array], runs: Runs) -> Search:
         unknowns = self.hypothesis(terms)

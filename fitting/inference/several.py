@@ -215,9 +215,8 @@ class Several(Forward):
         searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
         search(partial(self.points, runs=runs), searches, known)
         found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
-        ends = [part.highest for part in self.parts]
-        may = [f and all(allowed(self.network, self.of(f, i), end) for i, end in enumerate(ends)) for f in found]
-        return [f if able else None for f, able in zip(found, may, strict=True)]
+        each = range(len(self.parts))
+        return [f if f and all(allowed(self.network, self.of(f, i)) for i in each) else None for f in found]
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
         """Of each choice the point that costs least, or promises to where the unknowns of ``start`` follow."""
@@ -356,6 +355,9 @@ class Several(Forward):
     @property
     def highest(self) -> float:
         return min(part.highest for part in self.parts)
+
+    def shows(self, fit: Fit) -> bool:
+        return all(part.shows(self.of(fit, i)) for i, part in enumerate(self.parts))
 
 
 def _beside(part: Forward, fit: Fit) -> Beside | None:
