@@ -19,7 +19,16 @@ from solver.units import INFLOW
 from ..records.beats import Beats
 from ..records.felt import Felt
 from ..records.inflow import flowed, inflow, undone
-from ..records.noise import Target, degrees_of_freedom, inflow_noise, pulses, sensor_noise, solver_error, target
+from ..records.noise import (
+    Target,
+    degrees_of_freedom,
+    inflow_noise,
+    mean_beat,
+    pulses,
+    sensor_noise,
+    solver_error,
+    target,
+)
 from .added import allowed
 from .batches import kind_of, simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
@@ -93,7 +102,9 @@ class NetworkProblem(Forward):
     def held_out(self, beats: Beats, fitted: Beats) -> NetworkProblem:
         drive = inflow(beats, self.simulator.settings.dt, self.network)
         felt = varying(beats, self.network, self.signals, self.K)
-        other = of_other_beats(self.exact or self.target, self.error, beats, fitted, felt)
+        own = (self.exact or self.target).covariance
+        covariance = of_other_beats(own, self.error, beats, fitted, self.signals)
+        other = Target.of(self.signals, mean_beat(beats, self.signals, self.K, felt), covariance)
         found = replace(self, beats=beats, simulator=replace(self.simulator, drive=drive), target=other, felt=felt)
         return found if self.exact is None else replace(found, exact=None).widened(self.model_error)
 

@@ -196,11 +196,15 @@ class Several(Forward):
         known = [point for point in found if point is not None]
         if len(known) < len(found):
             return None
-        J = np.zeros((sum(len(p.z) for p in known), len(trial.by)))
-        for i, (rows, point) in enumerate(zip(self.rows, known, strict=True)):
-            J[rows, np.isin(trial.by, self.own(trial.member.unknowns, i)[1])] = point.J
-        z, log_volume = np.concatenate([p.z for p in known]), sum(p.log_volume for p in known)
-        return Point(z, J, log_volume, tuple(known))
+        J = self._jacobian(trial.member.unknowns, trial.by, known)
+        return Point(np.concatenate([p.z for p in known]), J, sum(p.log_volume for p in known), tuple(known))
+
+    def _jacobian(self, unknowns: Sequence[Unknown], by: Array, own: Sequence[Point | Fit]) -> Array:
+        """(n, q) derivatives by the unknowns ``by`` : (q,), of those that each recording has."""
+        J = np.zeros((sum(len(each.z) for each in own), len(by)))
+        for i, (rows, each) in enumerate(zip(self.rows, own, strict=True)):
+            J[rows, np.isin(by, self.own(unknowns, i)[1])] = each.J
+        return J
 
     def searched(
         self, members: Sequence[Member], runs: Runs, known: float = np.inf, columns: Mapping[str, Array] | None = None
@@ -210,10 +214,9 @@ class Several(Forward):
         rules = self.rules if known < np.inf else replace(self.rules, hopeless=np.inf)
         searches = [Search(m, rules, known=columns if rules.fresh else None) for m in members]
         search(partial(self.points, runs=runs), searches, known)
-        return [None if s.failed or s.here is None else self._allowed(s.fit(*self.entries)) for s in searches]
-
-    def _allowed(self, fit: Fit) -> Fit | None:
-        return fit if all(allowed(self.network, self.of(fit, i)) for i in range(len(self.parts))) else None
+        found = [None if s.failed or s.here is None else s.fit(*self.entries) for s in searches]
+        each = range(len(self.parts))
+        return [f if f and all(allowed(self.network, self.of(f, i)) for i in each) else None for f in found]
 
     def nearest(self, choices: Sequence[Sequence[Member]], runs: Runs, start: Fit | None = None) -> list[Member]:
         """Of each choice the point that costs least, or promises to where the unknowns of ``start`` follow."""
@@ -258,15 +261,13 @@ class Several(Forward):
         return self if all(a is b for a, b in zip(parts, self.parts, strict=True)) else replace(self, parts=parts)
 
     def restated(self, fits: Sequence[Fit], before: Several) -> list[Fit]:
-        found = [part.restated([self.of(f, i) for f in fits], before.parts[i]) for i, part in enumerate(self.parts)]
-        return [self._together(f, own) for f, *own in zip(fits, *found, strict=True)]
-
-    def _together(self, fit: Fit, own: Sequence[Fit]) -> Fit:
-        """A fit with the residuals and derivatives of those to each recording."""
-        J = np.zeros((len(fit.z), len(fit.x)))
-        for i, (rows, each) in enumerate(zip(self.rows, own, strict=True)):
-            J[rows, self.own(fit.unknowns, i)[1]] = each.J
-        return replace(fit, z=np.concatenate([f.z for f in own]), J=J, log_volume=sum(f.log_volume for f in own))
+        each = [part.restated([self.of(f, i) for f in fits], before.parts[i]) for i, part in enumerate(self.parts)]
+        found = []
+        for fit, *own in zip(fits, *each, strict=True):
+            J = self._jacobian(fit.unknowns, np.arange(len(fit.x)), own)
+            z = np.concatenate([f.z for f in own])
+            found.append(replace(fit, z=z, J=J, log_volume=sum(f.log_volume for f in own)))
+        return found
 
     @property
     def weights(self) -> tuple[Any, ...]:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from solver.errors import InputError
 
-from .edf import read_edf
-from .matlab import read_matlab
+from .binary import read_edf, read_matlab
 from .table import Table
 from .text import read_text_table
 
