@@ -18,6 +18,7 @@ class LearnedLaw:
     highest strain rate [1/s] that it was learned from. beside : the effects
     that it acts beside, instead : those that it stands for, where they explain a part. before,
     after : the gap on (fitted, held-out) beats. record : path and hash. network, archive : with the law, and its FMU.
+    explains : False of tables, which describe what acts.
     """
 
     name: str
@@ -32,6 +33,7 @@ class LearnedLaw:
     record: tuple[str, str]
     network: Network = field(repr=False)
     archive: bytes = field(repr=False)
+    explains: bool = True
 
     @property
     def closed(self) -> float:
@@ -44,6 +46,7 @@ def law_json(law: LearnedLaw) -> dict[str, Any]:
     before, after = ({"fit": pair[0], "held_out": pair[1]} for pair in (law.before, law.after))
     return {
         "name": law.name,
+        "explains": law.explains,
         "where": law.where,
         "formula": law.formula,
         "parameters": {name: each.plain for name, each in law.parameters.items()},

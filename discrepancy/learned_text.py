@@ -15,11 +15,18 @@ from .places import label_text, places_text
 from .shown_map import SourceMapShown
 
 MODEL, FMU, TABLE = "model_learned.toml", "model_learned.fmu", "source.csv"
-FILES = (MODEL, FMU, TABLE)
+DESCRIBED, ITS_FMU = "model_described.toml", "model_described.fmu"
+FILES = (MODEL, FMU, DESCRIBED, ITS_FMU, TABLE)
 
 
 def law_text(law: LearnedLaw) -> str:
-    """A law in two sentences: its formula and numbers, what it does, and how far it holds."""
+    """A law in two sentences: its formula and numbers, what it does, and how far it holds; tables in one."""
+    if not law.explains:
+        return (
+            f"No law was found for it; {law.formula}, as tables over the beat, closes {number(100.0 * law.closed, 2)} "
+            f"% of the gap to held-out beats (from {number(law.before[1])} to {number(law.after[1])} times the noise): "
+            f"a description of this record ({DESCRIBED}), not an explanation."
+        )
     numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
     before, after = number(law.before[1]), number(law.after[1])
     low, high, rate = _range(law)
@@ -46,12 +53,15 @@ def _range(law: LearnedLaw) -> tuple[float, float, float]:
 
 
 def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[str, str | bytes]:
-    """The network with the law, which says where that comes from, and its FMU; without a law, what acts at the places
-    of the map as a table: a description, not an explanation."""
+    """The network with the law or the tables, which says where that comes from, and its FMU; without a law, what acts
+    at the places of the map as a table with its band, too: a description, not an explanation."""
+    files: dict[str, str | bytes] = {}
     if law is not None:
+        model, fmu = (MODEL, FMU) if law.explains else (DESCRIBED, ITS_FMU)
         source = f"# From {law.record[0]} (sha256 {law.record[1]}).\n"
-        return {MODEL: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", FMU: law.archive}
-    return {} if shown is None or not shown.signals else {TABLE: _table(shown)}
+        files = {model: f"# {law_text(law)}\n{source}\n{dumps(law.network)}", fmu: law.archive}
+    signals = shown is not None and shown.signals and not (law and law.explains)
+    return files | {TABLE: _table(shown)} if shown is not None and signals else files
 
 
 def _table(shown: SourceMapShown) -> str:

@@ -40,6 +40,7 @@ from solver.simulate import BROKEN
 
 from . import thresholds as at
 from .confirm import agreement
+from .described import Runner, described, with_network
 from .learned_law import LearnedLaw
 from .show import Run, fall, gap
 from .study import Study
@@ -53,7 +54,6 @@ _ALONG = (0.0, 0.5, 1.0)  # x/L where a segment's strains are seen
 _SAMPLES = 4  # of a beat for each harmonic
 _AGREE = 1e-3  # of a pulse, by which an FMU may differ from what was inferred
 
-Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
 Stage = Callable[[str, Callable[[], Any]], Any]
 
 
@@ -86,15 +86,18 @@ def learns(naming: Naming) -> bool:
 def law_of(
     study: Study, naming: Naming, before: Run, record: Record, run: Runner, jobs: int, until: float, stage: Stage
 ) -> LearnedLaw | None:
-    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left.
+    """A law of what remains, if there is one, its FMU bears it out (:func:`stands`), and time is left; else the tables
+    that describe it.
 
     jobs : processes that simulate, until a time of ``time.monotonic`` [s]. stage : keeps what was found.
     """
     with suppress(OutOfTime, RunFailed), Workers(jobs) as workers:
         runs = Runs(deadline=until, clock=monotonic, workers=workers)
         found: Learnt | None = stage("learned", lambda: learnt(study, naming, runs))
-        return None if found is None else stands(study, found, before, record, run)
-    return None
+        law = None if found is None else stands(study, found, before, record, run)
+        if law is not None:
+            return law
+    return described(study, naming, before, record, run)
 
 
 def learnt(study: Study, naming: Naming, runs: Runs) -> Learnt | None:
@@ -133,11 +136,7 @@ def _range(
 
 def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
     """The same problem with a network that knows where a learned law holds, and has none yet."""
-    network = problem.network.with_terms(ranges)
-    if isinstance(problem, NetworkProblem):
-        return replace(problem, network=network, simulator=replace(problem.simulator, network=network))
-    assert isinstance(problem, Bench)
-    return replace(problem, network=network)
+    return with_network(problem, problem.network.with_terms(ranges))
 
 
 def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:

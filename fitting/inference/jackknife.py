@@ -12,8 +12,8 @@ from scipy.linalg import solve_triangular
 
 from ..records.noise import Target
 from .fit import Fit
-from .gauss_newton import bounded_step
-from .unknown import bounds, precision
+from .gauss_newton import linear_step
+from .unknown import precision
 
 Array = np.ndarray
 
@@ -27,8 +27,7 @@ def jackknife(fit: Fit, without: Sequence[Rest]) -> Array:
     covariance takes it to be; then this is larger than what the covariance says.
     B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans (SIAM 1982).
     """
-    low, high = bounds(fit.unknowns)
-    steps = np.array([bounded_step(J, z, fit.prior, fit.x, low, high) for J, z in without])
+    steps = np.array([linear_step(fit, J, z) for J, z in without])
     m = len(steps)
     return np.sqrt((m - 1.0) / m * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0))
 
@@ -88,13 +87,12 @@ def leave_one_site_out(whole: Target, fit: Fit) -> dict[str, float]:
     sites, faulty = _sites(whole, fit)
     if len(set(sites)) < 2 or not len(fit.x):
         return {}
-    low, high = bounds(fit.unknowns)
     found = {}
     for site in (s for s in dict.fromkeys(sites.tolist()) if s not in faulty):
         there = sites == site
         others, own = (Subset(whole, np.flatnonzero(chosen)) for chosen in (~there, there))
         J, there_J = others(fit.J), own(fit.J)
-        step = bounded_step(J, others(fit.z[:, None])[:, 0], fit.prior, fit.x, low, high)
+        step = linear_step(fit, J, others(fit.z[:, None])[:, 0])
         left = own(fit.z[:, None])[:, 0] + there_J @ step
         # what the others know of the unknowns is uncertain, too
         spread = np.linalg.pinv(J.T @ J + np.diag(precision(fit.prior, fit.x)), hermitian=True)

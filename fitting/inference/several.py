@@ -29,13 +29,13 @@ from .bench import Bench
 from .beside import found_beside
 from .fit import Fit, Member, begun, taken_over
 from .forward import Drive, Forward
-from .gauss_newton import Point, Rules, Search, Trial, bounded_step, search
+from .gauss_newton import Point, Rules, Search, Trial, promised, search
 from .jackknife import Rest
 from .misfit import Beside, settled
 from .network import NetworkProblem
 from .simulator import Runs
 from .terms import Term
-from .unknown import Unknown, bounds
+from .unknown import Unknown
 
 Array = np.ndarray
 
@@ -227,13 +227,8 @@ class Several(Forward):
     def costs(self, members: Sequence[Member], runs: Runs, start: Fit | None = None) -> list[float]:
         """χ² of points, or what it promises to be where the unknowns of ``start`` follow; ∞ where they break down."""
         trials = [Trial(m, np.arange(0), None, 0.0 * m.x) for m in members]
-        return [np.inf if p is None else self._promise(p, start) for p in self.points(trials, runs)] if trials else []
-
-    def _promise(self, point: Point, start: Fit | None) -> float:
-        z = point.z
-        if start is not None and len(start.x):
-            z = z + start.J @ bounded_step(start.J, z, start.prior, start.x, *bounds(start.unknowns))
-        return float(z @ z) + point.log_volume
+        points = self.points(trials, runs) if trials else []
+        return [np.inf if p is None else promised(p.z, start) + p.log_volume for p in points]
 
     def begin(self, terms: tuple[Term, ...], start: Fit | None = None) -> list[Member]:
         """Points where the search for a hypothesis may begin: at another fit, its new terms at each of their starts."""

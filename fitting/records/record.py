@@ -22,16 +22,7 @@ from solver.errors import InputError
 from solver.files import write_whole
 
 from .columns import Reading, choose
-from .sensors import (
-    KINDS,
-    TIME,
-    check_numbers,
-    check_plateaus,
-    check_ranges,
-    constant_value,
-    may_rest,
-    refuse_constant,
-)
+from .sensors import KINDS, TIME, check_numbers, check_plateaus, check_ranges, constant_value, may_rest, refuse_constant
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
 from .time_axis import time_axis

@@ -23,7 +23,6 @@ from ..scheme.model import Model
 from ..scheme.sdirk import INFLOW_TIMES
 from ..scheme.stage import Stage, condense, largest, operators_about
 from ..scheme.step import State, tolerances
-from ..scheme.terms import jacobian
 from .array import Traced, array, later
 from .program import Program, compiled
 from .recorder import Recorder
@@ -193,7 +192,9 @@ class _Recording:
         s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
         Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
-        self.correct(stage, "correct_fresh", "_fresh", condense(self.m, self.o.loads, jacobian(s, Q), H, stage.behind))
+        self.correct(
+            stage, "correct_fresh", "_fresh", condense(self.m, self.o.loads, stage.jacobian(Q), H, stage.behind)
+        )
 
     def end(self, stage: Stage) -> None:
         """The state at the end of the stage, and the smallest number that must be positive of a solution."""
