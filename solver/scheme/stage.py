@@ -165,7 +165,7 @@ def loads_of(model: Model, tau: float) -> Loads:
     scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
     for ends in c.outlets:
-        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
+        load = ends.load(model.outlet_wall.at(ends.index), tau)
         at = outlet_nodes[ends.index]
         scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
         charge[:, ends.index] = load.charge
