@@ -59,10 +59,11 @@ def beat_harmonics(
     g = np.zeros((1, 0)) if amplitudes is None else amplitudes
 
     def found_of(model: Model, drives: Drives) -> Array:
-        forcing = Forcing.of(model, sources, g, K + more + 1) if sources else NO_FORCING
+        every, each = model.tables.beside(sources, g, T, K + more + 1)
+        forcing = Forcing.of(model, every, each, K + more + 1) if every else NO_FORCING
         asked = _Asked(tuple(names), K, T, tolerance, progress)
         X = _beats(model, spectrum(model, drives, T, K + more), forcing, asked, backend)
-        own = g[: K + 1] @ shown(network, names, sources)
+        own = each[: K + 1] @ shown(network, names, every)
         X[:, : len(own)] += own
         return X
 
@@ -168,7 +169,7 @@ def _by_numpy(model: Model, drive: Array, forcing: Forcing, asked: _Asked) -> Ar
 def _observed(model: Model, waves: Waves, rest: State, names: Sequence[str]) -> tuple[Array, Array]:
     """Harmonics (B, K+1, m) of outputs, and whether every moment of a member is physical : (B,)."""
     moments, values, good = moments_of(model, len(waves.y)), list[Array](), list[Array]()
-    report = reporter(moments.model)
+    report = reporter(moments.model, tables=False)
     for y, H, rate in moments.of_each(*map(samples, (waves.y, waves.H, waves.rates))):
         A, A_t, Q = (model.layout.part(x, name) for x, name in ((y, "A"), (rate, "A"), (y, "Q")))
         values.append(report(rest.of_moments(y, A_t, H)))

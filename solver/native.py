@@ -125,6 +125,8 @@ class Engine:
 
     def __init__(self, model: Model, dt: float) -> None:
         self.model, self.dt, self.library = model, dt, library()
+        if model.network.sources:
+            raise NoEngine("tables of sources are not recorded")
         try:
             self.recorded, arrays = recorded(model, GAMMA * dt)
         except Untraceable as reason:

@@ -135,7 +135,8 @@ class Memory:
     def store(self, stage: Stage, end: Array, A: Array, A_t: Array, Q: Array) -> None:
         s, layout = stage.start, stage.start.model.layout
         _, _, P_C, stress, history = layout.split(end)
-        P_C[:] = stage.behind + stage.operators.loads.charge * Q[:, s.model.mesh.outlet_element, -1]
+        let_out = s.model.tables.let_out(Q[:, s.model.mesh.outlet_element, -1], stage.g)
+        P_C[:] = stage.behind + stage.operators.loads.charge * let_out
         if stress.size:
             stress[:] = s.wall.carried(A, A_t).swapaxes(0, 1)
         if history.size:
@@ -164,7 +165,7 @@ def loads_of(model: Model, tau: float) -> Loads:
     scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
     for ends in c.outlets:
-        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
+        load = ends.load(model.outlet_wall.at(ends.index), tau)
         at = outlet_nodes[ends.index]
         scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
         charge[:, ends.index] = load.charge
@@ -192,7 +193,7 @@ class Stage(NamedTuple):
     """A stage from ``start``: find Q and the nodal pressures H at its end, at time t [s].
 
     behind : (B, n_outlets) [Pa] the pressures behind the outlets. given : (B, n_inlets) [m³/s] what drives the inlets,
-    by their gain. P_venous : (B, n_outlets) [Pa].
+    by their gain. P_venous : (B, n_outlets) [Pa]. g : (n_sources,) amplitudes of what tables describe.
     """
 
     start: Start
@@ -201,12 +202,15 @@ class Stage(NamedTuple):
     given: Array
     P_venous: Array
     t: float
+    g: Array | None = None
 
     @staticmethod
-    def of(model: Model, o: Operators, y: Array, given: Array, P_venous: Array, t: float) -> Stage:
+    def of(
+        model: Model, o: Operators, y: Array, given: Array, P_venous: Array, t: float, g: Array | None = None
+    ) -> Stage:
         """The stage that starts from the state vector y : (B, n)."""
         s, behind = start(model, o.tau, o.inertia, o.memory, o.loads, y, P_venous)
-        return Stage(s, o, behind, given, P_venous, t)
+        return Stage(s, o, behind, given, P_venous, t, g)
 
     def solve(self, Q: Array, H: Array, small: tuple[Array, Array]) -> tuple[Array, Array, Array]:
         """Chord iterations from a guess until Q and H change by no more than ``small`` : two (B,).
@@ -258,6 +262,7 @@ class Stage(NamedTuple):
         """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow. Returns the flow
         and the change of the pressures."""
         R = terms.residual(self.start, Q, H)
+        self.start.model.tables.add_to_momentum(R, self.g)
         Q_new = Q - np.einsum("beij,bej->bei", jacobian.K_inverse, R)
         dH = jacobian.nodal.solve(self.node_residual(Q_new, H))
         jacobian.add_to(Q_new, dH)
@@ -268,6 +273,7 @@ class Stage(NamedTuple):
         model, loads = self.start.model, self.operators.loads
         net, inlets = model.mesh.net_inflow(Q, loads.signs), model.mesh.topology.inlets
         net[:, inlets] += model.inlets.flow(self.given, H[:, inlets])
+        model.tables.add_to_nodes(net, loads.scale, self.g)
         for nodes, outlets, load in loads.kinds:
             net[:, nodes] -= load.flow(H[:, nodes] - self.behind[:, outlets])
         return net
