@@ -13,7 +13,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
 from fitting.inference.network import NetworkProblem
 from fitting.inference.unknown import quantile
-from fitting.provenance import software
+from fitting.provenance import engine, software
 from fitting.records.record import Record
 from fitting.records.sensors import UnusableRecord
 from solver.network import Network
@@ -212,6 +212,7 @@ def _provenance(record: Record, model: str | os.PathLike[str], study: Study, giv
         "gap_as_given": {"fit": given.gap.total[0], "held_out": given.gap.total[1]},
         "thresholds": decided(),
         "software": software(),
+        "engine": engine(),
     }
 
 

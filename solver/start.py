@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .balance import Drive, Waves, balanced, spectrum, steady, storable
+from .native_balance import Unsolved, engine_for
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
@@ -24,19 +25,27 @@ _CORRECTIONS = 6
 _SMALL = 1e-4  # a correction of this part of the waves is the last
 
 
-def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None) -> State:
+def periodic_state(
+    model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy"
+) -> State:
     """A state at time t [s] near that of the beats which repeat under what drives the inlet.
 
     drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] where the inlet's causality is pressure; (n,) or of each
     member (n, B); of several inlets (n, n_inlets) or (n, n_inlets, B). T : its period [s]. dt : the step [s] to come,
-    default the settings'.
+    default the settings'. backend : what makes the balance, as of :func:`~solver.beat_harmonics`.
     Raises ValueError where the network has no steady state with the mean of the drive.
     """
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)
+    forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
+    engine = engine_for(model, backend)
     with np.errstate(all="ignore"):
-        rest = steady(model, harmonics[0].real)
-        forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
-        waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)
+        try:
+            if engine is None:
+                raise Unsolved("by NumPy")
+            rest, waves = engine.waves(harmonics, T, _SMALL, _CORRECTIONS, forcing)
+        except Unsolved:
+            rest = steady(model, harmonics[0].real)
+            waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)
         return _state(model, waves, rest, t, dt or model.settings.dt)
 
 
