@@ -1,11 +1,10 @@
-"""What `discover` says of a real mock circulation, and how long ten starts of `calibrate` take: docs/real-recordings.md.
+"""What `discover` says of a real mock circulation, and how long ten starts of `calibrate` take: real-recordings.md.
 
     python benchmarks/mock_loop_verdicts.py FOLDER [--time-limit "1 min"] [--starts 10] [--json FILE]
 
 FOLDER as for benchmarks/mock_loop.py. Each file is studied with its first model, the stated low-passes given, in a
-process of its own (``--jobs 1``); then that model's six numbers are calibrated from so many starts. RMS is over the mean
-held-out beat, through the FMU, of the model without and with what was named; `class`: what the record cannot tell
-apart, of an `unknown` what its sentence says comes nearest. Nothing is asserted.
+process of its own (``--jobs 1``); then that model's six numbers are calibrated from so many starts. RMS is over the
+mean held-out beat, through the FMU, of the model without and with what was named. Nothing is asserted.
 """
 
 from __future__ import annotations

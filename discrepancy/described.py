@@ -1,4 +1,4 @@
-"""Where no law is found: the network with what acts at the places of the source map as tables, which explain nothing."""
+"""Where no law is found: a network with what acts at the places of the source map as tables, which explain nothing."""
 
 from __future__ import annotations
 

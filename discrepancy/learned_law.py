@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fitting.estimate import Estimate
+from solver import effects
 from solver.network import Network
 
 
@@ -15,7 +16,7 @@ class LearnedLaw:
     """A law with what it does to the gap.
 
     formula : of what it adds. parameters : with 95 % intervals. seen : by segment, lowest and highest strain [-] and
-    highest strain rate [1/s] that it was learned from. beside : the effects
+    highest strain rate [1/s] that it was learned from; of outlets P - P_venous [Pa] and its rate. beside : the effects
     that it acts beside, instead : those that it stands for, where they explain a part. before,
     after : the gap on (fitted, held-out) beats. record : path and hash. network, archive : with the law, and its FMU.
     explains : False of tables, which describe what acts.
@@ -36,6 +37,11 @@ class LearnedLaw:
     explains: bool = True
 
     @property
+    def of_outlet(self) -> bool:
+        """Whether it is one of outlets."""
+        return effects.BY_NAME[self.name].owner == "outlet" if self.explains else False
+
+    @property
     def closed(self) -> float:
         """The part of the gap to held-out beats that it closes."""
         return 1.0 - self.after[1] / self.before[1]
@@ -43,6 +49,7 @@ class LearnedLaw:
 
 def law_json(law: LearnedLaw) -> dict[str, Any]:
     """The plain content of verdict.json."""
+    state = "pressure" if law.of_outlet else "strain"
     before, after = ({"fit": pair[0], "held_out": pair[1]} for pair in (law.before, law.after))
     return {
         "name": law.name,
@@ -50,7 +57,7 @@ def law_json(law: LearnedLaw) -> dict[str, Any]:
         "where": law.where,
         "formula": law.formula,
         "parameters": {name: each.plain for name, each in law.parameters.items()},
-        "seen": {s: {"strain": [low, high], "rate": rate} for s, (low, high, rate) in law.seen.items()},
+        "seen": {s: {state: [low, high], "rate": rate} for s, (low, high, rate) in law.seen.items()},
         "beside": law.beside,
         "instead": law.instead,
         "gap": {"before": before, "after": after},

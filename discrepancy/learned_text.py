@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from solver.files import dumps
 from solver.legible import number
+from solver.units import MMHG
 
 from .learned_law import LearnedLaw
 from .outcome import Outcome
@@ -29,14 +30,13 @@ def law_text(law: LearnedLaw) -> str:
         )
     numbers = ", ".join(f"{name} = {each}" for name, each in law.parameters.items())
     before, after = number(law.before[1]), number(law.after[1])
-    low, high, rate = _range(law)
     beside = f", beside {' and '.join(map(label_text, law.beside))}," if law.beside else ""
     beside = f" in place of {' and '.join(map(label_text, law.instead))}" if law.instead else beside
     return (
-        f"A law learned from this record for the wall of {places_text(law.where)}{beside} closes "
+        f"A law learned from this record for the {'outlet' if law.of_outlet else 'wall'} of {places_text(law.where)}"
+        f"{beside} closes "
         f"{number(100.0 * law.closed, 2)} % of the gap to held-out beats (from {before} to {after} times the noise): "
-        f"{law.formula}, {numbers}. It was seen at strains from {number(low, 2)} to {number(high, 2)} and rates up to "
-        f"{number(rate, 2)}/s, and is held beyond; no other record has borne it out."
+        f"{law.formula}, {numbers}. It was seen at {_seen(law)}, and is held beyond; no other record has borne it out."
     )
 
 
@@ -47,9 +47,13 @@ def with_law(outcome: Outcome, law: LearnedLaw | None) -> Outcome:
     return replace(outcome, learned=law, sentence=f"{outcome.sentence} {law_text(law)}")
 
 
-def _range(law: LearnedLaw) -> tuple[float, float, float]:
+def _seen(law: LearnedLaw) -> str:
+    """The range that it was learned from."""
     lows, highs, rates = zip(*law.seen.values(), strict=True)
-    return min(lows), max(highs), max(rates)
+    low, high, rate = min(lows), max(highs), max(rates)
+    if law.of_outlet:
+        return f"pressures of {number(low / MMHG, 2)} to {number(high / MMHG, 2)} mmHg above P_venous"
+    return f"strains from {number(low, 2)} to {number(high, 2)} and rates up to {number(rate, 2)}/s"
 
 
 def learned_files(law: LearnedLaw | None, shown: SourceMapShown | None) -> dict[str, str | bytes]:

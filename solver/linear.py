@@ -289,7 +289,7 @@ def _conditions(
             a[..., i], b[..., i], r[..., i] = 0.0, 1.0, given - c.P_0 * (omega == 0.0)
     for ends in c.outlets:
         at = nodes.outlets.start + ends.index
-        a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
+        a[..., at], b[..., at], r[..., at] = ends.condition(wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
         open_ends = np.r_[nodes.inlets, nodes.outlets]
         _check_mean(network, c, nodes, a[..., open_ends], b[..., open_ends])

@@ -25,6 +25,9 @@ TITLES = {
     "offcentre": "Effects away from the middle",
     "outside_walls": "Outside the catalogue, every wall off by itself",
     "own": "One number far off, every wall off by itself",
+    "elastic": "Walls without viscosity, every one off by itself",
+    "pairs": "Two effects, every wall off by itself",
+    "three": "Three pressures, every wall off by itself",
 }
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
@@ -60,6 +63,8 @@ def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
     if w.of(own, "single"):
         yield "Power", t.power(own)
         yield "By effect", t.by_effect(own)
+    if w.of(own, "pair"):
+        yield "Two effects", t.pairs(own)
     yield "Confidence", reliability(own)
     yield "What the named effects close", t.closed(own)
     if w.of(own, "outside"):

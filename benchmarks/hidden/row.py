@@ -46,7 +46,7 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard", l
                   "effects": [asdict(e) for e in case.effects]}  # fmt: skip
     try:
         made = make(case, seed_of(kind, seed, index))
-        seen = detect(made)
+        seen = detect(made, least)
     except (NoPeriodicFlow, NoPeriodicRadius) as error:
         return line | {"error": f"generator: {error}", "verdict": NOT_MADE}
     for effect, told, d_prime, zero in zip(

@@ -160,12 +160,12 @@ def start(
 def loads_of(model: Model, tau: float) -> Loads:
     c, nodes = model.coefficients, model.mesh.topology
     outlet_nodes = np.arange(model.mesh.n_nodes)[nodes.outlets]
-    scale = np.ones_like(c.P_0, type(tau), shape=(c.B, model.mesh.n_nodes))
+    scale = np.ones_like(c.P_0 + 0.0 * tau, shape=(c.B, model.mesh.n_nodes))  # complex where tau is
     keep, give, charge = (np.zeros_like(scale, shape=(c.B, len(outlet_nodes))) for _ in range(3))
     scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
     for ends in c.outlets:
-        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), tau)
+        load = ends.load(model.outlet_wall.at(ends.index), tau)
         at = outlet_nodes[ends.index]
         scale[:, at], keep[:, ends.index], give[:, ends.index] = load.scale, load.keep, load.give
         charge[:, ends.index] = load.charge
@@ -184,7 +184,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     less = np.zeros_like(loads.scale, shape=(len(K), mesh.n_nodes))  # several states may have one parameter set
     less[:, mesh.topology.inlets] += model.inlets.slope
     for nodes, outlets, load in loads.kinds:
-        less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])
+        less[:, nodes] += load.slope((H[:, nodes] - behind[:, outlets]).real)
     nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
     return Condensed(K_inverse, by_ends, nodal, mesh.end_nodes)
 
