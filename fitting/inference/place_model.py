@@ -75,17 +75,15 @@ class PlaceModel:
         self.worth = 2.0 * math.log(len(self.places))  # any place is as likely beforehand
         ends = np.cumsum([p.columns for p in self.places])
         self.columns = {p.key: np.arange(e - p.columns, e) for p, e in zip(self.places, ends, strict=True)}
-        pulse = pulses(problem.beats, problem.signals)
+        pulse = dict(zip(problem.signals, _UNIT * pulses(problem.beats, problem.signals), strict=True))
         pressure, flow = _units(problem)
-        self.units = np.concatenate([self._units_of(p, pressure, flow, pulse) for p in self.places])
+        self.units = np.concatenate([
+            [pressure if s.unit == "Pa" else flow for s in p.sources] if p.sources or p.channel is None
+            else [pulse[p.channel]] for p in self.places
+        ])  # fmt: skip
         self.low, self.high = (np.clip(b, -_FARTHEST, _FARTHEST) for b in bounds(self.unknowns))
         self.volume = problem.target.log_volume  # from which ln det C is counted
         self.sd0 = np.array([1.0 if p == 0.0 else p**-0.5 for p in precisions(self.unknowns)])
-
-    def _units_of(self, place: Place, pressure: float, flow: float, pulse: Array) -> Array:
-        if place.channel is not None and not place.sources:
-            return np.array([_UNIT * pulse[self.problem.signals.index(place.channel)]])
-        return np.array([pressure if s.unit == "Pa" else flow for s in place.sources])
 
     def weigh_at(self, x: Array) -> None:
         """Weigh the record by what the noise of the inflow does to channels with the numbers x : (p,), which those of
