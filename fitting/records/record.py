@@ -69,11 +69,6 @@ class Record:
                 raise InputError(f"{self.path}: {name} is constant ({value}), it does not pulsate; leave it out.")
         require(self.channels, names, self.path)
 
-    def site(self, name: str) -> tuple[Array, Array]:
-        """P [Pa] and R [m] of a site, (n,) each. Raises ValueError if one is missing."""
-        self.require((f"{name}.P", f"{name}.R"))
-        return self.channels[f"{name}.P"], self.channels[f"{name}.R"]
-
 
 def require(available: Iterable[str], names: Iterable[str], source: str) -> None:
     """Raises ValueError that lists what is ``available`` unless all of ``names`` are."""
@@ -101,14 +96,13 @@ def read_record(path: str | os.PathLike[str], reading: Reading | None = None) ->
         tables = [read_table(file, reading.decimal) for file in files]
         each = reading.each(tables) if reading.beside else [reading]
         records = [_one(tables.pop(0), own, digest.result()) for own, digest in zip(each, digests, strict=True)]
-    first, *others = records
-    if not others:
-        return first
+    if len(records) == 1:
+        return records[0]
     time, channels, said = together(records)
-    told = {**reading.told, "with": {r.path: r.sha256 for r in others}}
+    told = {**reading.told, "with": {r.path: r.sha256 for r in records[1:]}}
     sampling = {r.path: r.told["sampling"] for r in records if "sampling" in r.told}
     return replace(
-        first,
+        records[0],
         time=time,
         channels=channels,
         resting={name: value for r in records for name, value in r.resting.items()},
