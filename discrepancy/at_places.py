@@ -263,9 +263,11 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
             yield (result := _of_the_file(result, found, runs))
-    if not result.best.explains:
+    left = _left(result)
+    if not result.best.explains and (left or not result.best.fit.terms):
         yield (result := _elsewhere(result, found, runs))
-    if result.best.fit.terms and (left := _left(result)):
+        left = _left(result)
+    if left:
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
@@ -321,9 +323,9 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
 
 
 def _left(result: Compared) -> tuple[Place, ...]:
-    """Where something acts beside the best hypothesis."""
+    """Where something acts beside the law, or the laws, of the best hypothesis."""
     assert isinstance(result.problem, NetworkProblem)
-    found = found_beside(result.problem, result.best.fit)
+    found = found_beside(result.problem, result.best.fit) if result.best.fit.terms else None
     return () if found is None else found.places
 
 
