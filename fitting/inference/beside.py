@@ -53,6 +53,12 @@ def found_beside(problem: NetworkProblem, fit: Fit) -> Beside | None:
     return _integrated_out(model, point, fit) if any(a.law for a in point.active) else None
 
 
+def without_errors(problem: NetworkProblem, fit: Fit) -> Beside:
+    """A fit with nothing beside it, as it is."""
+    m = len(problem.signals)
+    return Beside(fit, np.zeros((problem.K + 1, m, m)), 0.0)
+
+
 def map_beside(problem: NetworkProblem, none: Fit, found: SourceMap, runs: Runs) -> Beside | None:
     """The animal of the source map, with what acts there free; None where it cannot be simulated, or where small waves
     have no answer. none : gives order and signal; its x, z and J are replaced."""

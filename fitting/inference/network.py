@@ -247,7 +247,7 @@ class NetworkProblem(Forward):
 
         known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
         """
-        rules = replace(_RULES, hopeless=np.inf)  # one that begins afar promises little yet
+        rules = replace(_RULES, afar=True)
         return self._searched([Search(m, rules, known=known) for m in members], runs)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:
