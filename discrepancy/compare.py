@@ -40,8 +40,8 @@ class Compared:
 
     @property
     def best(self) -> Named:
-        """The best hypothesis."""
-        return min(self.every, key=lambda n: n.score)
+        """The best hypothesis of those that may be named."""
+        return min((n for n in self.every if n.shown), key=lambda n: n.score)
 
     @property
     def sought(self) -> tuple[Term, ...]:

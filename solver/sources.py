@@ -212,6 +212,10 @@ class Forcing(NamedTuple):
             )
         )  # fmt: skip
 
+    def members(self, some: slice) -> Forcing:
+        """That of some members of a batch, where they differ."""
+        return Forcing(*(x[:, some] if isinstance(x, np.ndarray) and x.shape[1] > 1 else x for x in self))
+
 
 NO_FORCING = Forcing(0.0, 0.0, 0.0)
 

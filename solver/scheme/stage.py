@@ -102,7 +102,7 @@ def operators_about(model: Model, tau: float, y: Array, H: Array) -> Operators:
     """
     inertia, loads, memory = model.mass / tau, loads_of(model, tau), memory_of(model)
     about, behind = start(model, tau, inertia, memory, loads, y, model.coefficients.P_venous)
-    K = terms.jacobian(about, about.Q.astype(type(tau)))
+    K = terms.jacobian(about, terms.still(about))
     return Operators(tau, inertia, memory, loads, condense(model, loads, K, H, behind))
 
 
@@ -160,7 +160,7 @@ def start(
 def loads_of(model: Model, tau: float) -> Loads:
     c, nodes = model.coefficients, model.mesh.topology
     outlet_nodes = np.arange(model.mesh.n_nodes)[nodes.outlets]
-    scale = np.ones_like(c.P_0, type(tau), shape=(c.B, model.mesh.n_nodes))
+    scale = np.ones_like(c.P_0 + 0.0 * tau, shape=(c.B, model.mesh.n_nodes))  # complex where tau is
     keep, give, charge = (np.zeros_like(scale, shape=(c.B, len(outlet_nodes))) for _ in range(3))
     scale[:, nodes.inlets] *= model.inlets.scale
     kinds = []
@@ -184,7 +184,7 @@ def condense(model: Model, loads: Loads, K: Array, H: Array, behind: Array) -> C
     less = np.zeros_like(loads.scale, shape=(len(K), mesh.n_nodes))  # several states may have one parameter set
     less[:, mesh.topology.inlets] += model.inlets.slope
     for nodes, outlets, load in loads.kinds:
-        less[:, nodes] += load.slope(H[:, nodes] - behind[:, outlets])
+        less[:, nodes] += load.slope((H[:, nodes] - behind[:, outlets]).real)
     nodal = mesh.elimination.factor(products.reshape(len(K), -1), loads.scale, less)
     return Condensed(K_inverse, by_ends, nodal, mesh.end_nodes)
 
@@ -247,12 +247,16 @@ class Stage(NamedTuple):
             lost = ~done & ~finite
             Q, H = np.where(lost[:, None, None], guess[0], Q), np.where(lost[:, None], guess[1], H)
             try:
-                jacobian = condense(model, self.operators.loads, terms.jacobian(start, Q), H, self.behind)
+                jacobian = condense(model, self.operators.loads, self.jacobian(Q), H, self.behind)
             except np.linalg.LinAlgError:  # a state without a Jacobian: nothing to go on with
                 break
         changes = np.abs(last[0] - before).max(axis=2)
         A_t = start.area_rate(last[0])
         refuse(model, start.area(A_t), A_t, *last, changes, self.P_venous, done, self.t)
+
+    def jacobian(self, Q: Array) -> Array:
+        """That of momentum in every element, where the flow is Q."""
+        return terms.jacobian(self.start, terms.flow(self.start, Q))
 
     def correct(self, jacobian: Condensed, Q: Array, H: Array) -> tuple[Array, Array]:
         """One chord iteration: momentum residual, condensation onto the nodes, nodal pressures, flow. Returns the flow
