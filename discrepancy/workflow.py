@@ -257,12 +257,14 @@ class _Work:
         return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of what remains of one recording."""
-        if self.several is not None or not learns(naming):
+        """A law of what remains, where one recording is fitted."""
+        alone = naming if self.several is None else self.several.only(self.journal)
+        if alone is None or not learns(naming):
             return None
         until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
-        told = self.asked.jobs, until, self.journal.stage
-        return law_of(self.study, naming, before, self.record, self._with_law, *told)
+        return law_of(
+            self.study, alone, before, self.record, self._with_law, self.asked.jobs, until, self.journal.stage
+        )
 
     def _judged(
         self, study: Study, naming: Naming, base: Fit, fmu: Path, shown: Shown
