@@ -89,7 +89,7 @@ class Rules:
     latent : a point has hidden unknowns, which move beside x with every step; the search ends where a step gained too
     little, not where one promises it, and lets them settle once where a step was in vain. hopeless : by how much a
     search may promise to stay above the best of its batch and still go on. afar : it begins where derivatives say
-    little of where it will end: it may promise anything until it has moved so far that all of them are to be found anew.
+    little of where it will end: it may promise anything until it has moved so far that all of them are found anew.
     """
 
     gain: float
