@@ -155,7 +155,7 @@ VALUES = {
     "terminal_reflection": {"R_t": -0.2}, "terminal_compliance": {"R1": 1e8, "C": 1e-10, "R2": 4e9},
     "junction_loss": {"k": 0.7}, "side_branch": {"leak": 2e-9}, "stenosis": {"K": 30.0},
     "fractional_viscosity": {"springpot": 0.4, "springpot_order": 0.3},
-    "learned_outlet": {"learned_open": 3e-10, "learned_shut": 1e-10, "learned_from": 5e2, "learned_over": 2e3},
+    "learned_outlet": {"learned_open": 3e-10, "learned_shut": 1e-10, "learned_from": 8e3, "learned_over": 4e3},
     "learned_wall": {
         "learned_rise": 9e3, "learned_fall": 2e3, "learned_cubic": 1e3, "learned_friction": 2e3, "learned_low": 0.02,
         "learned_span": 0.1, "learned_rate": 0.5,

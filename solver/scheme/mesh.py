@@ -201,7 +201,7 @@ class Mesh:
             near = inside[np.sort(np.argsort(np.abs(points[inside] - x), kind="stable")[: N + 1])]
             at.append(np.resize(near, N + 1))
             weight.append(np.resize(lagrange(points[near], np.array([x]))[0], N + 1) * (np.arange(N + 1) < len(near)))
-        return Samples(np.array(at, int).reshape(len(at), -1), np.array(weight))
+        return Samples(np.array(at, int).reshape(len(at), N + 1), np.array(weight).reshape(len(at), N + 1))
 
     def sample_lobatto(self, segment: Array, position: Array) -> Samples:
         """Q (B, n_e (N+1)) at x = position · L."""
