@@ -72,6 +72,15 @@ def engine_for(model: Model, backend: str) -> BalanceEngine | None:
         return None
 
 
+def waves_by(backend: str, model: Model, *balance: Any) -> tuple[State, Waves] | None:
+    """As :meth:`BalanceEngine.waves`; None where NumPy must make them."""
+    engine = engine_for(model, backend)
+    try:
+        return None if engine is None else engine.waves(*balance)
+    except Unsolved:
+        return None
+
+
 class BalanceEngine:
     """The balances of a model. Raises NoEngine where it cannot make them."""
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .balance import Drive, Waves, balanced, spectrum, steady, storable
-from .native_balance import Unsolved, engine_for
+from .native_balance import waves_by
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
@@ -37,15 +37,12 @@ def periodic_state(
     """
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)
     forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
-    engine = engine_for(model, backend)
     with np.errstate(all="ignore"):
-        try:
-            if engine is None:
-                raise Unsolved("by NumPy")
-            rest, waves = engine.waves(harmonics, T, _SMALL, _CORRECTIONS, forcing)
-        except Unsolved:
+        found = waves_by(backend, model, harmonics, T, _SMALL, _CORRECTIONS, forcing)
+        if found is None:
             rest = steady(model, harmonics[0].real)
-            waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)
+            found = rest, balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)[0]
+        rest, waves = found
         return _state(model, waves, rest, t, dt or model.settings.dt)
 
 
