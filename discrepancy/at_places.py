@@ -26,9 +26,8 @@ from solver.effect import ALL_PLACES, CHANNEL, WALL
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared, exact
 from .outliers import implausible
-from .weigh import promised
+from .scoring import Compared, exact, promised
 
 Array = np.ndarray
 

@@ -24,8 +24,8 @@ from solver.coordinate import SCALE
 from solver.network import Network
 
 from .outcome import ADDED
+from .scoring import Named, found_from
 from .verdict import Naming
-from .weigh import Named, found_from
 
 _FEWEST = 3  # sites
 _MOST = 4  # numbers of an effect whose intervals are profiled

@@ -41,10 +41,10 @@ from solver.simulate import BROKEN
 from . import thresholds as at
 from .confirm import agreement
 from .learned_law import LearnedLaw
+from .scoring import weighed
 from .show import Run, fall, gap
 from .study import Study
 from .verdict import Naming
-from .weigh import weighed
 
 Array = np.ndarray
 

@@ -20,7 +20,7 @@ from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, bounds
 
 from . import thresholds as at
-from .compare import Compared
+from .scoring import Compared
 
 Array = np.ndarray
 

@@ -25,12 +25,11 @@ from fitting.records.noise import pulses
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared, exact, last_of
-from .couples import coupled
 from .intervals import profiled
+from .name import coupled
 from .outliers import set_apart
+from .scoring import Compared, exact, last_of, names_of, promised
 from .verdict import Naming, decided
-from .weigh import names_of, promised
 
 Array = np.ndarray
 Terms = tuple[Term, ...]

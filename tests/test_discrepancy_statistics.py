@@ -15,7 +15,7 @@ from scipy.stats import kstest, norm
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances, wall_balances
 from discrepancy.isolability import isolability, smallest
-from discrepancy.weigh import stated
+from discrepancy.scoring import stated
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.terms import Term

@@ -28,13 +28,13 @@ from discrepancy.asked import Asked
 from discrepancy.journal import Journal
 from discrepancy.name import name
 from discrepancy.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.scoring import Named
 from discrepancy.show import Gap, Run, compared, own_parity
 from discrepancy.source import read_model
 from discrepancy.study import Study as Prepared
 from discrepancy.study import Unusable, judge, prepare
 from discrepancy.summary import Shown, fmu_warnings, global_p, sentence, summary, unusable
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from discrepancy.workflow import discover
 from fitting.bench import bench_network, on_bench
 from fitting.fmu_run import RunFailed
