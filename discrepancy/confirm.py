@@ -14,7 +14,6 @@ import numpy as np
 from fitting.inference.fit import Fit
 
 from . import thresholds as at
-from .gap_words import changed
 from .outcome import ADDED, Agreement
 from .outliers import implausible
 from .places import label_text
@@ -22,6 +21,7 @@ from .recorded import Recorded
 from .show import Gap, Run, fall, gap
 from .study import Study
 from .verdict import Naming
+from .wording import changed
 
 Array = np.ndarray
 

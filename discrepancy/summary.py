@@ -23,20 +23,17 @@ from . import thresholds
 from .animal import odd_ones, walls_of
 from .confirm import met_only_with
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
-from .gap_shares import gap_shares
-from .gap_words import changed, left
 from .intervals import stated
 from .isolability import detectable, isolability, smallest
-from .late_drive import late_drive
 from .map_text import acts_as
 from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
 from .outliers import implausible
 from .places import of_sensor, plain
 from .show import Gap, Run
-from .shown_map import SourceMapShown, shown_map
+from .shown_map import SourceMapShown, gap_shares, shown_map
 from .study import Study
 from .verdict import Naming
-from .wording import separating_measurement
+from .wording import changed, late_drive, left, separating_measurement
 
 _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"

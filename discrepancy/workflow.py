@@ -44,7 +44,6 @@ from solver.units import INFLOW
 from . import thresholds as at
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
-from .first import first_of
 from .intervals import stated
 from .journal import Journal
 from .learned_law import LearnedLaw
@@ -58,7 +57,7 @@ from .recorded import Recorded
 from .recordings import Recordings, confirmed_by_all, recordings_of
 from .second_state import second_state
 from .show import Run, free_run, own_parity, parity
-from .source import build_fmu, read_model
+from .source import build_fmu, first_of, read_model
 from .study import Study, Unusable, prepare
 from .study_folder import check_folder, holds_study, write_study
 from .summary import Shown, decided, summary, unusable, weighted

@@ -12,8 +12,6 @@ from forked import CHANNELS, NETWORK, N, clean, record
 from small_network import NAMES, term
 
 from discrepancy.confirm import agreement, confirmed
-from discrepancy.gap_words import change, changed, left
-from discrepancy.late_drive import late_drive
 from discrepancy.name import name
 from discrepancy.outcome import NamedEffect
 from discrepancy.places import label_text
@@ -21,6 +19,7 @@ from discrepancy.show import Gap, Run, compared, fall
 from discrepancy.study import Study
 from discrepancy.summary import sentence
 from discrepancy.verdict import Naming
+from discrepancy.wording import change, changed, late_drive, left
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.network_record import network_problem
