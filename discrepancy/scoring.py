@@ -66,7 +66,9 @@ class Named:
     @property
     def visible(self) -> bool:
         """Whether each of two effects shows beside the other."""
-        return len(self.fit.terms) < 2 or min(shown_by(self.fit, [t]) for t in self.fit.terms) >= at.VISIBLE
+        return (
+            len(self.fit.terms) < 2 or min(np.linalg.norm(seen_by(self.fit, [t])) for t in self.fit.terms) >= at.VISIBLE
+        )
 
     def moved_to(self, fit: Fit, dof_of_noise: float) -> Named:
         """The same hypothesis at another fit to the same data, at the same price."""
@@ -79,15 +81,16 @@ def names_of(terms: Sequence[Term]) -> str:
     return " + ".join(sorted(term.label for term in terms))
 
 
-def shown_by(fit: Fit, terms: Sequence[Term]) -> float:
-    """d' of some effects of a fit: what their sizes change, where and how they act there, and nothing else takes up."""
+def seen_by(fit: Fit, terms: Sequence[Term]) -> Array:
+    """(n,) what the sizes of some effects of a fit change, where and how they act there, and no other of its numbers
+    takes up, whitened: its norm is their d'."""
     names = {u.name for t in terms for u in t.unknowns}  # of which some may be held
     mine = np.array([u.name in names for u in fit.unknowns], bool)
     size = mine & np.array([u.of_size or bool(u.group) for u in fit.unknowns], bool)
     free_others = ~mine & np.array([u.low < u.high for u in fit.unknowns], bool)
     prior = precision(fit.prior, fit.x)[free_others]
     change = fit.J[:, size] @ fit.x[size]
-    return float(np.linalg.norm(projected(fit.J[:, free_others], prior, change[:, None])))
+    return projected(fit.J[:, free_others], prior, change[:, None])[:, 0]
 
 
 # --- evidence and prior -----------------------------------------------------------------------------------------------

@@ -17,7 +17,6 @@ from solver.host_died import ended
 from solver.network import Network
 from solver.writing import check_new, write_whole
 
-
 FILE = "first.toml"
 
 

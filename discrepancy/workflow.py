@@ -24,7 +24,6 @@ from fitting.fmu_run import RunFailed
 from fitting.inference.added import extended
 from fitting.inference.fit import Fit
 from fitting.inference.simulator import Meter, OutOfTime, Runs
-from fitting.inference.unknown import parameter_values
 from fitting.prior import Prior
 from fitting.provenance import software
 from fitting.record_options import check_one, not_judged
@@ -43,7 +42,7 @@ from solver.units import INFLOW
 
 from . import thresholds as at
 from .asked import TIME_LIMIT, Asked
-from .confirm import agreement, confirmed
+from .confirm import agreement
 from .intervals import stated
 from .journal import Journal
 from .learned_law import LearnedLaw
@@ -53,15 +52,14 @@ from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round
 from .outliers import animal_without
 from .places import entry
-from .recorded import Recorded
-from .recordings import Recordings, confirmed_by_all, recordings_of
+from .recordings import moved, recordings_of
 from .second_state import second_state
 from .show import Run, free_run, own_parity, parity
 from .source import build_fmu, first_of, read_model
-from .study import Study, Unusable, prepare
+from .study import Study, Unusable
 from .study_folder import check_folder, holds_study, write_study
 from .summary import Shown, decided, summary, unusable, weighted
-from .usable import check_beats, check_record, check_waves
+from .usable import check_record, check_waves
 from .verdict import Naming
 
 Array = np.ndarray
@@ -190,26 +188,20 @@ def _rising(progress: Progress) -> Progress:
 
 
 class _Work:
-    """One study from its record to its outcome. several : where there are other recordings of the animal.
-    extended_fmu : that with what was added."""
+    """One study from its records to its outcome. extended_fmu : that with what was added."""
 
-    several: Recordings | None = None
     extended_fmu = Path()
 
     def __init__(
         self, records: Sequence[Record], network: Network, model: Path, journal: Journal, asked: Asked,
         known: Prior | None, progress: Progress,
     ) -> None:  # fmt: skip
-        record, calibrated = records[0], None if known is None else known.calibrated
-        self.record, self.model, self.journal, self.asked, self.progress = record, model, journal, asked, progress
-        self.network = network if known is None else known.network
+        self.record, self.model, self.journal, self.asked, self.progress = records[0], model, journal, asked, progress
+        self.network, calibrated = (network, None) if known is None else (known.network, known.calibrated)
         progress(0.02, "cutting the beats")
         runs = Runs(Meter(lambda simulations: progress(0.08, f"{simulations} simulations")))
-        self.study = prepare(record, self.network, asked.period, runs, calibrated)
-        check_beats(self.study)
-        if len(records) > 1:
-            n = 1 + len(asked.further)
-            self.several = recordings_of(record, self.study, records[1:n], records[n:], asked, calibrated, runs)
+        self.recordings = recordings_of(records, self.network, asked, calibrated, runs)
+        self.study = self.recordings.studies[0]
         self.place = Path(tempfile.mkdtemp(prefix="discrepancy_"))
 
     def run(self) -> tuple[Outcome, bytes | None]:
@@ -220,18 +212,16 @@ class _Work:
             shutil.rmtree(self.place, ignore_errors=True)
 
     def _run(self) -> tuple[Outcome, bytes | None]:
-        study = self.study
         fmu = self._fmu(self.network, "given")
         # a record may be of another network, or its channels of two clocks: seen before the long search
         self.progress(0.1, "running the file as it is")
-        wave = study.problem.measured_wave(study.fitted)
-        given = self._free(fmu, "given", _nothing(), wave, {})
-        check_waves(study, given.beats)
-        for i, other in enumerate(self.several.studies[1:] if self.several else (), 1):
-            wave = other.problem.measured_wave(other.fitted)
-            check_waves(other, self._free(fmu, f"given_{i}", _nothing(), wave, {}, other).beats)
+        as_given = []
+        for i, each in enumerate(self.recordings.studies):
+            wave = each.problem.measured_wave(each.fitted)
+            as_given.append(self._free(fmu, f"given_{i}" if i else "given", _nothing(), wave, {}, each))
+            check_waves(each, as_given[-1].beats)
         naming = self._name()
-        study = weighted(study, naming)
+        study = weighted(self.study, naming)
         added = naming.verdict in ADDED
         best = naming.best.fit if added else naming.base.fit
         self.progress(0.75, "running the model with this subject's walls")
@@ -240,14 +230,16 @@ class _Work:
         base = naming.base.fit if base is None else base
         # a flow meter that is found to lie drove the model before
         drove = study.problem.measured_wave(study.fitted) if _has_sensor(best, INFLOW) else wave
-        before = self._free(fmu, "before", base, drove, _moved(self.network, base), study)
+        before = self._free(fmu, "before", base, drove, moved(self.network, base), study)
         without = agreement(study, base, drove, before)
-        shown = Shown(given, before, agreement=without)
+        shown = Shown(as_given[0], before, agreement=without)
         if added:
             shown = self._add(study, naming, wave, shown)
-        naming, shown, recordings, unjudged = self._judged(study, naming, base, fmu, shown)
+        self.progress(0.91, "running the FMUs with the other recordings")
+        runners = partial(self._free, fmu), partial(self._free, self.extended_fmu)
+        naming, shown, recordings, unjudged = self.recordings.judged(naming, base, shown, *runners)
         if naming.verdict not in ADDED:
-            shown = Shown(given, before, agreement=without, gaps=shown.gaps)
+            shown = Shown(as_given[0], before, agreement=without, gaps=shown.gaps)
         law = self._law(naming, shown.after or shown.before)
         self.progress(0.92, "comparing the candidates with the held-out beats")
         second = self.journal.stage("second_state", lambda: second_state(naming))
@@ -257,26 +249,16 @@ class _Work:
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
         """A law of what remains of one recording."""
-        if self.several is not None or not learns(naming):
+        if not self.recordings.alone or not learns(naming):
             return None
         until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
         told = self.asked.jobs, until, self.journal.stage
         return law_of(self.study, naming, before, self.record, self._with_law, *told)
 
-    def _judged(
-        self, study: Study, naming: Naming, base: Fit, fmu: Path, shown: Shown
-    ) -> tuple[Naming, Shown, tuple[Recorded, ...], tuple[str, ...]]:
-        """The naming that the free runs bear out, of all recordings where there are several, and what these leave."""
-        if self.several is None:
-            return confirmed(study, naming, shown.before, shown.after), shown, (), ()
-        self.progress(0.91, "running the FMUs with the other recordings")
-        return confirmed_by_all(self.several, naming, base, shown, partial(self._free, fmu),
-                                partial(self._free, self.extended_fmu))  # fmt: skip
-
     # --- stages -------------------------------------------------------------------------------------------------------
 
     def _name(self) -> Naming:
-        problem, limit, begun = self.study.problem, self.asked.time_limit, monotonic()
+        limit, begun = self.asked.time_limit, monotonic()
         last = f"done by {datetime.now() + timedelta(seconds=limit):%H:%M:%S} at the latest"
         self.progress(0.2, f"naming, time limit {limit:g} s")
 
@@ -288,9 +270,7 @@ class _Work:
         try:
             with Workers(self.asked.jobs) as workers:
                 runs = Runs(Meter(told), self.deadline, monotonic, workers)
-                if self.several is not None:
-                    return self.several.named(self.journal, self.asked, runs)
-                return self.journal.naming(problem, lambda: name(problem, self.study.terms, runs, self.asked.chosen))
+                return self.recordings.named(self.journal, self.asked, runs, name)
         except OutOfTime:
             raise Unusable(
                 f"{self.record.path}: the time limit of {limit:g} s was over before the model as given was refitted to "
@@ -311,15 +291,12 @@ class _Work:
         write_network(network, file)
         return build_fmu(file, self.place / stage)
 
-    def _free(
-        self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study | None = None
-    ) -> Run:
+    def _free(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         """The free run of a stage, without which there is no study."""
-        own = study or self.study
         try:
-            return self._kept(fmu, stage, fit, wave, starts, own)
+            return self._kept(fmu, stage, fit, wave, starts, study)
         except RunFailed as error:
-            raise Unusable(f"{own.fitted.source}: the model does not run with this record: {error}") from None
+            raise Unusable(f"{study.fitted.source}: the model does not run with this record: {error}") from None
 
     def _kept(self, fmu: Path, stage: str, fit: Fit, wave: Array, starts: Mapping[str, float], study: Study) -> Run:
         return self.journal.stage(f"run_{stage}", lambda: free_run(fmu, study, fit, wave, starts))
@@ -391,8 +368,3 @@ def _nothing() -> Fit:
 def _has_sensor(fit: Fit, place: str | None = None) -> bool:
     """Whether a sensor is one of its terms, at a place or anywhere."""
     return any(term.is_sensor and place in (None, term.place) for term in fit.terms)
-
-
-def _moved(network: Network, fit: Fit) -> dict[str, float]:
-    """Start values of the parameters that a fit without terms moves."""
-    return {name: float(value) for name, value in parameter_values(fit.unknowns, network, fit.x).items()}
