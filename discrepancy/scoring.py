@@ -66,9 +66,8 @@ class Named:
     @property
     def visible(self) -> bool:
         """Whether each of two effects shows beside the other."""
-        return (
-            len(self.fit.terms) < 2 or min(np.linalg.norm(seen_by(self.fit, [t])) for t in self.fit.terms) >= at.VISIBLE
-        )
+        alone = [float(np.linalg.norm(seen_by(self.fit, [t]))) for t in self.fit.terms]
+        return len(alone) < 2 or min(alone) >= at.VISIBLE
 
     def moved_to(self, fit: Fit, dof_of_noise: float) -> Named:
         """The same hypothesis at another fit to the same data, at the same price."""

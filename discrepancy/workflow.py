@@ -235,7 +235,7 @@ class _Work:
         shown = Shown(as_given[0], before, agreement=without)
         if added:
             shown = self._add(study, naming, wave, shown)
-        self.progress(0.91, "running the FMUs with the other recordings")
+        self.progress(0.91, "judging by the held-out beats")
         runners = partial(self._free, fmu), partial(self._free, self.extended_fmu)
         naming, shown, recordings, unjudged = self.recordings.judged(naming, base, shown, *runners)
         if naming.verdict not in ADDED:

@@ -11,10 +11,12 @@ import pytest
 from forked import CHANNELS, NETWORK, N, clean, record
 from small_network import NAMES, term
 
-from discrepancy.confirm import agreement, confirmed
+from discrepancy import confirm
+from discrepancy.confirm import agreement
 from discrepancy.name import name
 from discrepancy.outcome import NamedEffect
 from discrepancy.places import label_text
+from discrepancy.recorded import Recorded
 from discrepancy.show import Gap, Run, compared, fall
 from discrepancy.study import Study
 from discrepancy.summary import sentence
@@ -55,6 +57,15 @@ def named(verdict: str = "effect") -> Naming:
     s = study()
     found = name(s.problem, s.terms, walls="common")
     return replace(found, verdict=verdict, ranked=found.ranked or (found.base,), confidence=0.9)
+
+
+def confirmed(s: Study, naming: Naming, before: Run, after: Run | None) -> Naming:
+    """What two free runs leave of a name, of one recording."""
+    each = Recorded("A", "A.csv", "", 20, s.fitted.T, True, before.gap.total, {})
+    if after is not None:
+        fallen, sd = fall(s, before, after)
+        each = replace(each, fallen=fallen, sd=sd)
+    return confirm.confirmed(naming, [each], before.gap, after and after.gap)
 
 
 # --- the gap must fall ------------------------------------------------------------------------------------------------

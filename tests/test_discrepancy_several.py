@@ -28,10 +28,10 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from discrepancy import together
 from discrepancy.command_tables import gap_text, recordings_table
-from discrepancy.confirm import confirmed_together
+from discrepancy.confirm import confirmed
 from discrepancy.recorded import Recorded
 from discrepancy.recorded import rows as rows_of
-from discrepancy.recordings import confirmed_by_all
+from discrepancy.recordings import Recordings
 from discrepancy.second_state import second_state, separations
 from discrepancy.show import Gap
 from discrepancy.study import Study, prepare
@@ -257,12 +257,12 @@ def one(label: str, fallen: float, d: float, fitted: bool = True) -> Recorded:
 def test_the_rule_of_several(each: Sequence[Recorded], words: str | None) -> None:
     """χ² of held-out beats falls over all, in each that shows the effect, and rises in none; held-out ones likewise."""
     naming = named(RELAXATION, 1)[2]
-    found = confirmed_together(naming, each, BEFORE, AFTER)
+    found = confirmed(naming, each, BEFORE, AFTER)
     if words is None:
         assert found is naming
     else:
         assert found.verdict == "unknown" and words in (found.reason or "") and found.confidence <= 0.5
-    nothing = confirmed_together(naming, each, Gap((1.0, 0.9), {}), AFTER)
+    nothing = confirmed(naming, each, Gap((1.0, 0.9), {}), AFTER)
     assert nothing.verdict == "none" and "no more than noise" in (nothing.reason or "")
 
 
@@ -278,9 +278,9 @@ def test_names_of_own_numbers_are_whole() -> None:
 def test_own_numbers_are_of_the_model_that_stands() -> None:
     """Where the FMUs do not bear the name out, a recording's own numbers are those without the effect."""
     each = replace(one("A", 3.0, 20.0), own={"CA.E": 2e6}, own_before={"CA.E": 1e6})
-    several: Any = SimpleNamespace(judged=lambda *_: ([(each, BEFORE, AFTER)], []), warnings=())
+    several: Any = SimpleNamespace(each=lambda *_: ([(each, BEFORE, AFTER)], []), warnings=(), alone=False)
     run: Any = object()
-    naming, _, (found,), _ = confirmed_by_all(several, named(RELAXATION, 1)[2], run, Shown(run, run, run), run, run)
+    naming, _, (found,), _ = Recordings.judged(several, named(RELAXATION, 1)[2], run, Shown(run, run, run), run, run)
     assert naming.verdict == "unknown" and found.own == {"CA.E": 1e6} and found.gap_after is None
 
 

@@ -28,6 +28,7 @@ from discrepancy.asked import Asked
 from discrepancy.journal import Journal
 from discrepancy.name import name
 from discrepancy.outcome import VERDICTS, Outcome, verdict_json
+from discrepancy.recordings import Recordings
 from discrepancy.scoring import Named
 from discrepancy.show import Gap, Run, compared, own_parity
 from discrepancy.source import read_model
@@ -383,7 +384,10 @@ def test_when_naming_ends_at_the_latest(monkeypatch: pytest.MonkeyPatch, limit: 
     monkeypatch.setattr(workflow, "datetime", Clock)
     monkeypatch.setattr(workflow, "name", named)
     work: Any = object.__new__(workflow._Work)
-    work.study, work.asked = SimpleNamespace(problem=None, terms=()), Asked(time_limit=limit)
+    work.asked = Asked(time_limit=limit)
+    one: Any = SimpleNamespace(problem=None, terms=())
+    record: Any = SimpleNamespace(path="A.csv")
+    work.recordings = Recordings((record,), (one,))
     work.progress = lambda fraction, label: told.append((fraction, label))
     work.journal = SimpleNamespace(naming=lambda problem, compute: compute())
     assert work._name() == "named"
