@@ -15,6 +15,8 @@ from solver.notebook.shown import Shown
 from solver.units import SIGNAL_UNITS
 
 from . import thresholds
+from .isolability import Detectable as Detectable
+from .isolability import Isolability as Isolability
 from .learned_law import LearnedLaw, law_json
 from .recorded import Recorded
 from .shown_map import SourceMapShown, map_json
@@ -155,58 +157,6 @@ class ChannelBeats:
     gap_after: tuple[float, float] | None
     rms_before: tuple[float, float] | None = None
     rms_after: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Isolability:
-    """What a sensor set can tell apart, before any data.
-
-    labels : names of effects, each at the place where it shows most. separation : (n, n) d' of the effect of a row, of
-    typical size, after the best refit of that of a column, wherever it comes nearest (0 on the diagonal). visibility :
-    (n,) d' of each after the nuisance refit. invisible : those that do not show. not_judged : effects without a
-    derivative here, as another kind of outlet, or those that are this animal where walls differ.
-    """
-
-    labels: tuple[str, ...]
-    separation: Array
-    visibility: Array
-    invisible: tuple[str, ...]
-    not_judged: tuple[str, ...] = ()
-
-    @property
-    def visible(self) -> dict[str, float]:
-        """The effects that show, with their visibility."""
-        return {e: float(d) for e, d in zip(self.labels, self.visibility, strict=True) if e not in self.invisible}
-
-    def rivals(self, label: str) -> dict[str, float]:
-        """The separation d' of an effect from every other visible one."""
-        row = dict(zip(self.labels, self.separation[self.labels.index(label)], strict=True))
-        return {e: float(row[e]) for e in self.visible if e != label}
-
-    def nearest(self, label: str) -> tuple[str, float] | None:
-        """The visible effect that comes nearest to another, and their separation d'; None where there is no other."""
-        return min(self.rivals(label).items(), key=lambda pair: pair[1], default=None)
-
-    def confused(self, label: str) -> tuple[str, ...]:
-        """The visible effects that one of typical size cannot be told from: in their best size, they look like it."""
-        return tuple(e for e, d in self.rivals(label).items() if d < thresholds.INSEPARABLE)
-
-
-@dataclass(frozen=True)
-class Detectable:
-    """The least change of a number of an effect, from what the model has, that this record would have shown.
-
-    parameter : the number, as "CA.phi0"; ratio : the other number of its owner that it is counted relative to, as "E",
-    or "". change : in ``unit``; a part of the number if ``relative``; NaN where none that is allowed would show.
-    either : whether the opposite change is allowed, too.
-    """
-
-    parameter: str
-    change: float
-    unit: str
-    relative: bool = False
-    either: bool = False
-    ratio: str = ""
 
 
 @dataclass(frozen=True)
