@@ -25,19 +25,26 @@ _MOST_GAINS = 3
 _MOST_NAMED = 3
 
 
+def effect_rows(outcome: Outcome) -> Iterator[tuple[str, ...]]:
+    """Of every parameter that was added: effect, place, name, value and interval as people read them, confidence."""
+    for effect in outcome.effects:
+        for name, each in effect.parameters.items():
+            value, interval = estimate_text(name, each)
+            yield plain(effect.name), places_text(effect.where), name, value, interval, percent(effect.confidence)
+
+
 def effects_table(outcome: Outcome) -> Table:
-    """The effects that were added, with their parameters in the units that people read."""
+    """The effects that were added, with their parameters; what is said of an effect, in its first line."""
     titles = {"ambiguous": "best of the class", "partial": "a part of what was missing"}
     title = titles.get(outcome.verdict, "what was missing")
     if outcome.verdict == "ambiguous" and len(outcome.members) < 2:
         title = "two faults of sensors"
     numbers = (Column(each, no_wrap=True) for each in ("parameter", "value", "95 % interval", "confidence"))
-    table = Table("effect", "where", *numbers, title=title, pad_edge=False)  # fits 80 columns
-    for effect in outcome.effects:
-        first, last = (plain(effect.name), places_text(effect.where)), percent(effect.confidence)
-        for name, each in effect.parameters.items():
-            table.add_row(*first, name, *estimate_text(name, each), last)
-            first, last = ("", ""), ""
+    table, told = Table("effect", "where", *numbers, title=title, pad_edge=False), None  # fits 80 columns
+    for effect, where, *parameter, confidence in effect_rows(outcome):
+        first = (effect, where) != told
+        table.add_row(*((effect, where) if first else ("", "")), *parameter, confidence if first else "")
+        told = (effect, where)
     return table
 
 
@@ -51,22 +58,18 @@ def recordings_table(outcome: Outcome) -> Table:
 
 
 def gap_text(outcome: Outcome) -> str:
-    """The gap to the record, before and after."""
+    """The gap to the record, before and after, and the RMS of channels over the held-out beats, in their units; of
+    several recordings their table says these."""
     if outcome.gap_before is None:
         return ""
     before, after = gap_pair(outcome.gap_before), gap_pair(outcome.gap_after)
     fitted, held = (b if outcome.gap_after is None else f"{b} -> {a}" for b, a in zip(before, after, strict=True))
-    rms = _rms_text(outcome)
-    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones{rms}\n  {gap_unit(outcome)}"
-
-
-def _rms_text(outcome: Outcome) -> str:
-    """The same of the channels over the held-out beats, in their units; of several recordings their table says it."""
-    before, after = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
+    first, last = ({c.name: pair[1] for c in outcome.channels if (pair := getattr(c, key))} for key in _RMS)
     loud = {c.name: c.gap_before[1] for c in outcome.channels}
-    if not before or sum(each.fitted for each in outcome.recordings) > 1:
-        return ""
-    return f"; rms {changes(before, after, loud) if set(after) == set(before) else sizes(before, loud)}"
+    rms = ""
+    if first and sum(each.fitted for each in outcome.recordings) < 2:
+        rms = f"; rms {changes(first, last, loud) if set(last) == set(first) else sizes(first, loud)}"
+    return f"gap (1 = noise): {fitted} on the fitted beats, {held} on the held-out ones{rms}\n  {gap_unit(outcome)}"
 
 
 def statements(outcome: Outcome) -> Iterator[str]:

@@ -269,7 +269,7 @@ def test_the_class_is_shown_where_it_leaves_a_choice(sheep: Network, verdict: st
         "wall viscosity at CA",
         "stenosis at MD with channel gain at CA.P",
     ]
-    assert "Cannot be told apart: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
+    assert "cannot be told apart: wall viscosity at CA; stenosis at MD with channel gain" in outcome._repr_html_()
     assert verdict_json(outcome)["class"] == [
         [{"name": "wall_viscosity", "where": ["CA"]}],
         [{"name": "stenosis", "where": ["MD"]}, {"name": "channel_gain", "where": ["CA.P"]}],
