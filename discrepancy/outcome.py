@@ -285,7 +285,7 @@ class Outcome(Shown):
 
 def verdict_json(outcome: Outcome) -> dict[str, Any]:
     """The plain content of verdict.json; null where a number could not be told."""
-    acting, walls, agreement = outcome.map, outcome.walls, outcome.agreement
+    acting, walls, a = outcome.map, outcome.walls, outcome.agreement
     content = {
         "verdict": outcome.verdict,
         "confidence": outcome.confidence,
@@ -307,7 +307,12 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
                          for c in outcome.channels},
         },
         "remains": outcome.remains,
-        "walls": walls and _walls(walls),
+        "walls": walls and {
+            "kind": walls.kind,
+            "spread": {key: {"stated": stated, "found": found} for key, (stated, found) in walls.spread.items()},
+            "arteries": {name: {"file": own.file, "source": own.source, **own.now.plain, "deviation": own.deviation,
+                                "beyond": own.beyond} for name, own in walls.arteries.items()},
+        },
         "separating_measurement": outcome.separating_measurement,
         "invisible": outcome.invisible,
         "not_judged": outcome.not_judged,
@@ -317,8 +322,9 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "held_out_sites": outcome.sites,
         "smallest_detectable": outcome.smallest,
         "fmu_against_solver": outcome.parity,
-        "fmu_against_inference": agreement and _agreement(agreement),
-        "absorbed": {a.name: {"x": a.x, "sd": a.sd, "prior_sd": a.prior_sd, "unit": a.unit} for a in outcome.absorbed},
+        "fmu_against_inference": a and {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic,
+                                        "gap": {"fmu": _gap(a.fmu), "inferred": _gap(a.inferred)}},
+        "absorbed": {n.name: {"x": n.x, "sd": n.sd, "prior_sd": n.prior_sd, "unit": n.unit} for n in outcome.absorbed},
         "recordings": {each.label: each.plain for each in outcome.recordings},
         "warnings": outcome.warnings,
         "notes": outcome.notes,
@@ -331,20 +337,3 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
 
 def _gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
     return None if pair is None else {"fit": pair[0], "held_out": pair[1]}
-
-
-def _walls(walls: Walls) -> dict[str, Any]:
-    return {
-        "kind": walls.kind,
-        "spread": {key: {"stated": stated, "found": found} for key, (stated, found) in walls.spread.items()},
-        "arteries": {
-            name: {"file": own.file, "source": own.source, **own.now.plain, "deviation": own.deviation,
-                   "beyond": own.beyond}
-            for name, own in walls.arteries.items()
-        },
-    }  # fmt: skip
-
-
-def _agreement(a: Agreement) -> dict[str, Any]:
-    gap = {"fmu": _gap(a.fmu), "inferred": _gap(a.inferred)}
-    return {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic, "gap": gap}

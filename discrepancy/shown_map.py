@@ -115,15 +115,14 @@ class SourceMapShown:
 
 def map_json(shown: SourceMapShown) -> list[dict[str, Any]]:
     """The plain content of verdict.json for each place."""
-    return [_place(a) for a in shown.acting]
-
-
-def _place(a: Acting) -> dict[str, Any]:
-    where = {"kind": a.place.kind, "where": a.place.name, "x": a.place.at, "label": a.place.label, "unit": a.unit}
-    size = {"rms": a.rms} if a.number is None else {"rms": None, "value": a.number.value, "file": a.number.file}
-    rivals = [{"labels": [place.label for place in rival.places], "above": rival.above} for rival in a.rivals]
-    phase = a.phase and {"name": a.phase[0], "part": a.phase[1]}
-    return {**where, **size, "share": a.share, "phase": phase, "rivals": rivals}
+    found = []
+    for a in shown.acting:
+        where = {"kind": a.place.kind, "where": a.place.name, "x": a.place.at, "label": a.place.label, "unit": a.unit}
+        size = {"rms": a.rms} if a.number is None else {"rms": None, "value": a.number.value, "file": a.number.file}
+        rivals = [{"labels": [place.label for place in rival.places], "above": rival.above} for rival in a.rivals]
+        phase = a.phase and {"name": a.phase[0], "part": a.phase[1]}
+        found.append({**where, **size, "share": a.share, "phase": phase, "rivals": rivals})
+    return found
 
 
 def shown_map(found: SourceMap, network: Network, beats: Beats, shares: Sequence[float] = ()) -> SourceMapShown:
