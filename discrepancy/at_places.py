@@ -16,11 +16,10 @@ from fitting.inference.beside import found_beside
 from fitting.inference.fit import Fit, Member, sizes_of
 from fitting.inference.gauss_newton import bounded_step
 from fitting.inference.network import NetworkProblem
-from fitting.inference.parts import placed
 from fitting.inference.places import NUMBER, Place
 from fitting.inference.simulator import Runs
 from fitting.inference.source_map import SourceMap, is_noise
-from fitting.inference.terms import Term, effect_of, joins
+from fitting.inference.terms import Term, effect_of, joins, placed
 from fitting.inference.unknown import bounds, penalty, precisions
 from solver.effect import ALL_PLACES, CHANNEL, WALL
 from solver.errors import InputError

@@ -33,7 +33,9 @@ Array = np.ndarray
 class Named:
     """A hypothesis with its score. probability : among all. separation : d' to the best.
     above_best : by how much its score is worse than the best one's. errors : of the model that it is held with, None
-    for an exact one; ``fit`` is then whitened with them. places : of a network where they act."""
+    for an exact one; ``fit`` is then whitened with them. places : of a network where they act. shown : whether a record
+    can show it: a sensor that is named by a frequency above half the sampling rate may be another fault of it, or the
+    aliases of a flow with a kink, and is never what is named."""
 
     fit: Fit
     score: float
@@ -43,6 +45,7 @@ class Named:
     above_best: float = 0.0
     errors: Array | None = None
     places: tuple[Place, ...] = ()
+    shown: bool = True
 
     @property
     def label(self) -> str:
@@ -131,7 +134,8 @@ def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     """An exact hypothesis."""
-    return Named(fit, hierarchy.score(fit) + price(fit, terms), misfit(fit, problem.dof_of_noise))
+    score = hierarchy.score(fit) + price(fit, terms)
+    return Named(fit, score, misfit(fit, problem.dof_of_noise), shown=problem.shows(fit))
 
 
 def with_errors(exact: Named, beside: Beside | None) -> Named | None:
@@ -144,8 +148,8 @@ def with_errors(exact: Named, beside: Beside | None) -> Named | None:
 
 
 def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
-    """Hypotheses by score, with their distance from the best."""
-    return apart(sorted(found, key=lambda n: n.score))
+    """Hypotheses by score, those that may be named first, with their distance from the best of these."""
+    return apart(sorted(found, key=lambda n: (not n.shown, n.score)))
 
 
 def apart(found: Sequence[Named]) -> tuple[Named, ...]:
@@ -221,8 +225,8 @@ class Compared:
 
     @property
     def best(self) -> Named:
-        """The best hypothesis."""
-        return min(self.every, key=lambda n: n.score)
+        """The best hypothesis of those that may be named."""
+        return min((n for n in self.every if n.shown), key=lambda n: n.score)
 
     @property
     def sought(self) -> tuple[Term, ...]:

@@ -73,7 +73,7 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
 
 def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     problem, none = found.problem, found.none
-    exact = [n for n in found.every if n.explains and both_show(found, n)]
+    exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
     ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     ways = tuple(replace(n, probability=p) for n, p in zip(ways, shares(ways), strict=True))
@@ -97,6 +97,13 @@ def _decided(found: Compared, terms: tuple[Term, ...], beside: Freed) -> Naming:
     members = _class(order[: len(same)])
     sure = stated(confidence, problem.kind)
     return replace(unknown, verdict=_said(best, members), ranked=order, members=members, confidence=sure)
+
+
+def _with_shown(exact: Sequence[Named]) -> list[Named]:
+    """Without hypotheses that the record cannot show, but where another fault of the same sensors explains it, too:
+    beside that one they compete."""
+    places = [{t.place for t in n.fit.terms} for n in exact if n.shown]
+    return [n for n in exact if n.shown or {t.place for t in n.fit.terms} in places]
 
 
 def both_show(found: Compared, n: Named) -> bool:
@@ -125,7 +132,7 @@ def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
     a network whose best hypothesis explains the record, no effect and that one alone."""
     if found.problem.site is None and any(n is found.best for n in exact):
         return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
-    single = [n for n in found.ranked if len(n.fit.terms) == 1]
+    single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
     return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
 

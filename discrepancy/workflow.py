@@ -330,10 +330,11 @@ class _Work:
 
     def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
         """The free run of a learned law's FMU, and the FMU that is delivered."""
-        fmu = self._fmu(network, "learned")
-        run = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+        stage = "described" if network.sources else "learned"
+        fmu = self._fmu(network, stage)
+        run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
         whole = own.problem.part(network) is network
-        return run, (fmu if whole else self._built(network, "learned_model")).read_bytes()
+        return run, (fmu if whole else self._built(network, f"{stage}_model")).read_bytes()
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.

@@ -55,12 +55,12 @@ class Calibration:
 
     values, ci95 : SI, by FMU variable name, of what the recordings have in common. shrinkage : posterior over prior
     standard deviation, None without a prior. chi2, dof : of the data, by their noise alone. model_errors : of means and
-    of harmonics, parts of each channel's pulsation (rms; :mod:`fitting.inference.granted`), 0 where the model explains
-    the record; they are in the covariance. singular_values : of the whitened Jacobian in prior units, largest first, 0
-    where its own error is as large. report : what is not determined, at a bound, or not explained, one sentence each.
-    history : cost after each iteration of both searches. simulations : parameter
-    sets that were simulated. others : the network's parameters that did not move [SI]. Intervals are Student's t with
-    4 (beats - 1) degrees of freedom of every recording, what is known of the noise.
+    of harmonics, parts of each channel's pulsation (rms; :mod:`fitting.inference.calibration`), 0 where the model
+    explains the record; they are in the covariance. singular_values : of the whitened Jacobian in prior units, largest
+    first, 0 where its own error is as large. report : what is not determined, at a bound, or not explained, one
+    sentence each. history : cost after each iteration of both searches. simulations : parameter sets that were
+    simulated. others : the network's parameters that did not move [SI]. Intervals are Student's t with 4 (beats - 1)
+    degrees of freedom of every recording, what is known of the noise.
     """
 
     network: str

@@ -16,11 +16,9 @@ import numpy as np
 from solver.errors import InputError
 from solver.simulate import BROKEN
 
-from .inference.calibration import Part, Problem
+from .inference.calibration import Ended, Part, Problem, minimum
 from .inference.gauss_newton import Rules
-from .inference.granted import Ended, minimum
-from .inference.starting_points import starting_points
-from .inference.unknown import absent
+from .inference.unknown import absent, starting_points
 from .records.noise import pulses
 
 Array = np.ndarray

@@ -16,6 +16,7 @@ from solver.network import Network
 
 from ..records.beats import Beats
 from ..records.noise import mean_beat
+from .added import frequency
 from .fit import Fit
 from .gauss_newton import Point, Rules, Trial
 from .jackknife import Rest
@@ -70,6 +71,10 @@ class Forward(Protocol):
     @property
     def highest(self) -> float:
         """Half the sampling rate [Hz]: no sensor is named by a frequency above it."""
+
+    def shows(self, fit: Fit) -> bool:
+        """Whether the record can show a hypothesis: the frequencies that its sensors are named by."""
+        return frequency(fit) <= self.highest
 
     @property
     def rules(self) -> Rules:

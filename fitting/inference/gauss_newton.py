@@ -66,6 +66,18 @@ def held_step(normal: Array, gradient: Array, x: Array, low: Array, high: Array)
     return step
 
 
+def linear_step(fit: Fit, J: Array, z: Array) -> Array:
+    """The step (p,) from a fit to the minimum of a linear problem (J, z) about it, within the bounds."""
+    return bounded_step(J, z, fit.prior, fit.x, *bounds(fit.unknowns))
+
+
+def promised(z: Array, start: Fit | None) -> float:
+    """χ² of a residual (n,), or what it promises to be where the unknowns of ``start`` follow."""
+    if start is not None and len(start.x):
+        z = z + start.J @ linear_step(start, start.J, z)
+    return float(z @ z)
+
+
 @dataclass(frozen=True)
 class Rules:
     """What differs between kinds of search.

@@ -18,6 +18,7 @@ import numpy as np
 
 from . import thresholds as limit
 from .beats import Beats
+from .spectral import coefficients
 
 Array = np.ndarray
 Transfer = Callable[[float, int], Array]
@@ -31,6 +32,11 @@ class Felt:
     change: Array
     seam: Array
     doubt: Array
+
+    def coefficients(self, n: int) -> tuple[Array, Array, Array]:
+        """(n, m) of the seam, of what is not known of it as walls are not, and of what came before the record."""
+        seam, doubt = (coefficients(x)[:, :n].T for x in (self.seam, self.doubt))
+        return seam, limit.SEAM_ERROR * seam, doubt
 
 
 def felt(beats: Beats, drive: str, transfer: Transfer, harmonics: int, memory: bool = True) -> Felt | None:

@@ -22,20 +22,10 @@ from solver.errors import InputError
 from solver.files import write_whole
 
 from .columns import Reading, choose
-from .sensors import (
-    KINDS,
-    TIME,
-    check_numbers,
-    check_plateaus,
-    check_ranges,
-    constant_value,
-    may_rest,
-    refuse_constant,
-)
+from .sensors import KINDS, TIME, check_numbers, check_plateaus, check_ranges, constant_value, may_rest, refuse_constant
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
-from .time_axis import time_axis
-from .together import Part, together
+from .time_axis import Part, time_axis, together
 
 Array = np.ndarray
 
@@ -136,7 +126,7 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
         each = chosen.pop(0)  # what is not needed is not kept: a record may be large
         with np.errstate(over="ignore"):
             channels[each.name] = each.column.values * each.factor
-        check_numbers(channels[each.name], each.name, each.column.title, place)
+        check_numbers(channels[each.name], each.column.title, place)
     check_ranges(channels, titles, place)
     for name, title in titles.items():
         constant = constant_value(channels[name])

@@ -7,11 +7,14 @@ moved, once, onto the line by a cubic spline. Samples that are missing on the li
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from solver.errors import InputError
 
 from . import thresholds as limit
 from .sensors import UnusableRecord, refuse
@@ -22,6 +25,9 @@ Array = np.ndarray
 _DOUBLE, _SINGLE = 2.3e-16, 1.2e-7  # relative rounding of numbers of 8 and of 4 bytes
 _SEEN = 10  # stamps on either side of a wide step: their medians stand still where one stamp alone is late
 _ROUNDS = 5  # of counting lost samples by the interval and finding the interval by them
+# A Hamming window of 16 slow intervals has a transition of 3.3/16 = 0.2 of the slow rate f: from 0.3 f, as it was,
+# to 0.5 f, gone
+_HALF, _CUTOFF = 8, 0.8
 
 
 @dataclass(frozen=True)
@@ -80,9 +86,7 @@ def time_axis(given: Array, factor: float, title: str, place: Place) -> Axis:
     if dt > 0.0 and worst <= (q if coarse or step.max() < limit.WIDE_STEP * dt else min(q, 0.25 * dt)):
         said = _coarse(q, dt, t, factor, place) if coarse and worst > 1e-6 * q else ()
         return Axis((given[0] + t - off) * factor, given * factor, said=said)
-    bad = np.flatnonzero(step <= 0.0)
-    if len(bad):
-        _refuse_order(given, int(bad[0]), title, place)
+    _check_order(given, np.flatnonzero(step <= 0.0), title, place)
     number = _numbered(t, q)
     dt, off = _line(t, number)
     lost = int(number[-1]) + 1 - n
@@ -108,13 +112,15 @@ def _check(given: Array, factor: float, title: str, place: Place) -> None:
         longest = float(np.abs(given).max()) * factor
     if not longest < limit.LATEST:
         refuse(place, 0, title, f"times beyond {limit.LATEST:g} s; check the unit, or start the record at zero")
-    if len(back) or not given[-1] > given[0]:
-        _refuse_order(given, int(back[0]) if len(back) else 0, title, place)
+    _check_order(given, back if len(back) or given[-1] > given[0] else np.zeros(1, int), title, place)
 
 
-def _refuse_order(given: Array, at: int, title: str, place: Place) -> NoReturn:
-    why = f"the time does not increase ({given[at]:g} to {given[at + 1]:g}); correct the line, or begin the file there"
-    refuse(place, at + 1, title, why)
+def _check_order(given: Array, back: Array, title: str, place: Place) -> None:
+    """Raise ValueError if there are steps (n,) ``back`` in time."""
+    if len(back):
+        at, end = given[back[0] : back[0] + 2]
+        why = f"the time does not increase ({at:g} to {end:g}); correct the line, or begin the file there"
+        refuse(place, int(back[0]) + 1, title, why)
 
 
 def _check_regular(step: Array, numbers: Array, dt: float, lost: int, title: str, place: Place) -> None:
@@ -175,10 +181,10 @@ def _coarse(q: float, dt: float, t: Array, factor: float, place: Place) -> tuple
     """Of stamps too coarse to show single samples. An error of up to q/2 of all stamps moves the slope of their line by
     at most Σ|i| q/2 / Σi² = 1.5 q/(n dt) of itself. Raises ValueError where that is too much."""
     error = 1.5 * q / t[-1]
-    if error > limit.VAGUE_RATE:
+    if error > limit.IRREGULAR:
         raise UnusableRecord(
             f"{place}: its times are printed in steps of {q * factor:g} s, which over {t[-1] * factor:.4g} s leave the "
-            f"rate open by {error:.0%}, and {limit.VAGUE_RATE:.0%} is allowed; print the time with more decimals, or "
+            f"rate open by {error:.0%}, and {limit.IRREGULAR:.0%} is allowed; print the time with more decimals, or "
             "record longer."
         )
     return (
@@ -234,3 +240,73 @@ def _last_decimal(values: Array) -> float:
         if blur > 0.01 or np.abs(scaled - np.round(scaled)).max() < 1e-4 + blur:
             return float(10.0**-digits)
     return 0.0
+
+
+# --- several files ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file: time : (n,) [s], uniform; channels : (n,) each."""
+
+    source: str
+    time: Array
+    channels: Mapping[str, Array]
+
+    @property
+    def dt(self) -> float:
+        """[s]"""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+
+def together(parts: Sequence[Part]) -> tuple[Array, dict[str, Array], str]:
+    """Several files on one axis, over the time that all have: time (n,) [s], the channels of all parts (n,), and what
+    was done, for people.
+
+    The axis is that of the slowest file, the first of equals. Samples of a faster one are low-passed before they are
+    taken there, lest noise beyond half the slow rate folds into the pulse. The other way round, harmonics that no
+    sensor measured would count as measured, and free of noise.
+
+    Raises ValueError, one sentence, where the times have nothing in common or two files have one channel.
+    """
+    base = max(parts, key=lambda p: round(p.dt / parts[0].dt, 4))
+    low, high = max(p.time[0] for p in parts), min(p.time[-1] for p in parts)
+    at = base.time[(base.time >= low - limit.LOST * base.dt) & (base.time <= high + limit.LOST * base.dt)]
+    if len(at) < 2:
+        spans = ", ".join(f"{p.source} from {p.time[0]:.6g} to {p.time[-1]:.6g} s" for p in parts)
+        raise InputError(f"{spans}: their times do not overlap; give files of one recording, stamped by one clock.")
+    channels: dict[str, Array] = {}
+    for part in parts:
+        for name, values in part.channels.items():
+            if name in channels:
+                mine = f"{Path(part.source).name}:TITLE"
+                raise InputError(
+                    f'{part.source}: {name} is in another file, too; leave one out, --map "{mine}=", or say what it '
+                    f'is, --map "{mine}=AA.P [mmHg]".'
+                )
+            channels[name] = _at(part, values, base, at)
+    rates = ", ".join(f"{p.source} at {1.0 / p.dt:.6g} Hz from {p.time[0] - parts[0].time[0]:+.6g} s" for p in parts)
+    said = f"{rates}: aligned by their times over {at[-1] - at[0]:.6g} s that all have, at {1.0 / base.dt:.6g} Hz"
+    return at, channels, f"{said}, the rate of {base.source}{'' if base is parts[0] else ', the slowest'}."
+
+
+def _at(part: Part, values: Array, base: Part, at: Array) -> Array:
+    """A channel at the times ``at`` : (n,) of another file."""
+    place = (at - part.time[0]) / part.dt
+    near = np.clip(np.rint(place).astype(int), 0, len(values) - 1)
+    gaps, ratio = np.isnan(values), base.dt / part.dt
+    if ratio > 1.0 + limit.LOST:
+        values = _low_passed(np.interp(part.time, part.time[~gaps], values[~gaps]), ratio)
+    if np.abs(place - near).max() > limit.LOST:
+        there = ~np.isnan(values)
+        return np.where(gaps[near], np.nan, between(part.time[there], values[there], at))
+    return np.where(gaps[near], np.nan, values[near])
+
+
+def _low_passed(values: Array, ratio: float) -> Array:
+    """Without what a rate ``ratio`` times slower cannot show, and without delay."""
+    from scipy.signal import firwin, oaconvolve  # takes half a second
+
+    half = min(int(np.ceil(_HALF * ratio)), len(values) - 1)
+    padded = np.pad(values, half, mode="reflect", reflect_type="odd")
+    return np.asarray(oaconvolve(padded, firwin(2 * half + 1, _CUTOFF / ratio), mode="valid"))

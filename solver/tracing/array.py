@@ -49,6 +49,10 @@ class Traced(View, NDArrayOperatorsMixin):
     def T(self) -> Traced:
         return self._view(self.index.T)
 
+    @property
+    def real(self) -> Traced:
+        return self
+
     def __len__(self) -> int:
         return len(self.index)
 
@@ -112,6 +116,8 @@ class Traced(View, NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         found: Any
+        if any(map(_is_complex, inputs)):
+            return NotImplemented
         if method == "reduce":
             found = _reduced(self.recorder, ufunc.__name__, inputs[0], **options)
         elif method == "reduceat" and ufunc is np.add:
@@ -130,6 +136,8 @@ class Traced(View, NDArrayOperatorsMixin):
         return out[0]
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
+        if any(map(_is_complex, types)):
+            return NotImplemented
         if function in _ON_INDEX:
             return self._view(function(self.index, *inputs[1:], **options))
         if function not in _FUNCTIONS:
@@ -148,6 +156,11 @@ class Traced(View, NDArrayOperatorsMixin):
     def all(self, axis: Any = None) -> Traced:
         found = _reduced(self.recorder, "logical_and", self != 0.0, axis=axis)
         return _Guard(self.recorder, found) if axis is None else found
+
+
+def _is_complex(x: Any) -> bool:
+    """Whether it is, or is the type of, a :class:`~solver.tracing.complex.Complex`, which knows what to do."""
+    return bool(getattr(x, "has_two_parts", False))
 
 
 class _Guard(Traced):

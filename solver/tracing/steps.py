@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,9 +21,8 @@ from ..scheme.guards import margins
 from ..scheme.mesh import Layout, Mesh
 from ..scheme.model import Model
 from ..scheme.sdirk import INFLOW_TIMES
-from ..scheme.stage import Stage, condense, largest, operators_about
+from ..scheme.stage import Operators, Stage, condense, largest, operators_about
 from ..scheme.step import State, tolerances
-from ..scheme.terms import jacobian
 from .array import Traced, array, later
 from .program import Program, compiled
 from .recorder import Recorder
@@ -130,20 +129,33 @@ def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
     leaves = Leaves()
     m, walls = leaves.of(numbers(model))
     key = (tau, *leaves.kind)
-    found = _programs.pop(key, None) or _Recording(leaves.recorder, m, tau).all(leaves, walls)
-    while len(_programs) >= _KEPT:
-        _programs.pop(next(iter(_programs)), None)
-    _programs[key] = found
+    found = _programs.pop(key, None) or Recording(leaves.recorder, m, tau).all(leaves, walls)
+    keep(_programs, key, found)
     return found, leaves.arrays
 
 
-class _Recording:
+def keep(programs: dict[Hashable, Recorded], key: Hashable, found: Recorded) -> None:
+    """Keep a program, and of those before it the last ones."""
+    while len(programs) >= _KEPT:
+        programs.pop(next(iter(programs)), None)
+    programs[key] = found
+
+
+class Recording:
     """What is given to the program of a model m, and what it leaves, by name; all of one member."""
+
+    phases: ClassVar[Mapping[str, int]] = _PHASE
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
         self.recorder, self.m, self.n_H, self.shapes = recorder, m, m.mesh.n_nodes, m.layout.shapes
         self.given, self.out = defaultdict[str, list[Any]](list), dict[str, Any]()
-        self.o = operators_about(m, tau, m.at_rest(), np.broadcast_to(m.coefficients.P_0, (1, self.n_H)))
+        self.tau = tau
+        self.o = self.operators()
+
+    def operators(self) -> Operators:
+        """Of the steps."""
+        H = np.broadcast_to(self.m.coefficients.P_0, (1, self.n_H))
+        return operators_about(self.m, self.tau, self.m.at_rest(), H)
 
     def all(self, leaves: Leaves, walls: Any) -> Recorded:
         """The program; walls : at the sites."""
@@ -153,13 +165,18 @@ class _Recording:
         self.refresh(stage)
         self.end(stage)
         self.report(state, walls)
+        return self.recorded(leaves)
+
+    def recorded(self, leaves: Leaves, held: int | None = None) -> Recorded:
+        """The program of all that is given and left; held : the phase whose numbers are kept apart."""
         places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
-        program = compiled(self.recorder, len(PHASES), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        units = self.m.mesh.n_elements
+        program = compiled(self.recorder, len(self.phases), units, {**self.given, **places}, self.out, held)
         return Recorded(program, tuple(program.address.get(name, -1) for name in places))
 
     def take(self, name: str, phase: str, *shape: int) -> Any:
         """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
-        self.given[name].append(array(self.recorder, _PHASE[phase], (1, *shape)))
+        self.given[name].append(array(self.recorder, self.phases[phase], (1, *shape)))
         return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
@@ -193,14 +210,15 @@ class _Recording:
         s, Q = stage.start, self.take("Q", "finite", *self.shapes["Q"])
         self.out["finite"] = (s.area(s.area_rate(Q)) > 0.0).all(axis=(0, 1, 2))
         Q, H = self.take("Q", "refresh", *self.shapes["Q"]), self.take("H", "refresh", self.n_H)
-        self.correct(stage, "correct_fresh", "_fresh", condense(self.m, self.o.loads, jacobian(s, Q), H, stage.behind))
+        there = condense(self.m, self.o.loads, stage.jacobian(Q), H, stage.behind)
+        self.correct(stage, "correct_fresh", "_fresh", there)
 
     def end(self, stage: Stage) -> None:
         """The state at the end of the stage, and the smallest number that must be positive of a solution."""
         m, Q = self.m, self.take("Q", "end", *self.shapes["Q"])
         A_t: Any = stage.start.area_rate(Q)
         end: Any = stage.end(Q, A_t)
-        checked = (later(self.recorder, x, _PHASE["check"]) for x in (m.layout.part(end, "A"), A_t, Q))
+        checked = (later(self.recorder, x, self.phases["check"]) for x in (m.layout.part(end, "A"), A_t, Q))
         least = [np.min(margin) for margin, _, _ in margins(m, *checked)]
         self.out |= {"A_t": A_t, "end": end, "margin": np.min(np.stack(least))}
 
