@@ -23,13 +23,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from discrepancy.scoring import weighed
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.learned import fmu_of, record_of
 from discrepancy.described import described
 from discrepancy.learning import learnt, stands
+from discrepancy.scoring import weighed
 from discrepancy.study import prepare
 from discrepancy.verdict import Naming
 from fitting.inference.added import extended

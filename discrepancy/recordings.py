@@ -16,6 +16,7 @@ import numpy as np
 from fitting.calibrated import labels_of
 from fitting.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member
+from fitting.inference.forward import Forward
 from fitting.inference.prior import Calibrated
 from fitting.inference.several import Several
 from fitting.inference.simulator import Runs
@@ -124,44 +125,39 @@ class Recordings:
         self, naming: Naming, base: Fit, shown: Shown, before: FreeRun, after: FreeRun
     ) -> tuple[list[tuple[Recorded, Gap, Gap | None]], list[str]]:
         """What the FMUs leave of each recording, and why of some that were held out it is not known."""
-        problem, best = naming.problem, naming.best.fit if shown.after else None
-        if not isinstance(problem, Several):
-            study = replace(self.studies[0], problem=problem)
-            return [self._recorded(0, self.records[0], study, (shown.before, shown.after))], []
-        found, unjudged, seen = [], list[str](), seen_by(best or base, (best or base).terms)
-        for i, (record, study) in enumerate(zip(self.records, self.studies, strict=True)):
-            study, fits = replace(study, problem=problem.parts[i]), (problem.of(base, i), best and problem.of(best, i))
-            runs = (shown.before, shown.after) if i == 0 else free_runs(f"_{i}", study, *fits, before, after)
-            d = float(np.linalg.norm(seen[problem.rows[i]]))
-            found.append(self._recorded(i, record, study, runs, fits, d, problem))
-        for i, (record, study) in enumerate(self.unseen, len(self.records)):
+        whole, best = naming.problem, naming.best.fit if shown.after else None
+        found, unjudged = [], list[str]()
+        for i, (record, study) in enumerate((*zip(self.records, self.studies, strict=True), *self.unseen)):
+            fitted = i < len(self.records)
+            study = replace(study, problem=whole.parts[i] if isinstance(whole, Several) else whole) if fitted else study
             try:
-                fits = _there(problem, study, base), best and _there(problem, study, best)
-                runs = free_runs(f"_{i}", study, *fits, before, after)
-            except (InputError, RunFailed) as error:  # the verdict stands without it
-                unjudged.append(not_judged(record.path, error))
+                fits = _there(whole, study, base, i, fitted), best and _there(whole, study, best, i, fitted)
+                runs = free_runs(f"_{i}", study, *fits, before, after) if i else (shown.before, shown.after)
+            except (InputError, RunFailed) as error:
+                if fitted:
+                    raise
+                unjudged.append(not_judged(record.path, error))  # the verdict stands without it
                 continue
-            d = float(np.linalg.norm(seen_by(last := fits[1] or fits[0], last.terms)))
-            found.append(self._recorded(i, record, study, runs, fits, d, problem))
+            own = dict[str, object]()
+            if isinstance(whole, Several):
+                last, rows = (best or base, whole.rows[i]) if fitted else (fits[1] or fits[0], slice(None))
+                own = {"own": _own(whole, study, fits[1] or fits[0]), "own_before": _own(whole, study, fits[0])}
+                own["d"] = float(np.linalg.norm(seen_by(last, last.terms)[rows])) if best else None
+            found.append(self._recorded(i, record, study, runs, own))
         return found, unjudged
 
     def _recorded(
-        self, i: int, record: Record, study: Study, runs: tuple[Run, Run | None],
-        fits: tuple[Fit, Fit | None] | None = None, d: float | None = None, whole: Several | None = None,
-    ) -> tuple[Recorded, Gap, Gap | None]:  # fmt: skip
-        """fits, d, whole : of several, its parts of the fits without and with what was added, and its d' there."""
+        self, i: int, record: Record, study: Study, runs: tuple[Run, Run | None], own: dict[str, object]
+    ) -> tuple[Recorded, Gap, Gap | None]:
         first, last = runs
-        shown: dict[str, object] = {}
         if last is not None:
             fallen, sd = fall(study, first, last)
             rms = {channel: pair[1] for channel, pair in last.gap.rms.items()}
-            shown = {"gap_after": last.gap.total, "rms_after": rms, "d": d, "fallen": fallen, "sd": sd}
-        if fits is not None and whole is not None:
-            shown |= {"own": _own(whole, study, fits[1] or fits[0]), "own_before": _own(whole, study, fits[0])}
+            own = own | {"gap_after": last.gap.total, "rms_after": rms, "fallen": fallen, "sd": sd}
         found = Recorded(
             self.labels[i], record.path, record.sha256, study.fitted.n_beats + study.held_out.n_beats, study.fitted.T,
             i < len(self.records), first.gap.total, {c: pair[1] for c, pair in first.gap.rms.items()},
-            **shown,  # type: ignore[arg-type]
+            **own,  # type: ignore[arg-type]
         )  # fmt: skip
         return found, first.gap, None if last is None else last.gap
 
@@ -252,9 +248,14 @@ def free_runs(
     return first, after(f"after{stage}", best, wave, moved(study.network, best), study)
 
 
-def _there(whole: Several, study: Study, fit: Fit) -> Fit:
-    """A fit to some recordings as one to another: what is in common as it is, what varies fitted there alone."""
-    each = [whole.own(fit.unknowns, i) for i in range(len(whole.parts))]
+def _there(problem: Forward, study: Study, fit: Fit, i: int, fitted: bool) -> Fit:
+    """A fit to some recordings as one to the i-th; to one that was not fitted, what is in common as it is, and what
+    varies fitted there alone."""
+    if not isinstance(problem, Several):
+        return fit
+    if fitted:
+        return problem.of(fit, i)
+    each = [problem.own(fit.unknowns, k) for k in range(len(problem.parts))]
     unknowns, which = each[0]
     vary = [fit.unknowns[j].name != u.name for j, u in zip(which, unknowns, strict=True)]
     x = np.mean([fit.x[at] for _, at in each], axis=0)
