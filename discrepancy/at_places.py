@@ -25,7 +25,7 @@ from solver.effect import ALL_PLACES, CHANNEL, WALL
 from solver.errors import InputError
 
 from . import thresholds as at
-from .outliers import implausible
+from .animal import implausible
 from .scoring import Compared, exact, promised
 
 Array = np.ndarray

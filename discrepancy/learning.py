@@ -40,11 +40,10 @@ from solver.network import Network, Site
 from solver.simulate import BROKEN
 
 from . import thresholds as at
-from .confirm import agreement
 from .described import Runner, described, with_network
 from .learned_law import LearnedLaw
 from .scoring import weighed
-from .show import Run, fall, gap
+from .show import Run, agreement, fall, gap
 from .study import Study
 from .verdict import Naming
 

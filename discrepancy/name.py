@@ -2,7 +2,7 @@
 
 A network: where something acts is found first (:mod:`fitting.inference.source_map`), with what every artery has of its
 own; then which laws of the catalogue are what acts there (:mod:`discrepancy.at_places`). A number that stands out from
-its kind is no deviation (:mod:`discrepancy.outliers`).
+its kind is no deviation (:mod:`discrepancy.animal`).
 
 A bench: every effect of the one wall and its sensors is refitted, as a refit costs a tenth of a second, and every two
 where none explains the record. What two effects are is not seen from the best single one: a lag beside a slow catheter
@@ -33,9 +33,9 @@ from fitting.inference.terms import Term, followers, joins
 from solver.errors import InputError
 
 from . import thresholds as at
+from .animal import set_apart
 from .at_places import named_at
 from .intervals import profiled
-from .outliers import set_apart
 from .scoring import Compared, Named, last_of, names_of, there
 from .verdict import Naming, decided
 

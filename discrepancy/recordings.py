@@ -29,13 +29,12 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from .asked import Asked
-from .confirm import confirmed
 from .journal import Journal
 from .name import COMMON
 from .outcome import ADDED
 from .recorded import Recorded
 from .scoring import seen_by
-from .show import Gap, Run, fall
+from .show import Gap, Run, confirmed, fall
 from .study import Study, prepare
 from .summary import Shown
 from .together import name_together

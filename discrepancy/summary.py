@@ -20,20 +20,18 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .animal import odd_ones, walls_of
-from .confirm import met_only_with
+from .animal import implausible, odd_ones, walls_of
 from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import isolability, smallest
 from .map_text import acts_as
 from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
-from .outliers import implausible
 from .places import of_sensor, plain
-from .show import Gap, Run
+from .show import Gap, Run, changed, left, met_only_with
 from .shown_map import SourceMapShown, gap_shares, shown_map
 from .study import Study
 from .verdict import Naming
-from .wording import changed, late_drive, left, separating_measurement
+from .wording import late_drive, separating_measurement
 
 _SHOWN = 12  # candidates in the report
 _ONE_SITE = "The sensors of one site seem to have two faults, which together can imitate much else:"

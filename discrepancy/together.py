@@ -24,9 +24,9 @@ from fitting.records.noise import pulses
 from solver.errors import InputError
 
 from . import thresholds as at
+from .animal import set_apart
 from .intervals import profiled
 from .name import coupled
-from .outliers import set_apart
 from .scoring import Compared, exact, last_of, names_of, promised
 from .verdict import Naming, decided
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
-from fitting.records.amounts import changes, sizes
 from solver.effect import Effect
 from solver.legible import number
 from solver.sensors import Sensor
@@ -13,7 +12,6 @@ from solver.units import INFLOW, readable
 
 from .outcome import Detectable, NamedEffect, Outcome
 from .places import entry, of_sensor, plain
-from .show import Gap
 from .verdict import Naming
 
 _NOT_DETECTABLE = "not detectable in its allowed range"
@@ -143,30 +141,6 @@ def _why(outcome: Outcome, effect: Effect) -> str:
         if places and all(effect.of_animal(network, place) for place in places):
             return _ANIMAL
     return _BREAKS
-
-
-def change(before: Gap, after: Gap) -> str:
-    """How the gap to held-out beats changes, in words that follow the numbers."""
-    first, last = (number(each.total[1]) for each in (before, after))
-    if first == last:
-        return f"stays at {first}"
-    return f"{'falls' if after.total[1] < before.total[1] else 'rises'} from {first} to {last}"
-
-
-def changed(before: Gap, after: Gap) -> str:
-    """The same with its unit and, in brackets, what channels leave before and after: "Ao.P from 1.3 to 0.9 mmHg"."""
-    rms = changes(_held_out(before.rms), _held_out(after.rms), _held_out(before.channels))
-    return f"{change(before, after)} times the noise" + (f" ({rms})" if rms else "")
-
-
-def left(gap: Gap) -> str:
-    """The gap to held-out beats with its unit and, in brackets, what the channels leave: "1.3 mmHg of Ao.P"."""
-    rms = sizes(_held_out(gap.rms), _held_out(gap.channels))
-    return f"{gap.total[1]:.3g} times the noise" + (f" ({rms})" if rms else "")
-
-
-def _held_out(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    return {name: pair[1] for name, pair in pairs.items()}
 
 
 def late_drive(effects: Iterable[NamedEffect], channels: Sequence[str]) -> str:

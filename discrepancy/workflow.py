@@ -41,8 +41,8 @@ from solver.network import Network, to_dict
 from solver.units import INFLOW
 
 from . import thresholds as at
+from .animal import animal_without
 from .asked import TIME_LIMIT, Asked
-from .confirm import agreement
 from .intervals import stated
 from .journal import Journal
 from .learned_law import LearnedLaw
@@ -50,11 +50,10 @@ from .learned_text import with_law
 from .learning import law_of, learns
 from .name import name
 from .outcome import ADDED, NamedEffect, Outcome, Round
-from .outliers import animal_without
 from .places import entry
 from .recordings import moved, recordings_of
 from .second_state import second_state
-from .show import Run, free_run, own_parity, parity
+from .show import Run, agreement, free_run, own_parity, parity
 from .source import build_fmu, first_of, read_model
 from .study import Study, Unusable
 from .study_folder import check_folder, holds_study, write_study

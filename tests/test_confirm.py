@@ -11,17 +11,16 @@ import pytest
 from forked import CHANNELS, NETWORK, N, clean, record
 from small_network import NAMES, term
 
-from discrepancy import confirm
-from discrepancy.confirm import agreement
+from discrepancy import show
 from discrepancy.name import name
 from discrepancy.outcome import NamedEffect
 from discrepancy.places import label_text
 from discrepancy.recorded import Recorded
-from discrepancy.show import Gap, Run, compared, fall
+from discrepancy.show import Gap, Run, agreement, change, changed, compared, fall, left
 from discrepancy.study import Study
 from discrepancy.summary import sentence
 from discrepancy.verdict import Naming
-from discrepancy.wording import change, changed, late_drive, left
+from discrepancy.wording import late_drive
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.network_record import network_problem
@@ -65,7 +64,7 @@ def confirmed(s: Study, naming: Naming, before: Run, after: Run | None) -> Namin
     if after is not None:
         fallen, sd = fall(s, before, after)
         each = replace(each, fallen=fallen, sd=sd)
-    return confirm.confirmed(naming, [each], before.gap, after and after.gap)
+    return show.confirmed(naming, [each], before.gap, after and after.gap)
 
 
 # --- the gap must fall ------------------------------------------------------------------------------------------------

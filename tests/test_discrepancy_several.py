@@ -28,12 +28,11 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from discrepancy import together
 from discrepancy.command_tables import gap_text, recordings_table
-from discrepancy.confirm import confirmed
 from discrepancy.recorded import Recorded
 from discrepancy.recorded import rows as rows_of
 from discrepancy.recordings import Recordings
 from discrepancy.second_state import second_state, separations
-from discrepancy.show import Gap
+from discrepancy.show import Gap, confirmed
 from discrepancy.study import Study, prepare
 from discrepancy.study import name as name_one
 from discrepancy.summary import Shown
