@@ -160,15 +160,6 @@ class ChannelBeats:
 
 
 @dataclass(frozen=True)
-class Round:
-    """One turn of find, name, add, show: the effect that was added and the gap (fit, held-out) before and after."""
-
-    added: NamedEffect | None
-    before: tuple[float, float]
-    after: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
 class Agreement:
     """The FMU beside the model that inference compared, with the same numbers and under the same wave.
 
@@ -190,7 +181,8 @@ class Outcome(Shown):
     time : (N,) [s] of a beat. z_map : (K+1, m) standardised residuals before, mean first, channels in the order of
     ``channels``; p_value : of their global χ². candidates : best first. smallest : smallest detectable change per
     "effect at place", where the verdict is ``none``. sites : whitened RMS of each site, predicted from the others.
-    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats. kind : "bench" or
+    gap_before, gap_after : whitened RMS by the sensors' noise alone on (fitted, held-out) beats; alone : with the first
+    of two effects, where that is known. kind : "bench" or
     "network". parity : largest difference of the rebuilt FMU from the direct solver, of a channel's pulse: under the
     record's inflow, or, of a bench, under the network's own; None where that moves nothing.
     agreement : of the last FMU that ran with what was inferred; None on a bench.
@@ -229,7 +221,7 @@ class Outcome(Shown):
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
-    rounds: tuple[Round, ...] = ()
+    alone: tuple[float, float] | None = None
     recordings: tuple[Recorded, ...] = ()  # of several; gaps are then over those fitted, figures of the first
     gap_before: tuple[float, float] | None = None
     gap_after: tuple[float, float] | None = None

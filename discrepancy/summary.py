@@ -25,8 +25,9 @@ from .find import Found, find, mass_balances, momentum_balances, wall_balances
 from .intervals import stated
 from .isolability import isolability, smallest
 from .map_text import acts_as
-from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Round, Walls
+from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
 from .places import of_sensor, plain
+from .recorded import Pair
 from .show import Gap, Run, changed, left, met_only_with
 from .shown_map import SourceMapShown, gap_shares, shown_map
 from .study import Study
@@ -46,9 +47,9 @@ _PARITY = 1e-3  # of a pulse: an FMU that differs from the direct solver by more
 class Shown:
     """Free runs of the FMUs: of the model as given, with its nuisances refitted (``before``), and with what was added
     (``after``), if anything was: then there are the extended ``network``, its FMU (``archive``), the FMU's difference
-    from the direct solver (``parity``) or why that could not be told (``failure``), and the rounds. agreement : of the
-    last of these FMUs with what was inferred. gaps : before and after, over all of several recordings. second : which
-    second state would separate the class."""
+    from the direct solver (``parity``) or why that could not be told (``failure``), and the effects; alone : the gap
+    with the first of two alone. agreement : of the last of these FMUs with what was inferred. gaps : before and after,
+    over all of several recordings. second : which second state would separate the class."""
 
     given: Run
     before: Run
@@ -57,7 +58,8 @@ class Shown:
     archive: bytes | None = None
     parity: float | None = None
     failure: str | None = None
-    rounds: tuple[Round, ...] = ()
+    effects: tuple[NamedEffect, ...] = ()
+    alone: Pair | None = None
     agreement: Agreement | None = None
     gaps: tuple[Gap, Gap | None] | None = None
     second: str = ""
@@ -86,16 +88,15 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
     gaps = shown.gaps or (before.gap, after.gap if after else None)
     # what remains is found by the noise alone, without the errors of the model that a partial answer is weighed with
     located, balances = disagreement(study if naming.verdict == "partial" else weighted(study, naming), before)
-    effects = tuple(r.added for r in shown.rounds if r.added is not None)
     base, columns, terms = naming.base.fit, naming.columns, naming.terms
     final = naming.best.fit if after else base
     walls = walls_of(study.network, final, quantile(naming.problem.dof_of_noise))
     bent, none, partial = _bent(walls, naming), naming.verdict == "none", naming.verdict == "partial"
     acting = _acting(study, naming)
-    late = late_drive(effects, study.problem.signals) if after and study.site is None else ""
+    late = late_drive(shown.effects, study.problem.signals) if after and study.site is None else ""
     return Outcome(
         verdict=naming.verdict,
-        sentence=sentence(naming, effects, *gaps, acting, late),
+        sentence=sentence(naming, shown.effects, *gaps, acting, late),
         confidence=naming.confidence,
         complete=naming.complete,
         met=_met(naming),
@@ -104,7 +105,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         record=record.path,
         model=os.fspath(model),
         kind=study.problem.kind,
-        effects=effects,
+        effects=shown.effects,
         members=tuple(tuple((t.effect, t.where) for t in n.fit.terms) for n in naming.members),
         reason=None if partial or none else naming.reason,
         remains=naming.reason if partial else None,
@@ -119,7 +120,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
         isolability=isolability(base, columns, terms),
         smallest=smallest(base, columns, terms) if none else {},
         sites=naming.problem.left_out(final),
-        rounds=shown.rounds,
+        alone=shown.alone,
         gap_before=gaps[0].total,
         gap_after=gaps[1].total if gaps[1] else None,
         parity=shown.parity,

@@ -49,14 +49,15 @@ from .learned_law import LearnedLaw
 from .learned_text import with_law
 from .learning import law_of, learns
 from .name import name
-from .outcome import ADDED, NamedEffect, Outcome, Round
+from .outcome import ADDED, NamedEffect, Outcome
 from .places import entry
+from .recorded import Pair
 from .recordings import moved, recordings_of
+from .report import check_folder, holds_study, write_study
 from .second_state import second_state
 from .show import Run, agreement, free_run, own_parity, parity
 from .source import build_fmu, first_of, read_model
 from .study import Study, Unusable
-from .study_folder import check_folder, holds_study, write_study
 from .summary import Shown, decided, summary, unusable, weighted
 from .usable import check_record, check_waves
 from .verdict import Naming
@@ -323,9 +324,11 @@ class _Work:
                 difference = own_parity(fmu, network)
             except (RunFailed, NonPhysicalState, InputError) as error:
                 failure = str(error)
-        rounds = self._rounds(study, naming, shown.before, after)
+        alone = self._alone(study, naming) if len(best.terms) > 1 else None
         alike = agreement(study, best, wave, after)
-        return Shown(shown.given, shown.before, after, network, archive, difference, failure, rounds, alike)
+        return Shown(
+            shown.given, shown.before, after, network, archive, difference, failure, self._named(naming), alone, alike
+        )
 
     def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
         """The free run of a learned law's FMU, and the FMU that is delivered."""
@@ -335,28 +338,24 @@ class _Work:
         whole = own.problem.part(network) is network
         return run, (fmu if whole else self._built(network, f"{stage}_model")).read_bytes()
 
-    def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
-        """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
+    def _named(self, naming: Naming) -> tuple[NamedEffect, ...]:
+        """The effects of the best hypothesis with their numbers."""
+        best, sure = naming.best, naming.confidence
+        each = ((t, stated(self.network, naming, best, t)) for t in best.fit.terms)
+        return tuple(NamedEffect(t.effect, t.where, found, sure, entry(t.effect).equation) for t, found in each)
 
-        That is refitted in what is left of the time limit. Where it is over, or the FMU does not run with the first
-        alone, it is not told.
-        """
-        best = naming.best
-        named = []
-        for t in best.fit.terms:
-            parameters = stated(self.network, naming, best, t)
-            named.append(NamedEffect(t.effect, t.where, parameters, naming.confidence, entry(t.effect).equation))
-        if len(named) < 2:
-            return (Round(named[0], before.gap.total, after.gap.total),)
-        alone = middle = None
+    def _alone(self, study: Study, naming: Naming) -> Pair | None:
+        """The gap that the first of two effects leaves by itself, refitted in what is left of the time limit; None
+        where that is over, or the FMU does not run so."""
+        alone, best = None, naming.best.fit
         with suppress(OutOfTime):
             runs = Runs(deadline=self.deadline, clock=monotonic)
-            (alone,) = naming.problem.refit([(best.fit.terms[0],)], naming.base.fit, runs)
+            (alone,) = naming.problem.refit([(best.terms[0],)], naming.base.fit, runs)
         if alone is not None:
-            fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best.fit)
+            fmu, wave = self._fmu(extended(self.network, alone), "middle"), study.problem.wave(study.fitted, best)
             with suppress(RunFailed):
-                middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
-        return Round(named[0], before.gap.total, middle), Round(named[1], middle or before.gap.total, after.gap.total)
+                return self._kept(fmu, "middle", alone, wave, {}, study).gap.total
+        return None
 
 
 def _nothing() -> Fit:
