@@ -19,7 +19,7 @@ from solver.network import Network
 from solver.quantity import Quantity
 
 from . import thresholds as at
-from .outcome import OwnNumber, Walls
+from .outcome import BEYOND, OwnNumber, Walls
 from .scoring import Compared
 
 _TOLD = 3  # odd numbers with a sentence of their own
@@ -156,7 +156,7 @@ def _odd(none: Fit, limits: Mapping[str, float]) -> list[int]:
     far = [
         i
         for i, (group, x) in enumerate(zip(groups, none.x, strict=True))
-        if group in kinds and (abs(x) > at.BEYOND or groups.count(group) <= _FEWEST)
+        if group in kinds and (abs(x) > BEYOND or groups.count(group) <= _FEWEST)
     ]
     return sorted(far, key=lambda i: (none.unknowns[i].name not in limits, -abs(none.x[i])))
 

@@ -11,7 +11,7 @@ from fitting.records.amounts import changes, sizes
 from solver.console import right
 from solver.legible import DASH, number
 
-from . import thresholds
+from .isolability import INSEPARABLE, INVISIBLE
 from .outcome import Outcome
 from .places import places_text, plain
 from .recorded import TITLES, rows
@@ -108,10 +108,10 @@ def plan_statements(plan: SensorPlan) -> Iterator[str]:
     """What could be taken for something else, what these sensors do not see, and which one to add."""
     found = {effect: rivals for effect in plan.table.visible if (rivals := plan.table.confused(effect))}
     told = "; ".join(f"{plain(effect)} from {_few(rivals)}" for effect, rivals in found.items())
-    apart = f"Cannot be told apart (separation below {thresholds.INSEPARABLE:g}): {told}."
+    apart = f"Cannot be told apart (separation below {INSEPARABLE:g}): {told}."
     yield apart if found else "Every visible effect can be told from every other."
     invisible, not_judged = (", ".join(map(plain, each)) for each in (plan.table.invisible, plan.table.not_judged))
-    said = f"Invisible (d′ below {thresholds.INVISIBLE:g}): {invisible}."
+    said = f"Invisible (d′ below {INVISIBLE:g}): {invisible}."
     left = f" Not judged (the model breaks down with it): {not_judged}." if not_judged else ""
     yield (said if invisible else "Nothing of typical size is invisible.") + left
     useful = [f"{g.channel} ({_brings(g)})" for g in plan.gains if g.visible or g.separable > 0][:_MOST_GAINS]

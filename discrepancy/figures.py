@@ -21,7 +21,7 @@ from solver.network import Network
 from solver.notebook.network import draw
 from solver.notebook.style import BLACK, BLUE, FAINT, ORANGE, STYLE, TEXT, VERMILION, Picture
 
-from . import thresholds
+from .isolability import INSEPARABLE
 from .map_figure import map_figure, sites
 from .outcome import Isolability, Outcome
 from .places import label_text, marks
@@ -140,7 +140,7 @@ def _isolability(isolability: Isolability) -> Captioned:
     return (
         figure,
         f"Separation d′ of every pair of {n} effects by these sensors, each where it shows most. Below "
-        f"{thresholds.INSEPARABLE:g}, the effect of a row cannot be told from that of the column.",
+        f"{INSEPARABLE:g}, the effect of a row cannot be told from that of the column.",
     )
 
 

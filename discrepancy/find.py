@@ -44,7 +44,7 @@ def find(names: Sequence[str], residual: Array, covariance: Array) -> Found:
     variance = np.einsum("kii->ki", covariance).real
     z = np.abs(residual) / np.sqrt(variance)
     p = np.where(np.arange(len(z))[:, None] == 0, 2.0 * norm.sf(z), np.exp(-(z**2)))
-    significant = benjamini_yekutieli(p, thresholds.FALSE_DISCOVERIES)
+    significant = benjamini_yekutieli(p, thresholds.CHANCE)
     order = np.argsort(-np.where(significant, z, -1.0), axis=None)
     located = []
     for flat in order[: thresholds.FEW]:

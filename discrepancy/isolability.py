@@ -18,9 +18,13 @@ from fitting.inference.terms import Term
 from fitting.inference.unknown import Unknown, precision
 from solver.coordinate import SCALE
 
-from . import thresholds
-
 Array = np.ndarray
+
+# d' that is said to show, and to be told apart. With -2 ln evidence of 9.2 (odds of 1 : 100) as the least that rules
+# out, and its scatter of 2 d', one of 3 can, one of 6 does in 99 of 100 records; 5 pays the price of a first effect
+INVISIBLE = 3.0  # of a typical effect, below which sensors cannot see it
+INSEPARABLE = 6.0  # between two typical effects, below which sensors cannot tell them apart
+DETECTABLE = 5.0  # of the smallest detectable size: named half the time or more
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class Isolability:
 
     def confused(self, label: str) -> tuple[str, ...]:
         """The visible effects that one of typical size cannot be told from: in their best size, they look like it."""
-        return tuple(e for e, d in self.rivals(label).items() if d < thresholds.INSEPARABLE)
+        return tuple(e for e, d in self.rivals(label).items() if d < INSEPARABLE)
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ def isolability(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) 
         for j, b in enumerate(effects):
             if i != j:
                 separation[i, j] = min(_apart(_typical(left[best[a]]), left[t.label]) for t in places[b])
-    invisible = tuple(e for e, d in zip(effects, visibility, strict=True) if d < thresholds.INVISIBLE)
+    invisible = tuple(e for e, d in zip(effects, visibility, strict=True) if d < INVISIBLE)
     return Isolability(tuple(effects), separation, visibility, invisible, not_judged)
 
 
@@ -106,7 +110,7 @@ def smallest(base: Fit, columns: Mapping[str, Array], terms: Sequence[Term]) -> 
         left = projected(base.J, precision(base.prior, base.x), columns[term.label])
         i = _strongest(left)
         unknown, d = term.unknowns[i], float(np.linalg.norm(left[:, i]))
-        x = thresholds.DETECTABLE / d if d > 0.0 else np.inf
+        x = DETECTABLE / d if d > 0.0 else np.inf
         allowed = next((size for size in (x, -x) if unknown.low <= size <= unknown.high and np.isfinite(size)), np.nan)
         known = found.get(term.effect)
         if known is None or abs(allowed) < abs(known[0]) or (np.isnan(known[0]) and not np.isnan(allowed)):

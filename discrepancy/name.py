@@ -40,6 +40,8 @@ from .scoring import Compared, Named, last_of, names_of, there
 from .verdict import Naming, decided
 
 COMMON, INDIVIDUAL = "common", "individual"
+_MAPPED = 0.6  # of the time limit, at most, which the source map may take
+_NO_SIZE = 0.05  # of x: an effect smaller than that did not lower the cost itself
 
 
 def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, walls: str | None = None) -> Naming:
@@ -53,7 +55,7 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
     whole, terms = problem if walls == COMMON else problem.individual(), tuple(terms)
     found = None
     if isinstance(whole, NetworkProblem):
-        found = source_map(whole, runs.part(at.MAPPED))
+        found = source_map(whole, runs.part(_MAPPED))
         search = named_at(whole.at((), found.unknowns, found.x), found, terms, runs)
     else:
         search = _of_bench(whole, terms, runs)
@@ -108,7 +110,7 @@ def _lower(problem: Forward, none: Fit, fits: Sequence[Fit], runs: Runs) -> Fit:
     best = min(fits, key=lambda f: f.cost, default=none)
     own = {u.name for term in best.terms for u in term.unknowns}
     sizes = [abs(x) for u, x in zip(best.unknowns, best.x, strict=True) if u.name in own]
-    if not sizes or max(sizes) > at.NO_SIZE or best.cost > none.cost - at.FIRST:
+    if not sizes or max(sizes) > _NO_SIZE or best.cost > none.cost - at.FIRST:
         return none
     (again,) = problem.refit([()], best, runs)
     return again if again is not None and again.cost < none.cost else none

@@ -14,7 +14,6 @@ from solver.network import Network
 from solver.notebook.shown import Shown
 from solver.units import SIGNAL_UNITS
 
-from . import thresholds
 from .isolability import Detectable as Detectable
 from .isolability import Isolability as Isolability
 from .learned_law import LearnedLaw, law_json
@@ -28,6 +27,7 @@ Array = np.ndarray
 
 VERDICTS = ("none", "effect", "ambiguous", "several", "partial", "unknown", "unusable")
 ADDED = ("effect", "ambiguous", "several", "partial")  # those that add to the model
+BEYOND = 2.0  # stated spreads from what all arteries have in common, from which one is said to be odd
 _OUTSIDE_PRIOR = 2.0  # prior standard deviations from which a nuisance is worth a second look
 
 Hypothesis = tuple[tuple[str, tuple[str, ...]], ...]  # effects that act together: name and places of each
@@ -123,7 +123,7 @@ class OwnNumber:
     @property
     def beyond(self) -> bool:
         """Whether few arteries deviate as much."""
-        return abs(self.deviation) > thresholds.BEYOND
+        return abs(self.deviation) > BEYOND
 
 
 @dataclass(frozen=True)

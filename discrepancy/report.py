@@ -17,7 +17,7 @@ from solver.legible import number, plus_minus
 from solver.units import printed
 from solver.writing import check_destinations, make_folder, write_folder
 
-from . import places, recorded, tables, thresholds, wording
+from . import isolability, places, recorded, tables, thresholds, wording
 from .learned_text import FILES, learned_files
 from .map_text import map_sentences
 from .outcome import Outcome, verdict_json
@@ -65,7 +65,14 @@ def page(outcome: Outcome, drawings: Mapping[str, Drawing]) -> str:
         "pulse": tables.pulse_text,
         "times": tables.times_noise,
     }
-    templates.globals |= {"at": thresholds, "recorded": recorded, "tables": tables, "wording": wording, "Z": tables.Z}
+    templates.globals |= {
+        "at": thresholds,
+        "limits": isolability,
+        "recorded": recorded,
+        "tables": tables,
+        "wording": wording,
+        "Z": tables.Z,
+    }
     return templates.get_template("report.html.j2").render(
         outcome=outcome,
         drawings=drawings,

@@ -24,7 +24,7 @@ from fitting.inference.simulator import Runs
 from fitting.records.noise import Target
 from solver.errors import InputError
 
-from . import thresholds as at
+from .isolability import INSEPARABLE
 from .places import label_text
 from .verdict import Naming
 
@@ -62,9 +62,9 @@ def second_state(naming: Naming, runs: Runs | None = None) -> str:
     said = {_OF_BENCH.get(words, words) if naming.problem.site else words: d for words, d in found.items()}
     best, *others = sorted(said, key=lambda words: -said[words])
     rest = ", ".join(f"{words}: {said[words]:.2g}" for words in others)
-    if said[best] < at.INSEPARABLE:
+    if said[best] < INSEPARABLE:
         tried = f"{best}: {said[best]:.2g}" + (f", {rest}" if rest else "")
-        return f"No second state that was simulated would separate the class (d′ below {at.INSEPARABLE:g}: {tried})."
+        return f"No second state that was simulated would separate the class (d′ below {INSEPARABLE:g}: {tried})."
     members = " from ".join(label_text(n.label) for n in naming.members[:2])
     more = " and the others" if len(naming.members) > 2 else ""
     d = f"d′ {said[best]:.2g}" + (f"; {rest}" if rest else "")

@@ -28,7 +28,7 @@ from solver.network import Network
 from solver.units import INFLOW
 
 from . import thresholds
-from .isolability import isolability
+from .isolability import INSEPARABLE, isolability
 from .outcome import Isolability
 
 Array = np.ndarray
@@ -162,7 +162,7 @@ def _separable(table: Isolability, effects: Sequence[str]) -> int:
     """Pairs of visible effects, the hidden one first, that can be told apart, over two."""
     at = [table.labels.index(e) for e in effects if e in table.visible]
     block = table.separation[np.ix_(at, at)]
-    return int((block >= thresholds.INSEPARABLE).sum() // 2)
+    return int((block >= INSEPARABLE).sum() // 2)
 
 
 def plan_json(plan: SensorPlan) -> dict[str, Any]:

@@ -40,7 +40,6 @@ from solver.files import write_network
 from solver.network import Network, to_dict
 from solver.units import INFLOW
 
-from . import thresholds as at
 from .animal import animal_without
 from .asked import TIME_LIMIT, Asked
 from .intervals import stated
@@ -61,6 +60,8 @@ from .study import Study, Unusable
 from .summary import Shown, decided, summary, unusable, weighted
 from .usable import check_record, check_waves
 from .verdict import Naming
+
+_LEARNING = 0.3  # of the time limit, which learning a law may take although it is over
 
 Array = np.ndarray
 Progress = Callable[[float, str], None]
@@ -251,7 +252,7 @@ class _Work:
         """A law of what remains of one recording."""
         if not self.recordings.alone or not learns(naming):
             return None
-        until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
+        until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         told = self.asked.jobs, until, self.journal.stage
         return law_of(self.study, naming, before, self.record, self._with_law, *told)
 

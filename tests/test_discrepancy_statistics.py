@@ -14,7 +14,7 @@ from scipy.stats import kstest, norm
 
 from discrepancy import thresholds
 from discrepancy.find import benjamini_yekutieli, find, mass_balances, wall_balances
-from discrepancy.isolability import isolability, smallest
+from discrepancy.isolability import DETECTABLE, isolability, smallest
 from discrepancy.scoring import stated
 from fitting.inference.fit import Fit, misfit, projected
 from fitting.inference.gauss_newton import bounded_step
@@ -217,7 +217,7 @@ def test_isolability_of_columns_made_by_hand() -> None:
     assert [table.confused(each) for each in "abcd"] == [("b",), ("a",), (), ("a", "b", "c")]
     (size,) = {t.unknowns[0].size for t in terms}
     assert {name: least.change / size for name, least in smallest(fit, columns, terms).items()} == pytest.approx(
-        {f"{name} at A": thresholds.DETECTABLE / d for name, d in zip("abcd", table.visibility, strict=True)}
+        {f"{name} at A": DETECTABLE / d for name, d in zip("abcd", table.visibility, strict=True)}
     )
 
 
