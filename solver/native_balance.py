@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from .scheme.model import Model
 from .scheme.sdirk import GAMMA
 from .scheme.stage import loads_of
 from .scheme.step import initial_state
+from .scheme.tables import NoTables
 from .sources import NO_FORCING, Forcing
 from .tracing.balance import PLACES, Sizes, recorded
 from .tracing.recorder import Untraceable
@@ -76,7 +78,8 @@ class BalanceEngine:
     def __init__(self, model: Model) -> None:
         self.model, self._library = model, _library()
         try:
-            self.recorded, arrays = recorded(model)
+            # what tables add is part of the forcing
+            self.recorded, arrays = recorded(replace(model, tables=NoTables()))
         except Untraceable as reason:
             raise NoEngine(f"this network is not recorded: {reason}") from None
         bound, places, size = Bound(model, self.recorded, arrays), model.layout.places, Sizes.of(model)

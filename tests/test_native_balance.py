@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,14 @@ from solver import (
     effects,
     load,
 )
+from solver.curve import Curve
 from solver.effect import Array, Effect
 from solver.files import bundled_names
 from solver.native_balance import BalanceEngine, Unsolved
 from solver.outlets import OUTLETS, Outlet
 from solver.small_waves import source_responses
 from solver.sources import Drop, Outflow, OutletFlow, Source, WallPressure
+from solver.table_source import TableSource
 
 __all__ = ["branching", "engine"]  # fixtures: the first asked for by name, the second by every test
 
@@ -133,6 +136,12 @@ def test_sources(outlet: Outlet, sheep: Network) -> None:
     given = (network, names(network), K, sources, units)
     found, expected = (source_responses(*given, backend=b) for b in ("native", "numpy"))
     assert off(network, found, expected) < EQUAL and not np.array_equal(found, expected)
+
+
+def test_tables_of_sources(sheep: Network) -> None:
+    """They are part of the forcing, so that the program is that of the network without them."""
+    curve = Curve.series("Q", 0.0, np.array([2e-6, 1e-6]), np.array([1e-6, 0.0]), sheep.inlet.T)
+    assert both(replace(sheep, sources=(TableSource("outlet", "CA", curve, {}),))) < EQUAL
 
 
 @settings(max_examples=25, phases=[Phase.explicit, Phase.generate])
