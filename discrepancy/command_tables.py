@@ -83,9 +83,9 @@ def statements(outcome: Outcome) -> Iterator[str]:
     if members := class_texts(outcome):
         yield f"cannot be told apart: {'; '.join(members)}"
     if outcome.walls is not None and outcome.kind == "network":
-        common = "common, all arteries differ from the file together"
-        each = f"individual, every artery by itself ({why_walls(outcome)}). {spread_text(outcome)}".rstrip()
-        yield f"walls: {each if outcome.walls.arteries else f'{common} ({why_walls(outcome)})'}"
+        own, why = bool(outcome.walls.arteries), why_walls(outcome)
+        kind = "individual, every artery by itself" if own else "common, all arteries differ from the file together"
+        yield f"walls: {kind} ({why})" + (f". {spread_text(outcome)}".rstrip() if own else "")
     yield outcome.separating_measurement or ""
     if outcome.verdict == "unusable":
         yield outcome.reason or ""

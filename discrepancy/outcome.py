@@ -17,7 +17,7 @@ from solver.units import SIGNAL_UNITS
 from .isolability import Detectable as Detectable
 from .isolability import Isolability as Isolability
 from .learned_law import LearnedLaw, law_json
-from .recorded import Recorded
+from .recorded import Pair, Recorded, pair_json
 from .shown_map import SourceMapShown, map_json
 
 if TYPE_CHECKING:
@@ -154,9 +154,9 @@ class ChannelBeats:
     before: Array
     after: Array | None
     gap_before: tuple[float, float]
-    gap_after: tuple[float, float] | None
-    rms_before: tuple[float, float] | None = None
-    rms_after: tuple[float, float] | None = None
+    gap_after: Pair | None
+    rms_before: Pair | None = None
+    rms_after: Pair | None = None
 
 
 @dataclass(frozen=True)
@@ -221,10 +221,10 @@ class Outcome(Shown):
     isolability: Isolability | None = None
     smallest: Mapping[str, Detectable] = field(default_factory=dict)
     sites: Mapping[str, float] = field(default_factory=dict)
-    alone: tuple[float, float] | None = None
+    alone: Pair | None = None
     recordings: tuple[Recorded, ...] = ()  # of several; gaps are then over those fitted, figures of the first
-    gap_before: tuple[float, float] | None = None
-    gap_after: tuple[float, float] | None = None
+    gap_before: Pair | None = None
+    gap_after: Pair | None = None
     parity: float | None = None
     agreement: Agreement | None = None
     p_value: float | None = None
@@ -237,7 +237,7 @@ class Outcome(Shown):
     written: bool = True
 
     @property
-    def closed(self) -> tuple[float, float] | None:
+    def closed(self) -> Pair | None:
         """The part of the gap on (fitted, held-out) beats that what was added closes."""
         if self.gap_before is None or self.gap_after is None:
             return None
@@ -290,9 +290,9 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "map_leaves": acting and acting.left,
         "learned": outcome.learned and law_json(outcome.learned),
         "gap": {
-            "before": _gap(outcome.gap_before),
-            "after": _gap(outcome.gap_after),
-            "closed": _gap(outcome.closed),
+            "before": pair_json(outcome.gap_before),
+            "after": pair_json(outcome.gap_after),
+            "closed": pair_json(outcome.closed),
             "channels": {c.name: {"before": c.gap_before[1], "after": c.gap_after and c.gap_after[1],
                                   "rms_before": c.rms_before and c.rms_before[1],
                                   "rms_after": c.rms_after and c.rms_after[1], "unit": SIGNAL_UNITS[c.name[-1]]}
@@ -315,7 +315,7 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "smallest_detectable": outcome.smallest,
         "fmu_against_solver": outcome.parity,
         "fmu_against_inference": a and {"difference": a.difference, "channel": a.channel, "harmonic": a.harmonic,
-                                        "gap": {"fmu": _gap(a.fmu), "inferred": _gap(a.inferred)}},
+                                        "gap": {"fmu": pair_json(a.fmu), "inferred": pair_json(a.inferred)}},
         "absorbed": {n.name: {"x": n.x, "sd": n.sd, "prior_sd": n.prior_sd, "unit": n.unit} for n in outcome.absorbed},
         "recordings": {each.label: each.plain for each in outcome.recordings},
         "warnings": outcome.warnings,
@@ -325,7 +325,3 @@ def verdict_json(outcome: Outcome) -> dict[str, Any]:
         "provenance": outcome.provenance,
     }  # fmt: skip
     return dict(plain(content))
-
-
-def _gap(pair: tuple[float, float] | None) -> dict[str, float] | None:
-    return None if pair is None else {"fit": pair[0], "held_out": pair[1]}

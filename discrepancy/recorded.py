@@ -14,6 +14,11 @@ from solver.units import SIGNAL_UNITS
 Pair = tuple[float, float]
 
 
+def pair_json(gap: Pair | None) -> dict[str, float] | None:
+    """A gap on (fitted, held-out) beats, as verdict.json has it."""
+    return None if gap is None else {"fit": gap[0], "held_out": gap[1]}
+
+
 @dataclass(frozen=True)
 class Recorded:
     """One recording. fitted : or held out whole, with its own numbers alone refitted.
@@ -43,8 +48,7 @@ class Recorded:
     @property
     def plain(self) -> dict[str, Any]:
         """For verdict.json."""
-        pairs = {"before": self.gap_before, "after": self.gap_after}
-        gap = {when: pair and {"fit": pair[0], "held_out": pair[1]} for when, pair in pairs.items()}
+        gap = {"before": pair_json(self.gap_before), "after": pair_json(self.gap_after)}
         rms = {
             name: {"before": x, "after": self.rms_after.get(name), "unit": SIGNAL_UNITS[name[-1]]}
             for name, x in self.rms_before.items()

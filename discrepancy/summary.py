@@ -27,7 +27,7 @@ from .isolability import isolability, smallest
 from .map_text import acts_as
 from .outcome import ADDED, Absorbed, Agreement, Balance, Candidate, ChannelBeats, NamedEffect, Outcome, Walls
 from .places import of_sensor, plain
-from .recorded import Pair
+from .recorded import Pair, pair_json
 from .show import Gap, Run, changed, left, met_only_with
 from .shown_map import SourceMapShown, gap_shares, shown_map
 from .study import Study
@@ -137,7 +137,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
             "model": os.fspath(model),
             "beats": {"fitted": study.fitted.n_beats, "held_out": study.held_out.n_beats},
             "period": {"value": study.fitted.T, "unit": "s"},
-            "gap_as_given": {"fit": shown.given.gap.total[0], "held_out": shown.given.gap.total[1]},
+            "gap_as_given": pair_json(shown.given.gap.total),
             "thresholds": decided(),
             "software": software(),
         },
