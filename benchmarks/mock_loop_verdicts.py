@@ -85,13 +85,14 @@ def main(
     folder: Annotated[Path, typer.Argument(help="Folder of the CSV files.")],
     limit: Annotated[str, typer.Option("--time-limit", help="Of naming, for each file.")] = "1 min",
     starts: Annotated[int, typer.Option(help="Of calibrate; 0: none.")] = 10,
+    files: Annotated[int | None, typer.Option(help="Of the folder, the first ones; default: all.")] = None,
     kept: Annotated[Path | None, typer.Option(help="Folder for the studies; default: none is kept.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write all numbers to this file.")] = None,
 ) -> None:
     """Measure and print."""
     rows = list[Row]()
     with tempfile.TemporaryDirectory() as made:
-        for path in sorted(folder.glob("*.csv")):
+        for path in sorted(folder.glob("*.csv"))[:files]:
             rows.append(studied(path, limit, kept or Path(made)))
             rows[-1] |= from_many(path, starts) if starts else {}
             if json_file is not None:

@@ -31,7 +31,7 @@ Array = np.ndarray
 Runner = Callable[[Study, Network, Fit], tuple[Run, bytes]]
 
 _NONE = np.zeros(0)
-_NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))  # the network as it is
+NOTHING = Fit((), (), _NONE, _NONE, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))  # the network as it is
 _NAMES = {kind: name for name, kind in BY_KIND.items()}
 
 
@@ -49,7 +49,7 @@ def described(study: Study, naming: Naming, before: Run, record: Record, run: Ru
     network = replace(study.network.with_parameters(values), sources=tables)
     own = replace(study, problem=with_network(study.problem, network))
     try:
-        after, archive = run(own, network, _NOTHING)
+        after, archive = run(own, network, NOTHING)
     except (RunFailed, InputError):
         return None
     left, (fallen, sd) = gap(study, before.X).total, fall(study, before, after)

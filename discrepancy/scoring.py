@@ -21,7 +21,7 @@ from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside, settled
 from fitting.inference.places import Place
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term, of_animal
+from fitting.inference.terms import Term, effect_of
 from fitting.inference.unknown import free, precision
 
 from . import thresholds as at
@@ -233,7 +233,7 @@ class Compared:
         """What is looked for: where every artery differs, nothing that is merely the animal's."""
         if not self.none.individual:
             return self.terms
-        return tuple(t for t in self.terms if not of_animal(self.problem.network, t))
+        return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
 
     def joined_by(self, fits: Sequence[Fit | None]) -> Compared:
         """With further hypotheses, those that could be fitted."""

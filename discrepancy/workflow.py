@@ -42,6 +42,7 @@ from solver.units import INFLOW
 
 from .animal import animal_without
 from .asked import TIME_LIMIT, Asked
+from .described import NOTHING
 from .intervals import stated
 from .journal import Journal
 from .learned_law import LearnedLaw
@@ -219,7 +220,7 @@ class _Work:
         as_given = []
         for i, each in enumerate(self.recordings.studies):
             wave = each.problem.measured_wave(each.fitted)
-            as_given.append(self._free(fmu, f"given_{i}" if i else "given", _nothing(), wave, {}, each))
+            as_given.append(self._free(fmu, f"given_{i}" if i else "given", NOTHING, wave, {}, each))
             check_waves(each, as_given[-1].beats)
         naming = self._name()
         study = weighted(self.study, naming)
@@ -249,12 +250,13 @@ class _Work:
         return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of what remains of one recording."""
-        if not self.recordings.alone or not learns(naming):
+        """A law of what remains, where one recording is fitted."""
+        alone = naming if self.recordings.alone else self.recordings.only(self.journal, name)
+        if alone is None or not learns(naming):
             return None
         until = max(self.deadline, monotonic() + _LEARNING * self.asked.time_limit)
         told = self.asked.jobs, until, self.journal.stage
-        return law_of(self.study, naming, before, self.record, self._with_law, *told)
+        return law_of(self.study, alone, before, self.record, self._with_law, *told)
 
     # --- stages -------------------------------------------------------------------------------------------------------
 
@@ -315,7 +317,7 @@ class _Work:
         if study.problem.part(network) is network:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
-            physical = free_run(fmu, study, _nothing(), wave, {}) if _has_sensor(best) else after
+            physical = free_run(fmu, study, NOTHING, wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
@@ -357,12 +359,6 @@ class _Work:
             with suppress(RunFailed):
                 return self._kept(fmu, "middle", alone, wave, {}, study).gap.total
         return None
-
-
-def _nothing() -> Fit:
-    """The hypothesis that nothing is missing and nothing moves."""
-    empty = np.zeros(0)
-    return Fit((), (), empty, empty, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
 
 
 def _has_sensor(fit: Fit, place: str | None = None) -> bool:

@@ -9,7 +9,7 @@ adds g(t) to the equations of a network, as :mod:`solver.sources` has them, from
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +41,7 @@ class TableSource:
     kind: str
     segment: str
     curve: Curve
-    how: Mapping[str, float]
-
-    __hash__ = None  # type: ignore[assignment]
+    how: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         where = self.label
