@@ -98,11 +98,10 @@ def momentum_balances(
     for junction in network.junctions:
         for a in (s for s in junction.inflow if s in at):
             for b in (s for s in junction.outflow if s in at):
-                i, j = at[a], at[b]
-                drop = residual[:, i] - residual[:, j]
-                C = covariance[:, [[i, i], [j, j]], [[i, j], [i, j]]]
-                variance = (C[:, 0, 0] + C[:, 1, 1] - C[:, 0, 1] - C[:, 1, 0]).real
-                z = np.sqrt(np.mean(np.abs(drop) ** 2 / np.maximum(variance, 1e-300)))
+                sign = np.zeros(len(names))
+                sign[[at[a], at[b]]] = 1.0, -1.0
+                variance = np.einsum("i,kij,j->k", sign, covariance, sign).real
+                z = np.sqrt(np.mean(np.abs(residual @ sign) ** 2 / np.maximum(variance, 1e-300)))
                 found.append(Balance("momentum", f"{a} to {b}", float(z)))
     return tuple(found)
 

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from fitting.inference.misfit import PART as PART  # price of each part of an error of a bench's law
 
 # --- the record ---
-HELD_OUT = 0.25  # of the beats, the last ones, are kept from every fit
+HELD_OUT = 0.25  # of the beats, the last ones, are kept from every fit: judgement
 FEWEST_BEATS = 8  # judgement: of fewer, two held out would leave less than six, and no scatter to judge by
 CHANCE = 0.05  # false rate of a discovery on the z map (Benjamini-Yekutieli) and of a fall of chi2, one-sided
 
@@ -27,15 +27,19 @@ SECOND = 10.0  # of a second effect
 ELSE = SECOND - PART
 
 # --- the verdict ---
-CLASS_ODDS = 100.0  # candidates, and places of the map, whose odds against the best are worse than this are ruled out
+# candidates, and places of the map, whose odds against the best are worse than this are ruled out: by its odds, each of
+# them is the truth in at most 1 % of records
+CLASS_ODDS = 100.0
 RULED_OUT = 2.0 * math.log(CLASS_ODDS)  # of -2 ln evidence
 # standard normal deviations from which a hypothesis does not explain the record: of true ones 0.13 % reach that by
 # chance where the noise is known, 0.25 % with that of 12 beats of a bench, and 0.4 to 0.8 % of a network (simulated)
 MISFIT = 3.0
 # the same for several effects together, 3.6, 4 and 5 to 6 %: two terms can imitate much that is neither
 MISFIT_SEVERAL = 1.8
-VISIBLE = 12.0  # d' that each of two effects must have beside the other to be named, linear
-BESIDE = 20.0  # or by what the other alone leaves where it is refitted
+# d' that each of two effects must have beside the other to be named, linear: with it chi2 of held-out beats falls by
+# FALL in 96 % of records, by the formula below
+VISIBLE = 12.0
+BESIDE = 20.0  # or by what the other alone leaves where it is refitted, on a bench: judgement
 # of the gap that an effect must close to be named where more than noise remains, in the fit and to held-out beats: by
 # definition of "most of it"
 PART_CLOSED = 0.5
