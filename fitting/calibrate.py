@@ -6,9 +6,9 @@ the network's own values and Gaussian priors of standard deviation s, it minimis
     |z(x)|² + Σ (x_i/s_i)²
 
 One batch of harmonic balances gives z and its derivatives, by finite differences. A model error of the channels
-represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.calibration`). A first search
-approaches the minimum. There, a halved element length measures the solver's own error, and the response to the inflow's
-noise is computed; a second search with these weights gives the result.
+represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.calibration`). A first
+search approaches the minimum. There, a halved element length measures the solver's own error, and the response to the
+inflow's noise is computed; a second search with these weights gives the result.
 """
 
 from __future__ import annotations
