@@ -13,4 +13,20 @@ typedef struct {
 /* Runs a phase; 0 where a guard fails. */
 int run(const arterial_program *p, const memory *m, int phase);
 
+/* Numbers at an address that is not a constant's. */
+double *placed(const memory *m, int32_t address);
+
+enum { STAGES = 3 };
+extern const double SDIRK3[STAGES][STAGES];
+
+/* A step of one member, from its state to after, with what drives it in its places: 1; 0 where it is not solved, -1 where
+   it is not physical. */
+int step(const arterial_program *p, const memory *m, double dt, const double *state, double *after);
+
+/* The flows before the last correction. */
+double *last_but_one(const arterial_program *p, const memory *m);
+
+/* The outputs of a state. */
+void report(const arterial_program *p, const memory *m, const double *state, double *row);
+
 #endif

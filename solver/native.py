@@ -103,7 +103,7 @@ class Engine:
             self.n_inlets, self.n_outlets, len(model.network.output_units()),
         )  # fmt: skip
         self._c = _Program(*pointers, *counts, tuple(p.address[name] for name in PLACES))
-        self._work = np.zeros(p.n_work + STAGES * model.layout.size + n_Q + n_H)
+        self._work = np.zeros(p.n_work + STAGES * model.layout.size + 2 * n_Q + n_H)
         self._fixed = self._bound(arrays)
         given = np.zeros((model.coefficients.B, self.n_outlets))
         for ends in model.coefficients.outlets:

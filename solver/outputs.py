@@ -103,7 +103,7 @@ def volume_weights(model: Model) -> Array:
 
     Only what flows in and out changes it.
     """
-    weights = np.zeros((model.coefficients.B, model.layout.size))
+    weights = np.zeros_like(model.kinetic, shape=(model.coefficients.B, model.layout.size))
     lengths = -model.mesh.element.w_gauss / model.minus_J_inverse
     weights[:, model.layout.places["A"]] = lengths.reshape(len(weights), -1)
     P_C = model.layout.part(weights, "P_C")

@@ -130,14 +130,14 @@ def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
     leaves = Leaves()
     m, walls = leaves.of(numbers(model))
     key = (tau, *leaves.kind)
-    found = _programs.pop(key, None) or _Recording(leaves.recorder, m, tau).all(leaves, walls)
+    found = _programs.pop(key, None) or Recording(leaves.recorder, m, tau).all(leaves, walls)
     while len(_programs) >= _KEPT:
         _programs.pop(next(iter(_programs)), None)
     _programs[key] = found
     return found, leaves.arrays
 
 
-class _Recording:
+class Recording:
     """What is given to the program of a model m, and what it leaves, by name; all of one member."""
 
     def __init__(self, recorder: Recorder, m: Any, tau: float) -> None:
@@ -147,19 +147,24 @@ class _Recording:
 
     def all(self, leaves: Leaves, walls: Any) -> Recorded:
         """The program; walls : at the sites."""
+        self.steps(walls)
+        places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
+        program = compiled(self.recorder, len(PHASES), self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        return Recorded(program, tuple(program.address.get(name, -1) for name in places))
+
+    def steps(self, walls: Any) -> tuple[State, Any]:
+        """All phases of steps; the state at their start, and P_venous."""
         state, venous = self.prepare()
         stage = self.start(venous)
         self.correct(stage, "correct", "", self.o.at_rest)
         self.refresh(stage)
         self.end(stage)
         self.report(state, walls)
-        places = {f"leaf {i}": [leaf] for i, leaf in enumerate(leaves.traced)}
-        program = compiled(self.recorder, len(PHASES), self.m.mesh.n_elements, {**self.given, **places}, self.out)
-        return Recorded(program, tuple(program.address.get(name, -1) for name in places))
+        return state, venous
 
-    def take(self, name: str, phase: str, *shape: int) -> Any:
+    def take(self, name: str, phase: str | int, *shape: int) -> Any:
         """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
-        self.given[name].append(array(self.recorder, _PHASE[phase], (1, *shape)))
+        self.given[name].append(array(self.recorder, _PHASE.get(phase, phase), (1, *shape)))
         return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
