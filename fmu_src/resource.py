@@ -38,7 +38,7 @@ _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own
 
 def resource(network: Network, settings: Settings, table: Sequence[Variable]) -> bytes:
     """The file, its GUID still open (:func:`with_guid`). Raises ValueError where the network cannot be recorded."""
-    constant, programs = recorded(network, settings)
+    programs = recorded(network, settings)
     texts = _Texts()
     vr = {variable.name: i for i, variable in enumerate(table)}
     model = programs[0][1].model
@@ -58,9 +58,8 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         texts.bytes_of("".join(f"{name} " for name in OPERATIONS)),
         _integers([number for variable in table for number in _row(variable, texts)]),
         np.array([number for variable in table for number in _range(variable)], float),
-        *(np.zeros(0),),  # the texts, when all are there
+        np.zeros(0),  # the texts, when all are there
         _integers([vr[name] for name in network.parameters()]),
-        _integers([vr[name] for name in constant]),
         _integers(inlets),
         np.array(inlet_numbers, float),
         np.concatenate([np.zeros(0), *curves]),
@@ -83,9 +82,11 @@ def with_guid(content: bytes, guid: str) -> bytes:
     return _sealed(content[:at] + guid.encode().ljust(_GUID, b"\0") + content[at + _GUID :])
 
 
-def recorded(network: Network, settings: Settings) -> tuple[tuple[str, ...], list[tuple[tuple[int, int], Whole]]]:
-    """Parameters that stay what they are, and the programs with the numbers of their laws, 0 for any."""
-    constant = _constant(network, settings)
+def recorded(network: Network, settings: Settings) -> list[tuple[tuple[int, int], Whole]]:
+    """The programs with the numbers of their laws, 0 for any: those of the network as it is first.
+
+    Raises ValueError where the network cannot be recorded.
+    """
     found, size = list[tuple[tuple[int, int], Whole]](), 0
     elastic, viscous = tuple(ELASTIC_LAWS), tuple(VISCOUS_LAWS)
     for law in sorted(elastic, key=lambda name: name != network.elastic_law):
@@ -94,32 +95,22 @@ def recorded(network: Network, settings: Settings) -> tuple[tuple[str, ...], lis
                 same = (law, other) == (network.elastic_law, network.viscous_law)
                 if size > _MOST and not same:
                     continue
-                one = whole(replace(network, elastic_law=law, viscous_law=other), settings, constant, bent)
+                one = _whole(replace(network, elastic_law=law, viscous_law=other), settings, bent)
                 any_law = not one.model.wall.nonlinear and not bent
                 found.append(((elastic.index(law) + 1, 0 if any_law else viscous.index(other) + 1), one))
                 size += sum(x.nbytes for x in (one.program.code, one.program.index, one.program.constants))
                 if any_law:
                     break
-    return constant, found
+    return found
 
 
-def _constant(network: Network, settings: Settings) -> tuple[str, ...]:
-    """Parameters on which the code branches, so that no program serves all of their values."""
+def _whole(network: Network, settings: Settings, bent: bool) -> Whole:
     try:
-        whole(network, settings)
-        return ()
-    except Untraceable:
-        names = tuple(name for name in network.parameters() if name.rpartition(".")[2] in _HOW)
-    try:
-        whole(network, settings, names)
+        return whole(network, settings, bent)
     except Untraceable as reason:
         raise InputError(
             f"network {network.name}: an FMU that needs no Python cannot hold it ({reason}); build it without --native."
         ) from None
-    return names
-
-
-_HOW = {"springpot_order"}
 
 
 # --- tables ---------------------------------------------------------------------------------------------------------

@@ -214,14 +214,6 @@ static int take_over(component *c)
     double *const x = c->numbers, dt = value_of(c, c->r.meta[VR_DT]);
     int laws = 0;
     if (!ratios_fit(c)) return 0;
-    for (int32_t i = 0; i < c->r.n_constants; i++) {
-        const int32_t vr = c->r.constants[i];
-        if (value_of(c, vr) != c->r.ranges[PER_RANGE * vr + START_VALUE])
-            return say(c,
-                       "%s = %g: this FMU, which needs no Python, was built for %g; build it anew with --set, or take the "
-                       "FMU that needs Python.",
-                       name_of(c, (uint32_t)vr), value_of(c, vr), c->r.ranges[PER_RANGE * vr + START_VALUE]);
-    }
     for (int32_t i = 0; i < c->r.n_parameters; i++) x[c->now + i] = value_of(c, c->r.parameters[i]);
     for (int32_t i = 0; i < c->r.meta[N_PROGRAMS]; i++) {
         const int32_t *const meta = c->r.recorded[i].meta;
@@ -235,9 +227,9 @@ static int take_over(component *c)
         return can_rest(c, i, fixed);
     }
     return say(c,
-               laws ? "these parameters need another mesh (lengths, solver.element_length), or switch on what acts on a part "
-                      "of a segment: this FMU, which needs no Python, was built without; build it anew with --set, or take "
-                      "the FMU that needs Python."
+               laws ? "these parameters need another mesh (lengths, solver.element_length, parts of a segment) or other orders "
+                      "of springpots than this FMU, which needs no Python, was built with; build it anew with --set, or "
+                      "take the FMU that needs Python."
                     : "network.elastic_law or network.viscous_law: this FMU, which needs no Python, was built for another "
                       "one; build it anew with --set, or take the FMU that needs Python.");
 }

@@ -10,7 +10,7 @@
 /* --- the resource: arrays in one file, as fmu_src/resource.py writes them -------------------------------------------- */
 
 enum { SOME_BYTES, SOME_INTEGERS, SOME_NUMBERS };
-enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, CONSTANTS, INLETS, INLET_NUMBERS, CURVES, VENOUS,
+enum { META, GUID, OPERATIONS, VARIABLES, RANGES, STRINGS, PARAMETERS, INLETS, INLET_NUMBERS, CURVES, VENOUS,
        SEGMENTS, ELEMENTS, POSITIONS, PERIODIC, PROGRAMS };
 enum { PROGRAM_META, CODE, BEGIN, INDEX, NUMBERS, PER_PROGRAM }; /* of each program, from PROGRAMS on */
 /* META */
@@ -47,10 +47,10 @@ typedef struct {
 typedef struct {
     void *bytes;
     int32_t n_arrays;
-    const int32_t *meta, *variables, *parameters, *constants, *inlets, *venous, *segments, *elements;
+    const int32_t *meta, *variables, *parameters, *inlets, *venous, *segments, *elements;
     const double *ranges, *inlet_numbers, *curves, *positions, *periodic;
     const char *guid, *strings;
-    int32_t n_parameters, n_constants, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_state;
+    int32_t n_parameters, n_inlets, n_outlets, n_segments, n_elements, n_periodic, n_state;
     recorded *recorded;
 } resource;
 

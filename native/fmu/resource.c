@@ -150,7 +150,6 @@ int resource_read(resource *r, const char *folder, char *why, size_t room)
         r->ranges = array(r, RANGES, SOME_NUMBERS, NULL);
         r->strings = array(r, STRINGS, SOME_BYTES, NULL);
         r->parameters = array(r, PARAMETERS, SOME_INTEGERS, &r->n_parameters);
-        r->constants = array(r, CONSTANTS, SOME_INTEGERS, &r->n_constants);
         r->inlets = array(r, INLETS, SOME_INTEGERS, &r->n_inlets);
         r->inlet_numbers = array(r, INLET_NUMBERS, SOME_NUMBERS, NULL);
         r->curves = array(r, CURVES, SOME_NUMBERS, NULL);

@@ -371,6 +371,7 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.all: lambda r, x, axis=None: x.all(axis),
     np.any: lambda r, x, axis=None: x.any(axis),
     np.broadcast_arrays: _together,
+    np.unique: lambda r, x, **options: np.unique(r.look(x, "number"), **options),
     np.shape: lambda r, x: x.shape,
     np.ndim: lambda r, x: x.ndim,
     np.size: lambda r, x: x.size,

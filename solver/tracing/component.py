@@ -51,10 +51,8 @@ class Whole:
     reasons: tuple[tuple[str, str], ...]
 
 
-def whole(network: Network, settings: Settings, constant: Sequence[str] = (), bent: bool = False) -> Whole:
-    """The program of a network's component.
-
-    constant : parameters that stay what they are. bent : whether it holds nonlinear walls, as any may become.
+def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
+    """The program of a network's component. bent : whether it holds nonlinear walls, as any may become.
     Raises Untraceable, which says what cannot be recorded.
     """
     values = network.parameters()
@@ -68,7 +66,6 @@ def whole(network: Network, settings: Settings, constant: Sequence[str] = (), be
     if bent:  # what is zero everywhere would be left out
         recorder.lenient = True
         recorder.numbers[given.buffer.slot] = np.array([_bent(name, value) for name, value in values.items()])
-    traced |= {name: values[name] for name in constant}
     made = coefficients(network, traced, checked=False, every=True)
     m = replace(lay_out(network, traced, settings, made, mesh), mesh=replace(mesh, core=CORE), parameters={}, memo={})
     step, length = array(recorder, 0, ()), array(recorder, 0, ())
