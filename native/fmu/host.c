@@ -182,23 +182,34 @@ int state_write(instance *i, void *state, char *bytes, size_t size)
     return STATUS_OK;
 }
 
+static const char DAMAGED[] = "incomplete or damaged; give all bytes of fmi2SerializeFMUstate and no more.";
+
+static int bad_bytes(instance *i, size_t size, const char *why)
+{
+    say(i->c, "state of %lu bytes: %s", (unsigned long)size, why);
+    return refused(i, STATUS_ERROR);
+}
+
 int state_read(instance *i, const char *bytes, size_t size, void **state)
 {
     head h;
     if (!state || !bytes) return no(i, "no bytes, or no memory for the state (null pointer).");
-    if (size < sizeof(h)) return no(i, "the state is cut short; give all bytes of it.");
-    memcpy(&h, bytes, sizeof(h));
+    if (size >= sizeof(h)) memcpy(&h, bytes, sizeof(h));
+    if (size < sizeof(h) || memcmp(h.magic, MAGIC, sizeof(MAGIC)))
+        return bad_bytes(i, size, "not a saved state of an FMU of this project; save one anew.");
     h.guid[sizeof(h.guid) - 1] = 0;
-    if (memcmp(h.magic, MAGIC, sizeof(MAGIC)) || strcmp(h.guid, i->c->r.guid) || h.count != (uint64_t)i->c->n_numbers)
-        return no(i, "the state is not one of this FMU; give one that this FMU saved.");
-    if (size < sizeof(h) + bytes_of(i)) return no(i, "the state is cut short; give all bytes of it.");
+    if (strcmp(h.guid, i->c->r.guid)) {
+        say(i->c, "state of the FMU %.64s: this one is %.64s; restore it there, or save one anew.", h.guid, i->c->r.guid);
+        return refused(i, STATUS_ERROR);
+    }
+    if (size != sizeof(h) + bytes_of(i) || h.count != (uint64_t)i->c->n_numbers) return bad_bytes(i, size, DAMAGED);
     saved *const s = hung(i);
     if (!s) return refused(i, STATUS_ERROR);
     memcpy(s->numbers, bytes + sizeof(h), bytes_of(i));
     if (digest(s->numbers, bytes_of(i)) != h.digest || !component_may_be(i->c, s->numbers)) {
         i->states = s->next;
         free(s);
-        return no(i, "the state is damaged; save it anew.");
+        return bad_bytes(i, size, DAMAGED);
     }
     *state = s;
     return STATUS_OK;

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..coefficients import coefficients
+from ..coefficients import changes, coefficients
 from ..network import Network
 from ..outputs import inlet_answers, site_walls, venous_flow, volume_weights
 from ..scheme.guards import VISCOSITY_REASON, margins
@@ -86,7 +86,11 @@ def _bent(name: str, value: float) -> float:
 
 def _same_mesh(recorder: Known, mesh: Mesh, c: Any, length: Traced) -> None:
     """Require that the elements be as many, and end where they do."""
-    _ = c.cuts  # asks for what decides them
+    for term in c.terms:
+        if term.effect.owner == "segment" and (term.effect.cuts or changes(term.effect, "cut_at")):
+            for s in range(len(mesh.count)):
+                if term.effect.cut_at(term.at(s)):
+                    bool(term.on[s])  # asked for, and so required
     width = 1.0 / mesh.parts * np.bincount(mesh.piece)[mesh.piece]
     pieces = np.bincount(mesh.piece)[mesh.piece]
     wanted = width * c.L[0][mesh.segment] / length - 1e-9
