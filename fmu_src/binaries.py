@@ -77,6 +77,8 @@ def binary(name: str) -> bytes:
         beside = kept.with_name(f".{os.getpid()}-{kept.name}")
         beside.write_bytes(content)
         os.replace(beside, kept)
+        for old in set(kept.parent.glob(f"{name}-*")) - {kept}:  # of other sources
+            old.unlink(missing_ok=True)
     return kept.read_bytes()
 
 

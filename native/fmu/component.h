@@ -116,6 +116,11 @@ int component_write(component *c, const uint32_t *vr, size_t n, int kind, const 
 int say(component *c, const char *format, ...); /* into said; returns 0 */
 const char *text(const component *c, int32_t at);
 double value_of(const component *c, int32_t vr);
+const int32_t *variable(const component *c, uint32_t vr);
+const char *name_of(const component *c, uint32_t vr);
+void keep(component *c); /* the numbers, to come back to */
+int back(component *c);  /* returns 0 */
+int initialized(component *c);
 
 /* The block of numbers for a program, its parameters and a step; NULL with a sentence. */
 double *bound(component *c, int32_t program, const double *parameters, double dt);
