@@ -97,7 +97,7 @@ def build_native(
 ) -> Path:
     """Build ``<out>/<network.name>.fmu`` that needs no Python on its host, and return its path.
 
-    fmi : 2 or 3, the version of the standard. platforms : of :data:`fmu_src.binaries.PLATFORMS`; default this machine's.
+    fmi : 2 or 3, the version of the standard. platforms : of :data:`fmu_src.binaries.PLATFORMS`; default this one's.
     Raises ValueError as :func:`build`, where the network cannot be recorded, and where nothing can compile it.
     """
     target = Path(out) / f"{network.name}.fmu"
@@ -299,7 +299,8 @@ def main(
     native: Annotated[bool, typer.Option("--native", help="An FMU that needs no Python on its host.")] = False,
     fmi: Annotated[int, typer.Option(metavar="2|3", help="With --native: version of the standard.")] = 2,
     platforms: Annotated[
-        str, typer.Option(metavar="|".join(PLATFORMS), help="With --native: for which, by commas; default this machine.")
+        str,
+        typer.Option(metavar="|".join(PLATFORMS), help="With --native: for which, by commas; default this machine."),
     ] = "",
     as_json: Json = False,
     quiet: Quiet = False,

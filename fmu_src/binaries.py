@@ -106,7 +106,9 @@ def _compiled(name: str, command: Sequence[str]) -> bytes:
     extra += ["-Wl,--build-id=none"] if PLATFORMS[name].suffix == ".so" else []
     with tempfile.TemporaryDirectory(prefix="arterial_compile_") as folder:
         out = Path(folder) / f"arterial{PLATFORMS[name].suffix}"
-        done = subprocess.run([*command, *FLAGS, *files, "-o", str(out), *extra], capture_output=True, text=True, cwd=folder)
+        done = subprocess.run(
+            [*command, *FLAGS, *files, "-o", str(out), *extra], capture_output=True, text=True, cwd=folder
+        )
         if done.returncode:
             raise InputError(f"{' '.join(command)} does not compile native/: {done.stderr.strip()}")
         return out.read_bytes()

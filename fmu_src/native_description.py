@@ -32,7 +32,12 @@ class About:
 def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     """The description for FMI 2.0."""
     root = Element(
-        "fmiModelDescription", fmiVersion="2.0", modelName=about.name, guid=about.guid, **_common(about), license=LICENCE
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=about.name,
+        guid=about.guid,
+        **_common(about),
+        license=LICENCE,
     )
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
              "canNotUseMemoryManagementFunctions")  # fmt: skip
@@ -41,7 +46,9 @@ def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     )
     categories = SubElement(root, "LogCategories")
     for status in _CATEGORIES:
-        SubElement(categories, "Category", name=f"logStatus{status}", description=f"Log messages with fmi2{status} status.")
+        SubElement(
+            categories, "Category", name=f"logStatus{status}", description=f"Log messages with fmi2{status} status."
+        )
     SubElement(categories, "Category", name="logAll", description="Log all messages.")
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")
@@ -50,7 +57,9 @@ def fmi2(about: About, table: Sequence[Variable]) -> bytes:
         node = SubElement(variables, "ScalarVariable", name=variable.name, valueReference=str(vr),
                           causality=variable.causality, variability=variable.variability,
                           description=variable.description, **initial)  # fmt: skip
-        start = {} if variable.start is None or variable.quantity else {"start": str(variable.number(str(variable.start)))}
+        start = (
+            {} if variable.start is None or variable.quantity else {"start": str(variable.number(str(variable.start)))}
+        )
         SubElement(node, "Real" if variable.quantity else "Integer", start)
     SubElement(root, "ModelStructure")
     return _text(complete(root, tuple(table), about.version, python=False))
@@ -110,7 +119,9 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
             SubElement(kind, "Item", name=item.get("name", ""), value=item.get("value", ""))
     categories = SubElement(root, "LogCategories")
     for status in _CATEGORIES:
-        SubElement(categories, "Category", name=f"logStatus{status}", description=f"Log messages with fmi3{status} status.")
+        SubElement(
+            categories, "Category", name=f"logStatus{status}", description=f"Log messages with fmi3{status} status."
+        )
     SubElement(categories, "Category", name="logAll", description="Log all messages.")
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
 
 from solver.errors import InputError
 from solver.files import dumps
@@ -18,7 +18,7 @@ from .models import given_arteries
 from .native_description import About
 from .slave import in_one_line
 
-RESOURCE = "resources/arterial.bin"
+RESOURCE, DESCRIPTION = "resources/arterial.bin", "modelDescription.xml"
 _ARM = "aarch64-darwin"
 
 
@@ -38,22 +38,23 @@ def files(
         **document.documents(network, table, __version__, fmi),
         **{f"sources/{path}": text for path, text in sources().items()},
     }
-    guid = f"{{{digest(found, table)[:32]}}}"
-    found[RESOURCE] = resource.with_guid(found[RESOURCE], guid)
     about = About(
-        network.name, in_one_line(network), __version__, guid, 5 * network.inlet.T, settings.dt, settings.tolerance
+        network.name, in_one_line(network), __version__, "", 5 * network.inlet.T, settings.dt, settings.tolerance
     )
     describe = native_description.fmi2 if fmi == 2 else native_description.fmi3
-    found["modelDescription.xml"] = describe(about, table)
+    found[DESCRIPTION] = describe(about, table)
     compiled = [path for path in sources() if path.endswith(".c")]
     found["sources/buildDescription.xml"] = native_description.build_description(about, compiled)
+    guid = guid_of(found)
+    found[RESOURCE] = resource.with_guid(found[RESOURCE], guid)
+    found[DESCRIPTION] = describe(replace(about, guid=guid), table)
     return found | binaries(network.name, fmi, list(platforms or [str(own)]))
 
 
-def digest(found: Mapping[str, bytes], table: Any) -> str:
-    """What the GUID is made of: everything but the binaries, which follow from the sources."""
+def guid_of(found: Mapping[str, bytes]) -> str:
+    """The GUID: a hash of everything, itself open, but the binaries, which follow from the sources."""
     hashes = [(path, hashlib.sha256(found[path]).hexdigest()) for path in sorted(found)]
-    return hashlib.sha256(json.dumps([hashes, repr(table)]).encode()).hexdigest()
+    return f"{{{hashlib.sha256(json.dumps(hashes).encode()).hexdigest()[:32]}}}"
 
 
 def binaries(name: str, fmi: int, platforms: Sequence[str]) -> dict[str, bytes]:

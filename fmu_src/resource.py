@@ -47,7 +47,8 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
     names = ("solver.dt", "solver.element_length", "network.elastic_law", "network.viscous_law", "inlet.interpolation",
              "inlet.drive", "network.start", "inlet.T", "network.P_0")  # fmt: skip
     meta = [
-        len(table), first_output, first_late, model.mesh.element.N, len(programs), *(vr.get(name, -1) for name in names),
+        len(table), first_output, first_late, model.mesh.element.N, len(programs),
+        *(vr.get(name, -1) for name in names),
         texts.at(network.name), texts.at(*UNSOLVED), texts.at(BARE_REMEDY),
     ]  # fmt: skip
     segments = {segment.name: i for i, segment in enumerate(network.segments)}
@@ -64,8 +65,13 @@ def resource(network: Network, settings: Settings, table: Sequence[Variable]) ->
         np.array(inlet_numbers, float),
         np.concatenate([np.zeros(0), *curves]),
         _integers([n for o in network.outlets for n in (vr[f"{o.segment}.outlet.P_venous"], segments[o.segment])]),
-        _integers([n for s in network.segments for n in
-                   (texts.at(s.name), *(vr[f"{s.name}.{key}"] for key in ("L", "phi0", "phiNL")))]),  # fmt: skip
+        _integers(
+            [
+                n
+                for s in network.segments
+                for n in (texts.at(s.name), *(vr[f"{s.name}.{key}"] for key in ("L", "phi0", "phiNL")))
+            ]
+        ),  # fmt: skip
         _integers(model.mesh.segment),
         model.mesh.positions(model.mesh.element.x_gauss).ravel(),
         _periodic(network, settings, table[:first_output], model),
@@ -211,7 +217,8 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
     p, model = one.program, one.model
     shapes, layout = model.layout.shapes, model.layout
     counts = (
-        p.n_fixed, p.n_work, layout.size, int(np.prod(shapes["A"])), int(np.prod(shapes["Q"])), layout.places["Q"].start,
+        p.n_fixed, p.n_work, layout.size, int(np.prod(shapes["A"])), int(np.prod(shapes["Q"])),
+        layout.places["Q"].start,
         model.mesh.n_nodes, len(model.inlets.by_flow), len(model.mesh.topology.outlet_segment),
         len(model.network.output_units()),
     )  # fmt: skip

@@ -9,7 +9,7 @@ static int of_kind(component *c, const uint32_t *vr, size_t n, int kind)
 {
     for (size_t i = 0; i < n; i++) {
         if (vr[i] >= (uint32_t)c->r.meta[N_VARIABLES])
-            return say(c, "value reference %lu: there is no such variable.", (unsigned long)vr[i]);
+            return say(c, "value reference %ld: there is no such variable.", (long)(int32_t)vr[i]);
         const int32_t has = variable(c, vr[i])[KIND];
         if (has != kind)
             return say(c, "%s is %s; read and set it as such.", name_of(c, vr[i]),

@@ -155,7 +155,8 @@ class _Component(Recording):
         found = np.zeros_like(m.coefficients.P_0, shape=(1, len(m.mesh.topology.outlet_segment)))
         for ends in m.coefficients.outlets:
             numbers = {**ends.numbers, "P_venous": venous[..., ends.index]}
-            lost = ends.kind.unreachable(numbers, m.outlet_wall.at(ends.index), H[:, m.mesh.topology.outlets][:, ends.index])
+            P = H[:, m.mesh.topology.outlets][:, ends.index]
+            lost = ends.kind.unreachable(numbers, m.outlet_wall.at(ends.index), P)
             found[:, ends.index] = 1.0 * lost
         return found
 
