@@ -31,32 +31,18 @@ class About:
 
 def fmi2(about: About, table: Sequence[Variable]) -> bytes:
     """The description for FMI 2.0."""
-    root = Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=about.name,
-        guid=about.guid,
-        **_common(about),
-        license=LICENCE,
-    )
+    names = {"fmiVersion": "2.0", "modelName": about.name, "guid": about.guid}
+    root = Element("fmiModelDescription", {**names, **_common(about)})
     flags = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
              "canNotUseMemoryManagementFunctions")  # fmt: skip
-    SubElement(
-        root, "CoSimulation", modelIdentifier=about.name, needsExecutionTool="false", **dict.fromkeys(flags, "true")
-    )
-    categories = SubElement(root, "LogCategories")
-    for status in _CATEGORIES:
-        SubElement(
-            categories, "Category", name=f"logStatus{status}", description=f"Log messages with fmi2{status} status."
-        )
-    SubElement(categories, "Category", name="logAll", description="Log all messages.")
+    can = dict.fromkeys(flags, "true")
+    SubElement(root, "CoSimulation", can, modelIdentifier=about.name, needsExecutionTool="false")
+    _categories(root, 2)
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")
     for vr, variable in enumerate(table):
         initial = {"parameter": {"initial": "exact"}, "output": {"initial": "calculated"}}.get(variable.causality, {})
-        node = SubElement(variables, "ScalarVariable", name=variable.name, valueReference=str(vr),
-                          causality=variable.causality, variability=variable.variability,
-                          description=variable.description, **initial)  # fmt: skip
+        node = SubElement(variables, "ScalarVariable", {**_facts(vr, variable), **initial})
         start = (
             {} if variable.start is None or variable.quantity else {"start": str(variable.number(str(variable.start)))}
         )
@@ -73,6 +59,26 @@ def _common(about: About) -> dict[str, str]:
         "author": AUTHOR,
         "version": about.version,
         "copyright": COPYRIGHT,
+        "license": LICENCE,
+    }
+
+
+def _categories(root: Element, fmi: int) -> None:
+    categories = SubElement(root, "LogCategories")
+    for status in _CATEGORIES:
+        text = f"Log messages with fmi{fmi}{status} status."
+        SubElement(categories, "Category", name=f"logStatus{status}", description=text)
+    SubElement(categories, "Category", name="logAll", description="Log all messages.")
+
+
+def _facts(vr: int, variable: Variable) -> dict[str, str]:
+    """What both versions say of a variable."""
+    return {
+        "name": variable.name,
+        "valueReference": str(vr),
+        "causality": variable.causality,
+        "variability": variable.variability,
+        "description": variable.description,
     }
 
 
@@ -102,10 +108,8 @@ def build_description(about: About, files: Sequence[str]) -> bytes:
 def fmi3(about: About, table: Sequence[Variable]) -> bytes:
     """The description for FMI 3.0, of the same variables and value references; time has the last one."""
     common = {**_common(about), "generationTool": f"arterial-fmu {about.version} with its compiled engine"}
-    root = Element(
-        "fmiModelDescription", fmiVersion="3.0", modelName=about.name, instantiationToken=about.guid, **common,
-        license=LICENCE,
-    )  # fmt: skip
+    names = {"fmiVersion": "3.0", "modelName": about.name, "instantiationToken": about.guid}
+    root = Element("fmiModelDescription", {**names, **common})
     SubElement(
         root, "CoSimulation", modelIdentifier=about.name, needsExecutionTool="false", canGetAndSetFMUState="true",
         canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
@@ -117,12 +121,7 @@ def fmi3(about: About, table: Sequence[Variable]) -> bytes:
         kind = SubElement(definitions, "EnumerationType", name=simple.get("name", ""))
         for item in simple[0]:
             SubElement(kind, "Item", name=item.get("name", ""), value=item.get("value", ""))
-    categories = SubElement(root, "LogCategories")
-    for status in _CATEGORIES:
-        SubElement(
-            categories, "Category", name=f"logStatus{status}", description=f"Log messages with fmi3{status} status."
-        )
-    SubElement(categories, "Category", name="logAll", description="Log all messages.")
+    _categories(root, 3)
     _experiment(root, about)
     variables = SubElement(root, "ModelVariables")
     for vr, variable in enumerate(table):
@@ -151,8 +150,7 @@ def _units3(root: Element, table: Sequence[Variable]) -> None:
 
 def _variable3(variables: Element, vr: int, variable: Variable) -> None:
     initial = {"parameter": {"initial": "exact"}, "output": {"initial": "calculated"}}.get(variable.causality, {})
-    told = {"name": variable.name, "valueReference": str(vr), "causality": variable.causality,
-            "variability": variable.variability, "description": variable.description, **initial}  # fmt: skip
+    told = {**_facts(vr, variable), **initial}
     quantity = variable.quantity
     if quantity is None:
         start = str(variable.number(str(variable.start)))

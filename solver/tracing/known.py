@@ -96,8 +96,7 @@ class Known(Recorder):
             return np.linalg.inv(self._values(i.operands[0], count * n * n).reshape(count, n, n))
         if i.name in ("sum", "largest", "least"):
             rows = self._values(i.operands[0], math.prod(i.sizes)).reshape(i.sizes)
-            reduce = {"sum": np.sum, "largest": np.max, "least": np.min}[i.name]
-            return np.asarray(reduce(rows, axis=1))
+            return np.asarray(getattr(rows, {"sum": "sum", "largest": "max", "least": "min"}[i.name])(axis=1))
         values = [self._values(o, i.sizes[0]) for o in i.operands]
         if i.name == "where":
             return np.where(values[0] != 0.0, values[1], values[2])

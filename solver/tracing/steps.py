@@ -164,7 +164,8 @@ class Recording:
 
     def take(self, name: str, phase: str | int, *shape: int) -> Any:
         """An array that is given before a phase; one of the same name lies where that of an earlier phase does."""
-        self.given[name].append(array(self.recorder, _PHASE.get(phase, phase), (1, *shape)))
+        number = phase if isinstance(phase, int) else _PHASE[phase]
+        self.given[name].append(array(self.recorder, number, (1, *shape)))
         return self.given[name][-1]
 
     def prepare(self) -> tuple[State, Any]:
