@@ -23,6 +23,7 @@ from solver.errors import InputError
 from solver.native import LIBRARY
 
 SOURCES = Path(__file__).resolve().parents[1] / "native"
+ENGINE = ("engine.c", "engine.h", "run.h", "steps.c")  # what steps need
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared",
          "-fvisibility=hidden", "-s")  # fmt: skip
 
@@ -55,8 +56,8 @@ def here() -> str | None:
 
 def sources() -> dict[str, bytes]:
     """The C files by path in ``native/``. Raises ValueError where they are not."""
-    files = sorted([*SOURCES.glob("*.[ch]"), *SOURCES.glob("fmu/*.[ch]")])
-    if not files:
+    files = [*(SOURCES / name for name in ENGINE), *sorted(SOURCES.glob("fmu/*.[ch]"))]
+    if not all(file.is_file() for file in files) or len(files) == len(ENGINE):
         raise InputError(
             f"{SOURCES}: the sources of FMUs that need no Python are not there; build in a checkout of the project."
         )

@@ -32,6 +32,7 @@ from .variable import Variable
 Array = np.ndarray
 
 _MAGIC, _VERSION, _GUID = b"ARTERIAL", 1, 64
+_MARGINS = [name for name in FURTHER if name.startswith("margin_")]  # of which there may be fewer
 _CAUSALITIES, _VARIABILITIES = ("input", "parameter", "output"), ("continuous", "fixed", "tunable")
 _MOST = 3_000_000  # bytes of programs: of larger networks only those of its own laws
 
@@ -222,7 +223,8 @@ def _program(laws: tuple[int, int], one: Whole, texts: _Texts) -> Iterator[Array
         model.mesh.n_nodes, len(model.inlets.by_flow), len(model.mesh.topology.outlet_segment),
         len(model.network.output_units()),
     )  # fmt: skip
-    places = [p.address.get(name, -1) for name in (*PLACES, *FURTHER)]
+    unread = dict.fromkeys(("parameters", "dt", "element_length", *_MARGINS), -1)
+    places = [{**unread, **p.address}[name] for name in (*PLACES, *FURTHER)]
     reasons = [texts.at(text) for reason in one.reasons for text in reason]
     yield _integers([*laws, len(one.reasons), *counts, *places, *model.inlets.first, *reasons])
     yield from (p.code, p.begin, p.index, p.constants)

@@ -20,7 +20,7 @@ double *placed(const memory *m, int32_t address)
     return ((address & 3) == 1 ? m->fixed : m->work) + (address >> 2);
 }
 
-static double *place(const arterial_program *p, const memory *m, int which)
+double *place(const arterial_program *p, const memory *m, int which)
 {
     return placed(m, p->place[which]);
 }
@@ -30,14 +30,14 @@ double *last_but_one(const arterial_program *p, const memory *m)
     return m->work + p->n_work + STAGES * p->n_y + p->n_Q + p->n_H;
 }
 
-static void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n)
+void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n)
 {
     memcpy(place(p, m, which), x, sizeof(double) * (size_t)n);
 }
 
-static memory memory_of(const arterial_program *p, const double *fixed, double *work)
+memory memory_of(const arterial_program *p, const double *fixed, double *work)
 {
-    const memory m = {p->constant, (double *)fixed, work, p->index};
+    const memory m = {p->constant, (double *)fixed, work, p->index, 0};
     return m;
 }
 
@@ -72,8 +72,7 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
     return 0;
 }
 
-/* Q and H at the end of a stage, from a guess in their places. guess : (n_Q + n_H) to begin from again. */
-static int solve(const arterial_program *p, const memory *m, double *guess)
+int solve(const arterial_program *p, const memory *m, double *guess)
 {
     int moved = 1;
     memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);

@@ -43,7 +43,6 @@ void explain(component *c, int32_t program, const memory *m, int unsolved, doubl
     const arterial_program *const p = &one->program;
     const int32_t n = c->r.n_elements * c->r.meta[N_POINTS], per = p->n_Q / c->r.n_elements;
     if (unsolved) run(p, m, END); /* of the last iterate */
-    memcpy(further(c, program, m, IN_H_EXPLAIN), placed(m, p->place[IN_H]), sizeof(double) * (size_t)p->n_H);
     run(p, m, EXPLAIN);
     const double *const lost = further(c, program, m, OUT_LOST);
     for (int32_t i = 0; i < p->n_outlets && unsolved; i++)

@@ -58,9 +58,7 @@ double *bound(component *c, int32_t program, const double *parameters, double dt
 
 memory memory_for(component *c, int32_t program, double *fixed)
 {
-    const arterial_program *const p = &c->r.recorded[program].program;
-    const memory m = {p->constant, fixed, c->work, p->index};
-    return m;
+    return memory_of(&c->r.recorded[program].program, fixed, c->work);
 }
 
 double *further(component *c, int32_t program, const memory *m, int which)

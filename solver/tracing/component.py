@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -32,12 +32,12 @@ Array = np.ndarray
 
 # phases after those of a model's program, in the order of native/fmu/component.h
 MORE = ("explain", "show")
-_EXPLAIN, _SHOW = range(len(PHASES), len(PHASES) + len(MORE))
+_PHASE = {name: number for number, name in enumerate((*PHASES, *MORE))}
 MARGINS = 4  # at most, that guards ask for
 # where it takes and leaves its numbers beside PLACES, in the order there
 FURTHER = (
     "parameters", "dt", "element_length", "y_rest", "A_rest", "lost_at_rest", "small_drives", "small_venous",
-    "end_impedance", "phi0", "A0", "r", "H_explain", "venous_explain", "lost", *(f"margin_{i}" for i in range(MARGINS)),
+    "end_impedance", "phi0", "A0", "r", "lost", *(f"margin_{i}" for i in range(MARGINS)),
     "venous_show", "V", "answers", "venous_flow",
 )  # fmt: skip
 
@@ -101,6 +101,8 @@ def _same_mesh(recorder: Known, mesh: Mesh, c: Any, length: Traced) -> None:
 class _Component(Recording):
     """Steps, and what an FMU asks of them."""
 
+    phases: ClassVar[Mapping[str, int]] = _PHASE
+
     def __init__(self, recorder: Known, m: Any, tau: Any) -> None:
         super().__init__(recorder, m, tau)
         self.reasons: list[tuple[str, str]] = []
@@ -110,8 +112,7 @@ class _Component(Recording):
         state, venous = self.steps(walls)
         self.explain(venous)
         self.show(state)
-        phases = len(PHASES) + len(MORE)
-        return compiled(self.recorder, phases, self.m.mesh.n_elements, {**self.given, **places}, self.out)
+        return compiled(self.recorder, len(self.phases), self.m.mesh.n_elements, {**self.given, **places}, self.out)
 
     def rest(self) -> None:
         """The state at rest, whether it can be, and what small changes of drive and P_venous are."""
@@ -129,18 +130,18 @@ class _Component(Recording):
     def explain(self, venous: Any) -> None:
         """What must be positive of an iterate, each by itself, and which outlets are lost."""
         m, out = self.m, self.out
-        A, A_t = (later(self.recorder, x, _EXPLAIN) for x in (m.layout.part(out["end"], "A"), out["A_t"]))
-        Q = self.take("Q", _EXPLAIN, *self.shapes["Q"])
+        A, A_t = (later(self.recorder, x, _PHASE["explain"]) for x in (m.layout.part(out["end"], "A"), out["A_t"]))
+        Q = self.take("Q", "explain", *self.shapes["Q"])
         for i, (margin, reason, remedy) in enumerate(margins(m, A, A_t, Q)):
             out[f"margin_{i}"] = self._full(margin)
             self.reasons.append((_text(reason), remedy))
-        H = self.take("H", _EXPLAIN, self.n_H)
-        out["lost"] = self._lost(later(self.recorder, venous, _EXPLAIN), H)
+        H = self.take("H", "explain", self.n_H)
+        out["lost"] = self._lost(later(self.recorder, venous, _PHASE["explain"]), H)
 
     def show(self, state: State) -> None:
         """Beside the outputs: volume, what inlets answer, the flows to P_venous."""
-        y, H = self.take("y_report", _SHOW, self.m.layout.size), self.take("H_report", _SHOW, self.n_H)
-        venous = self.take("venous_show", _SHOW, len(self.m.mesh.topology.outlet_segment))
+        y, H = self.take("y_report", "show", self.m.layout.size), self.take("H_report", "show", self.n_H)
+        venous = self.take("venous_show", "show", len(self.m.mesh.topology.outlet_segment))
         moment = replace(state, y=y, H=H)
         self.out["V"] = (volume_weights(self.m) * y).sum()
         self.out["answers"] = inlet_answers(self.m, moment)
