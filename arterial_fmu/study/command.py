@@ -58,10 +58,10 @@ def main(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Vary parameters: which of them matter where, and by how much.
+    """Vary parameters, and show which of them matter where, and by how much.
 
-    Thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. First and total indices of
-    pressures, flows and radii, percentiles of waveforms, and one HTML page.
+    Simulates thousands of parameter sets (a scrambled Sobol' sequence), each until its beat repeats. Writes first-order
+    and total indices of pressures, flows and radii, percentiles of waveforms, and one HTML page.
     """
     with sentences(interrupted=f"what is done is in {out}; the same command goes on from there."):
         with bar(quiet, pace=PACE) as progress:
@@ -88,7 +88,7 @@ def main(
 
 
 def _imported() -> None:
-    """Import what the indices and figures need, a second on one core."""
+    """Import the modules for indices and figures, a second on one core."""
     import SALib.analyze.sobol  # noqa: F401
 
     from . import figures  # noqa: F401
@@ -100,7 +100,7 @@ def _size(plan: Plan, samples: int) -> str:
 
 
 def _table(study: Study) -> Table:
-    """Of every number its percentiles, and what matters most."""
+    """The percentiles of every number, and its most important parameters."""
     title = f"{study.plan.model.name}: {study.plan.size} parameter sets"
     table = Table("number", *map(right, ("unit", "5 %", "median", "95 %")), "total indices ± half of 95 %", title=title)
     for name, unit in study.plan.measures.items():

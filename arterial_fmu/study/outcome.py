@@ -1,4 +1,4 @@
-"""A study that is done: indices, percentiles, bands of waveforms, and what is to be known of it."""
+"""The outcome of a study: indices, percentiles, bands of waveforms, and notes."""
 
 from __future__ import annotations
 
