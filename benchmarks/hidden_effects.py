@@ -55,6 +55,9 @@ class Name(StrEnum):
     offcentre = "offcentre"
     outside_walls = "outside_walls"
     own = "own"
+    elastic = "elastic"
+    pairs = "pairs"
+    three = "three"
 
 
 GroupOption = Annotated[Name, typer.Option(help="Which group of records; see tests/truth/plan.py.")]
@@ -79,6 +82,7 @@ def run(
     out: Out = None,
     mixed: Annotated[bool, typer.Option("--mixed", help="Keep records that other sources have judged.")] = False,
     nulls: Annotated[bool, typer.Option("--nulls", help="Only records that hide nothing: cheap false alarms.")] = False,
+    least: Annotated[float, typer.Option(min=0.0, help="Only records whose effects all have this d' or more.")] = 0.0,
     scheduler: Annotated[str | None, typer.Option(help="Of a dask cluster that does it, tcp://…:8786.")] = None,
 ) -> None:
     """Judge the records of the plan that are not yet in the file."""
@@ -88,7 +92,8 @@ def run(
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that its processes end with it
     try:
         path = out or _path(kind.value, group.value, seed)
-        Bank(path, kind.value, seed, sources_hash(), group.value).run(limit, jobs, mixed, nulls, scheduler=scheduler)
+        bank = Bank(path, kind.value, seed, sources_hash(), group.value)
+        bank.run(limit, jobs, mixed, nulls, scheduler=scheduler, least=least)
     except ValueError as error:
         raise SystemExit(str(error)) from None
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term, of_animal
+from fitting.inference.terms import Term, effect_of
 
 from . import thresholds as at
 from .weigh import Named, names_of, ranked, weighed
@@ -40,15 +40,15 @@ class Compared:
 
     @property
     def best(self) -> Named:
-        """The best hypothesis."""
-        return min(self.every, key=lambda n: n.score)
+        """The best hypothesis of those that may be named."""
+        return min((n for n in self.every if n.shown), key=lambda n: n.score)
 
     @property
     def sought(self) -> tuple[Term, ...]:
         """What is looked for: where every artery differs, nothing that is merely the animal's."""
         if not self.none.individual:
             return self.terms
-        return tuple(t for t in self.terms if not of_animal(self.problem.network, t))
+        return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
 
     @classmethod
     def of(

@@ -18,7 +18,7 @@ from fitting.fmu_run import RunFailed
 from fitting.inference.fit import Fit, Member, projected
 from fitting.inference.prior import Calibrated
 from fitting.inference.several import Several
-from fitting.inference.simulator import Runs
+from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.terms import Term, candidates, rewired
 from fitting.inference.unknown import parameter_values, precision
 from fitting.record_options import not_judged
@@ -37,8 +37,9 @@ from .show import Gap, Run, fall
 from .study import Study, prepare
 from .summary import Shown
 from .together import name_together
-from .usable import check_beats, check_record
+from .usable import check_beats, check_record, check_waves
 from .verdict import Naming
+from .weigh import weighed
 
 Array = np.ndarray
 _VENOUS = "*.outlet.P_venous"  # what lies behind the arteries is no part of them
@@ -67,7 +68,7 @@ class Recordings:
         beats = tuple((s.fitted, s.held_out) for s in self.studies)
         varies = (*self.varies, *(() if parts[0].site else (_VENOUS,)))
         found = Several(parts, tuple(self.labels[: len(parts)]), varies, beats)
-        assert found.added is not None  # looked for now
+        _ = found.added  # refuses now what cannot vary
         return found
 
     @property
@@ -81,7 +82,7 @@ class Recordings:
         """Each by itself, in its share of the time, and then all together."""
         alone, whole, n = list[Naming](), self.whole, len(self.studies)
         for i, study in enumerate(self.studies):
-            search = partial(name, study.problem, study.terms, runs.part(1.0 / (n - i + 1.0)), asked.chosen)
+            search = partial(_named, study, runs.part(1.0 / (n - i + 1.0)), asked.chosen)
             alone.append(journal.naming(study.problem, search, f"naming_{i}"))
 
         def together() -> Naming:
@@ -89,6 +90,11 @@ class Recordings:
             return name_together(problem, alone, self.terms, runs)
 
         return replace(journal.naming(whole, together), map=alone[0].map)
+
+    def only(self, journal: Journal) -> Naming | None:
+        """That of the first recording by itself, which :meth:`named` has found, where no other one is fitted."""
+        (study, *more) = self.studies
+        return None if more else journal.naming(study.problem, partial(_named, study, Runs(), None), "naming_0")
 
     # --- through the FMUs ---------------------------------------------------------------------------------------------
 
@@ -112,6 +118,7 @@ class Recordings:
             try:
                 fits = _there(whole, study, base), best and _there(whole, study, best)
                 runs = _runs(f"{i}", study, *fits, before, after)
+                check_waves(study, runs[0].beats)
             except (InputError, RunFailed) as error:  # the verdict stands without it
                 unjudged.append(not_judged(record.path, error))
                 continue
@@ -171,8 +178,22 @@ def recordings_of(
         except InputError as error:
             warnings.append(not_judged(other.path, error))
     found = Recordings((record, *others), (study, *made), tuple(held), asked.varies, tuple(warnings))
-    assert found.whole
+    _ = found.whole  # refuses now what cannot be compared
     return found
+
+
+def _named(study: Study, runs: Runs, walls: str | None) -> Naming:
+    """The verdict on one recording; where the time was over before anything was known of it, only how far the model as
+    given is from it: the others are not lost."""
+    try:
+        return name(study.problem, study.terms, runs, walls)
+    except OutOfTime:
+        problem = study.problem if walls == COMMON else study.problem.individual()
+        (base,) = problem.refit([()])
+        if base is None:
+            raise
+        none = weighed(problem, base, study.terms)
+        return Naming("unknown", problem, none, (none,), (), {}, study.terms, 0.0, complete=False)
 
 
 def _check_alike(record: Record, other: Record) -> None:

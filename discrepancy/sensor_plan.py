@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fitting.inference.fit import Fit, Member
-from fitting.inference.jackknife import Subset
+from fitting.inference.jackknife import subset
 from fitting.inference.network import NetworkProblem
 from fitting.inference.network_record import network_problem
 from fitting.inference.terms import Term, candidates
@@ -151,7 +151,7 @@ def _table(
 ) -> Isolability:
     """Isolability by some of the problem's channels, and by the inflow, whose meter may err as theirs."""
     keep = np.array([problem.signals.index(name) for name in dict.fromkeys(chosen)])
-    part = Subset(problem.target, keep)
+    part = subset(problem.target, keep)
     seen = [t for t in terms if not t.is_sensor or t.place in (*chosen, INFLOW)]
     fit = replace(base, z=part(base.z[:, None])[:, 0], J=part(base.J))
     return isolability(fit, {t.label: part(columns[t.label]) for t in seen if t.label in columns}, seen)

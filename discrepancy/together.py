@@ -18,9 +18,8 @@ from fitting.inference.network import NetworkProblem
 from fitting.inference.several import Several
 from fitting.inference.simulator import OutOfTime, Runs
 from fitting.inference.source_map import is_noise
-from fitting.inference.starting_points import starting_points
 from fitting.inference.terms import Term
-from fitting.inference.unknown import bounds
+from fitting.inference.unknown import bounds, starting_points
 from fitting.records.noise import pulses
 from solver.errors import InputError
 

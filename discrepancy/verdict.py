@@ -71,7 +71,7 @@ class Naming:
 def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: bool = True) -> Naming:
     """The verdict on what was compared. beside : an error of the model that a hypothesis may have beside it."""
     problem = found.problem
-    exact = [n for n in found.every if n.explains and both_show(found, n)]
+    exact = _with_shown([n for n in found.every if n.explains and both_show(found, n)])
     loose = [with_errors(n, beside(n)) for n in _held_loosely(found, exact)]
     ways = ranked([*exact, *(n for n in loose if n is not None and not _by_a_law(n, exact))])
     chance = dict(zip((id(n) for n in ways), shares(ways), strict=True))
@@ -99,6 +99,13 @@ def decided(found: Compared, terms: Sequence[Term], beside: Freed, complete: boo
     return _partial(make, found, none, ways, confidence)
 
 
+def _with_shown(exact: Sequence[Named]) -> list[Named]:
+    """Without hypotheses that the record cannot show, but where another fault of the same sensors explains it, too:
+    beside that one they compete."""
+    places = [{t.place for t in n.fit.terms} for n in exact if n.shown]
+    return [n for n in exact if n.shown or {t.place for t in n.fit.terms} in places]
+
+
 def _by_a_law(loose: Named, exact: Sequence[Named]) -> bool:
     """True if the map has only numbers that stand out, and a law at the same arteries explains the record, within the
     odds of 1 : 100 of the map and more probable than no effect."""
@@ -115,7 +122,7 @@ def _held_loosely(found: Compared, exact: Sequence[Named]) -> list[Named]:
     a network whose best hypothesis explains the record, no effect and that one alone."""
     if found.problem.site is None and any(n is found.best for n in exact):
         return [found.none, *([found.best] if len(found.best.fit.terms) == 1 else [])]
-    single = [n for n in found.ranked if len(n.fit.terms) == 1]
+    single = [n for n in found.ranked if len(n.fit.terms) == 1 and n.shown]
     alone = {t.label for n in exact if len(n.fit.terms) > 1 for t in n.fit.terms}
     return [found.none, *single[: at.FEW], *(n for n in single[at.FEW :] if n.label in alone)]
 

@@ -32,7 +32,9 @@ Array = np.ndarray
 class Named:
     """A hypothesis with its score, -2 ln of evidence and prior. probability : among all. separation : d' to the best.
     above_best : by how much its score is worse than the best one's. errors : of the model that it is held with, None
-    for an exact one; ``fit`` is then whitened with them. places : of a network where they act."""
+    for an exact one; ``fit`` is then whitened with them. places : of a network where they act. shown : whether a record
+    can show it: a sensor that is named by a frequency above half the sampling rate may be another fault of it, or the
+    aliases of a flow with a kink, and is never what is named."""
 
     fit: Fit
     score: float
@@ -42,6 +44,7 @@ class Named:
     above_best: float = 0.0
     errors: Array | None = None
     places: tuple[Place, ...] = ()
+    shown: bool = True
 
     @property
     def label(self) -> str:
@@ -156,7 +159,8 @@ def found_from(terms: Sequence[Term], term: Term, named: Named) -> float:
 
 def weighed(problem: Forward, fit: Fit, terms: Sequence[Term]) -> Named:
     """An exact hypothesis."""
-    return Named(fit, hierarchy.score(fit) + price(fit, terms), misfit(fit, problem.dof_of_noise))
+    score = hierarchy.score(fit) + price(fit, terms)
+    return Named(fit, score, misfit(fit, problem.dof_of_noise), shown=problem.shows(fit))
 
 
 def with_errors(exact: Named, beside: Beside | None) -> Named | None:
@@ -169,8 +173,8 @@ def with_errors(exact: Named, beside: Beside | None) -> Named | None:
 
 
 def ranked(found: Sequence[Named]) -> tuple[Named, ...]:
-    """Hypotheses by score, with their distance from the best."""
-    return apart(sorted(found, key=lambda n: n.score))
+    """Hypotheses by score, those that may be named first, with their distance from the best of these."""
+    return apart(sorted(found, key=lambda n: (not n.shown, n.score)))
 
 
 def apart(found: Sequence[Named]) -> tuple[Named, ...]:

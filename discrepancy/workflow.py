@@ -44,6 +44,7 @@ from solver.units import INFLOW
 from . import thresholds as at
 from .asked import TIME_LIMIT, Asked
 from .confirm import agreement, confirmed
+from .described import NOTHING
 from .first import first_of
 from .intervals import stated
 from .journal import Journal
@@ -226,11 +227,11 @@ class _Work:
         # a record may be of another network, or its channels of two clocks: seen before the long search
         self.progress(0.1, "running the file as it is")
         wave = study.problem.measured_wave(study.fitted)
-        given = self._free(fmu, "given", _nothing(), wave, {})
+        given = self._free(fmu, "given", NOTHING, wave, {})
         check_waves(study, given.beats)
         for i, other in enumerate(self.several.studies[1:] if self.several else (), 1):
             wave = other.problem.measured_wave(other.fitted)
-            check_waves(other, self._free(fmu, f"given_{i}", _nothing(), wave, {}, other).beats)
+            check_waves(other, self._free(fmu, f"given_{i}", NOTHING, wave, {}, other).beats)
         naming = self._name()
         study = weighted(study, naming)
         added = naming.verdict in ADDED
@@ -257,12 +258,14 @@ class _Work:
         return replace(outcome, recordings=recordings, warnings=(*outcome.warnings, *unjudged)), shown.archive
 
     def _law(self, naming: Naming, before: Run) -> LearnedLaw | None:
-        """A law of what remains of one recording."""
-        if self.several is not None or not learns(naming):
+        """A law of what remains, where one recording is fitted."""
+        alone = naming if self.several is None else self.several.only(self.journal)
+        if alone is None or not learns(naming):
             return None
         until = max(self.deadline, monotonic() + at.LEARNING * self.asked.time_limit)
-        told = self.asked.jobs, until, self.journal.stage
-        return law_of(self.study, naming, before, self.record, self._with_law, *told)
+        return law_of(
+            self.study, alone, before, self.record, self._with_law, self.asked.jobs, until, self.journal.stage
+        )
 
     def _judged(
         self, study: Study, naming: Naming, base: Fit, fmu: Path, shown: Shown
@@ -338,7 +341,7 @@ class _Work:
         if study.problem.part(network) is network:
             steps = max(8, int(np.ceil(study.fitted.T / Settings().dt - 1e-3)))
             settings = Settings(dt=study.fitted.T / steps)
-            physical = free_run(fmu, study, _nothing(), wave, {}) if _has_sensor(best) else after
+            physical = free_run(fmu, study, NOTHING, wave, {}) if _has_sensor(best) else after
             difference = parity(network, study, wave, physical, settings)
             archive = fmu.read_bytes()
         else:
@@ -354,10 +357,11 @@ class _Work:
 
     def _with_law(self, own: Study, network: Network, fit: Fit) -> tuple[Run, bytes]:
         """The free run of a learned law's FMU, and the FMU that is delivered."""
-        fmu = self._fmu(network, "learned")
-        run = self._kept(fmu, "learned", fit, own.problem.wave(own.fitted, fit), {}, own)
+        stage = "described" if network.sources else "learned"
+        fmu = self._fmu(network, stage)
+        run = self._kept(fmu, stage, fit, own.problem.wave(own.fitted, fit), {}, own)
         whole = own.problem.part(network) is network
-        return run, (fmu if whole else self._built(network, "learned_model")).read_bytes()
+        return run, (fmu if whole else self._built(network, f"{stage}_model")).read_bytes()
 
     def _rounds(self, study: Study, naming: Naming, before: Run, after: Run) -> tuple[Round, ...]:
         """One round per effect; what the first of several leaves is that of the best hypothesis with it alone.
@@ -381,12 +385,6 @@ class _Work:
             with suppress(RunFailed):
                 middle = self._kept(fmu, "middle", alone, wave, {}, study).gap.total
         return Round(named[0], before.gap.total, middle), Round(named[1], middle or before.gap.total, after.gap.total)
-
-
-def _nothing() -> Fit:
-    """The hypothesis that nothing is missing and nothing moves."""
-    empty = np.zeros(0)
-    return Fit((), (), empty, empty, np.zeros((0, 0)), np.zeros(0, int), np.zeros(0, int))
 
 
 def _has_sensor(fit: Fit, place: str | None = None) -> bool:

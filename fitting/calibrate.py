@@ -6,9 +6,9 @@ the network's own values and Gaussian priors of standard deviation s, it minimis
     |z(x)|² + Σ (x_i/s_i)²
 
 One batch of harmonic balances gives z and its derivatives, by finite differences. A model error of the channels
-represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.granted`). A first search
-approaches the minimum. There, a halved element length measures the solver's own error, and the response to the inflow's
-noise is computed; a second search with these weights gives the result.
+represents missing physics; its size is estimated alternately with x (:mod:`fitting.inference.calibration`). A first
+search approaches the minimum. There, a halved element length measures the solver's own error, and the response to the
+inflow's noise is computed; a second search with these weights gives the result.
 """
 
 from __future__ import annotations
@@ -29,12 +29,11 @@ from solver.units import INFLOW
 from .calibrated import Calibration, Recording, labels_of, noise_known
 from .first_search import first_error, first_search
 from .inference.asked import parse_unknowns, varied
-from .inference.calibration import DERIVATIVE_ERROR, Problem, part_of
+from .inference.calibration import CHANCE, DERIVATIVE_ERROR, Ended, Problem, granted, minimum, part_of, widening
 from .inference.gauss_newton import Point, Rules
-from .inference.granted import CHANCE, Ended, granted, minimum, widening
 from .inference.identify import Determined, sentences
 from .inference.simulator import Meter
-from .inference.unknown import Unknown, parameter_intervals, parameter_values
+from .inference.unknown import Unknown, bounds, parameter_intervals, parameter_values
 from .records.amounts import sizes
 from .records.beats import Beats
 from .records.noise import check_flow_driven, harmonics_above_noise, pulses, solver_error
@@ -111,8 +110,9 @@ def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
     for part, batch in zip(problem.parts, near.batches, strict=True):
         pulse = pulses(part.beats, part.simulator.names)
         errors.append(first_error(part))
+        finer = replace(part, simulator=part.simulator.finer())
         try:
-            errors[-1] = solver_error(batch[0], part.finer().simulate(x[part.which][None])[0], pulse)
+            errors[-1] = solver_error(batch[0], finer.simulate(x[part.which][None])[0], pulse)
         except BROKEN:
             unmeasured = ["with shorter elements no beat was found, so that the solver's own error is not measured"]
     return problem.with_targets(x, errors), unmeasured
@@ -186,7 +186,8 @@ def _result(
     chi2 = float(point.z @ point.z)
     dof = max(1.0, len(point.z) - problem.determined(point, 1.0).effective)
     known = _known(problem, best, chi2 / dof)
-    close = np.minimum(x - problem.bounds[0], problem.bounds[1] - x) <= 1e-9 * problem.typical
+    low, high = bounds(unknowns)
+    close = np.minimum(x - low, high - x) <= 1e-9 * problem.typical
     at_bound = tuple(u.name for u, there in zip(unknowns, close, strict=True) if there)
     common = [i for i in range(len(x)) if all(i in part.which for part in problem.parts)]
     own = {variable for i, u in enumerate(unknowns) if i not in common for variable in u.variables}

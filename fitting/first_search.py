@@ -15,11 +15,9 @@ import numpy as np
 from solver.errors import InputError
 from solver.simulate import BROKEN
 
-from .inference.calibration import Part, Problem
+from .inference.calibration import Ended, Part, Problem, minimum
 from .inference.gauss_newton import Rules
-from .inference.granted import Ended, minimum
-from .inference.starting_points import starting_points
-from .inference.unknown import absent
+from .inference.unknown import absent, starting_points
 from .records.noise import pulses
 
 Array = np.ndarray
@@ -55,7 +53,7 @@ def first_search(problem: Problem, x0: Array | None, rules: Rules) -> tuple[Ende
         name = problem.parts[0].simulator.network.name
         raise InputError(f"{sources}: with its inflow, network {name} {where} cannot be simulated: {failure}") from None
     near = [i for i in ended if not far(weighted, ended[i])]
-    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].cost))
+    best = min(near or ended, key=lambda i: (not near and i > 0, ended[i].search.cost))
     asked = x0 is not None or list(ended) == [0]
     return ended[best], [] if asked else [_said(weighted, ended, best)]
 

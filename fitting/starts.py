@@ -20,8 +20,7 @@ from solver.network import Network
 from .calibrate import Calibration, Progress, calibrate
 from .calibrated import labels_of
 from .inference.asked import parse_unknowns, varied
-from .inference.starting_points import starting_points
-from .inference.unknown import Unknown
+from .inference.unknown import Unknown, starting_points
 from .records.beats import Beats
 from .tasks import done
 

@@ -15,19 +15,19 @@ static const double SDIRK3[STAGES][STAGES] = {
     {-1.5 * GAMMA * GAMMA + 4.0 * GAMMA - 0.25, 1.5 * GAMMA * GAMMA - 5.0 * GAMMA + 1.25, GAMMA},
 };
 
-static double *place(const arterial_program *p, const memory *m, int which)
+double *place(const arterial_program *p, const memory *m, int which)
 {
     return ((p->place[which] & 3) == 1 ? m->fixed : m->work) + (p->place[which] >> 2);
 }
 
-static void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n)
+void put(const arterial_program *p, const memory *m, int which, const double *x, int32_t n)
 {
     memcpy(place(p, m, which), x, sizeof(double) * (size_t)n);
 }
 
-static memory memory_of(const arterial_program *p, const double *fixed, double *work)
+memory memory_of(const arterial_program *p, const double *fixed, double *work)
 {
-    const memory m = {p->constant, (double *)fixed, work, p->index};
+    const memory m = {p->constant, (double *)fixed, work, p->index, 0};
     return m;
 }
 
@@ -61,8 +61,7 @@ static int iterate(const arterial_program *p, const memory *m, int fresh, int *m
     return 0;
 }
 
-/* Q and H at the end of a stage, from a guess in their places. guess : (n_Q + n_H) to begin from again. */
-static int solve(const arterial_program *p, const memory *m, double *guess)
+int solve(const arterial_program *p, const memory *m, double *guess)
 {
     int moved = 1;
     memcpy(guess, place(p, m, IN_Q), sizeof(double) * (size_t)p->n_Q);

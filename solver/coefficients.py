@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .effect import Effect
 from .errors import InputError
 from .laws import ELASTIC_LAWS, VISCOUS_LAWS
 from .network import Network
-from .outlets import Outlet
+from .outlets import Condition, Load, Outlet, steady
 from .quantity import quantities
 from .validation import check_parameters
 from .wall import Wall
@@ -66,6 +66,26 @@ class Ends:
         for term in self.terms:
             numbers = term.effect.outlet(numbers, term.at(self.index))
         return numbers
+
+    def load(self, wall: Wall, tau: float) -> Load:
+        """The condition over an implicit stage of length tau [s], with what effects let out beside it."""
+        load = self.kind.load(self.numbers, wall, tau)
+        for effect, values in self.outflows:
+            load = load.beside(partial(effect.outflow, values=values))
+        return load
+
+    def condition(self, wall: Wall, P_0: Array, omega: Array, Z_ref: Array) -> Condition:
+        """That of small waves, as :meth:`solver.outlets.Outlet.condition`: a (F + Z_ref q) + b P' = r."""
+        a, b, r = self.kind.condition(self.numbers, wall, P_0, omega, Z_ref)
+        for effect, values in self.outflows:
+            q, slope = (Z_ref * x[:, None] for x in effect.outflow(P_0 - self.numbers["P_venous"], values))
+            b, r = b + a * slope, r - a * q * steady(omega)
+        return a, b, r
+
+    @property
+    def outflows(self) -> list[tuple[Effect, Mapping[str, Array]]]:
+        """The effects that let out a further flow, with their numbers."""
+        return [(t.effect, t.at(self.index)) for t in self.terms if changes(t.effect, "outflow")]
 
 
 @dataclass(frozen=True)
@@ -263,4 +283,12 @@ def _outlets(numbers: _Numbers, terms: tuple[Term, ...]) -> tuple[Ends, ...]:
     def given(kind: type[Outlet], index: list[int]) -> dict[str, Array]:
         return {key: numbers.of([owners[i] for i in index], key) for key in quantities(kind)}
 
-    return tuple(Ends(kind, np.array(index), given(kind, index), terms) for kind, index in by_kind.items())
+    found = tuple(Ends(kind, np.array(index), given(kind, index), terms) for kind, index in by_kind.items())
+    for ends in (each for each in found if each.kind.stores):
+        for effect, values in ends.outflows:
+            if any((values[key] != effect.neutral[key]).any() for key in values):
+                raise InputError(
+                    f"network {numbers.network.name}: {effect.name} is no effect of a {ends.kind.noun}, whose flow is "
+                    "not one of P - P_venous; leave it out, or give another outlet."
+                )
+    return found

@@ -319,6 +319,11 @@ class Effect:
         """The numbers of outlets of one kind, by key, (B, n), with this effect; ``values`` : (B, n)."""
         return numbers
 
+    def outflow(self, P: Array, values: Values) -> tuple[Array, Array]:
+        """A further flow [m³/s] through outlets under P : (B, n) [Pa] above P_venous, and its derivative; of outlets
+        that store no pressure. ``values`` : (B, n)."""
+        return 0.0 * P, 0.0 * P
+
     def junction(self, numbers: Values, values: Values) -> Values:
         """The numbers of the junctions, by key, (B, n), with this effect; ``values`` : (B, n)."""
         return numbers

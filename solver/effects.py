@@ -30,7 +30,7 @@ from .effect import (
     small_wave_impedance,
 )
 from .errors import InputError
-from .learned import LearnedWall
+from .learned import LearnedOutlet, LearnedWall
 from .outlets import Reflection, Windkessel
 from .partial import SideBranch, Stenosis, WallStiffness
 from .quantity import Quantity, quantities
@@ -357,6 +357,7 @@ ALL: tuple[Effect, ...] = (
     UnsteadyFriction(),
     TerminalReflection(),
     TerminalCompliance(),
+    LearnedOutlet(),
     SideBranch(),
     Stenosis(),
     JunctionLoss(),

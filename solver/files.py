@@ -16,7 +16,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from . import inlet_curves, outlets, spellings
+from . import inlet_curves, outlets, spellings, table_source
 from .catalogue import quantities_of, terms_of, value_of
 from .errors import InputError
 from .inlet import CAUSALITY, Inlet
@@ -37,7 +37,8 @@ from .writing import write_whole
 _NETWORKS = Path(__file__).parent / "networks"
 _TEXTS = ("name", "species", "reference", "elastic_law", "viscous_law")
 _ETA = next(f.default for f in fields(Network) if f.name == "eta")
-_SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "outlets", "sites", "channels")
+_SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "outlets", "sites", "channels",
+             "sources")  # fmt: skip
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
@@ -108,6 +109,7 @@ def dumps(network: Network) -> str:
     blocks += [["[sites]"]]  # also when there are none: without the section there would be one per segment
     blocks += [[f"[sites.{s.name}]", f"segment = {quoted(s.segment)}", *_numbers_out(s)] for s in network.sites]
     blocks += [[f"[channels.{quoted(c.name)}]", *_lines(c.terms, c.quantities())] for c in network.channels]
+    blocks += map(table_source.lines, network.sources)
     return "\n\n".join("\n".join(lines) for lines in blocks) + "\n"
 
 
@@ -155,6 +157,7 @@ def from_sections(data: Mapping[str, Any], folder: Path | None = None) -> Networ
         sites=_sites(data) if "sites" in data else tuple(Site(s.name, s.name) for s in segments),
         channels=tuple(_channel(name, table) for name, table in _tables(data, "channels")),
         further_inlets=tuple(_further_inlet(name, t, folder, inlet.T) for name, t in _tables(data, "inlets")),
+        sources=tuple(table_source.read(t, folder) for t in _list(data, "sources")),
     )
 
 

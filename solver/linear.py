@@ -31,6 +31,7 @@ from .effect import Points
 from .errors import InputError
 from .network import Network
 from .scheme.mesh import Topology, topology
+from .table_source import refuse
 from .wall import Wall
 
 Array = np.ndarray
@@ -83,6 +84,7 @@ def solve(network: Network, Q: Inflows, omega: Array, parameters: Parameters | N
     Raises ValueError if the shapes do not fit, a wall is unstable at P_0, the mean pressure or the mean flow round a
     loop is undetermined, or ω is a resonance without damping.
     """
+    refuse(network.sources, "the linear theory")
     omega = _frequencies(omega)
     c = coefficients(network, parameters)
     given = [np.asarray(each, complex) for each in _of_inlets(network, Q).values()]
@@ -287,7 +289,7 @@ def _conditions(
             a[..., i], b[..., i], r[..., i] = 0.0, 1.0, given - c.P_0 * (omega == 0.0)
     for ends in c.outlets:
         at = nodes.outlets.start + ends.index
-        a[..., at], b[..., at], r[..., at] = ends.kind.condition(ends.numbers, wall.at(ends.index), c.P_0, omega, Z_ref)
+        a[..., at], b[..., at], r[..., at] = ends.condition(wall.at(ends.index), c.P_0, omega, Z_ref)
     if np.any(omega == 0.0):
         open_ends = np.r_[nodes.inlets, nodes.outlets]
         _check_mean(network, c, nodes, a[..., open_ends], b[..., open_ends])

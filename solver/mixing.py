@@ -82,7 +82,7 @@ def fills_slowly(model: Model, T: float) -> bool:
     conductance = np.zeros(c.B)
     with np.errstate(all="ignore"):
         for ends in c.outlets:
-            load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), _LONG)
+            load = ends.load(model.outlet_wall.at(ends.index), _LONG)
             slope = load.slope(c.P_0 - c.P_venous[:, ends.index]) / load.scale
             conductance = conductance + np.nan_to_num(slope, nan=np.inf).sum(axis=1)
             capacity = capacity + ends.kind.capacity(ends.numbers).sum(axis=1)

@@ -24,6 +24,7 @@ from .errors import InputError
 from .inlet import Inlet
 from .outlets import Outlet
 from .quantity import Quantity, quantities, quantity
+from .table_source import TableSource, check
 from .units import SIGNAL_UNITS
 from .validation import check_network, check_parameters, check_terms, suggest
 
@@ -166,6 +167,7 @@ class Network:
 
     eta : Poisson's ratio of the walls. P_ref : pressure at which R = R0. P_0 : uniform pressure at the start.
     elastic_law, viscous_law : names from :mod:`solver.wall`. inlet : the first or only one; further_inlets : others.
+    sources : tables of what acts beside the equations; they describe and explain nothing.
     Raises ValueError, one sentence that names the quantity, its value, the allowed range and the remedy.
     """
 
@@ -178,6 +180,7 @@ class Network:
     fluid: Fluid = Fluid()
     channels: tuple[Channel, ...] = field(default=(), kw_only=True)
     further_inlets: tuple[Inlet, ...] = field(default=(), kw_only=True)
+    sources: tuple[TableSource, ...] = field(default=(), kw_only=True)
     eta: float = quantity(0.5, "1", "Poisson's ratio eta", 0.0, 0.5, tunable=False)
     P_ref: float = quantity(
         0.0, "Pa", "reference pressure P_ref", -1e5, 1e6, nominal=1e4, display="mmHg", tunable=False
@@ -197,6 +200,7 @@ class Network:
         for field_name in ("segments", "junctions", "outlets", "sites", "channels"):
             object.__setattr__(self, field_name, Parts(getattr(self, field_name)))
         check_network(self)
+        check(self.sources, self)
 
     @property
     def inlets(self) -> tuple[Inlet, ...]:
@@ -321,11 +325,14 @@ def from_dict(data: Mapping[str, Any]) -> Network:
         "outlets": tuple(kind(**own) for kind, own in outlets),
         "sites": tuple(Site(**s) for s in data["sites"]),
         "channels": tuple(Channel(**c) for c in data["channels"]),
+        "sources": tuple(TableSource(**{**s, "curve": _curve(s["curve"])}) for s in data["sources"]),
     }
     return Network(**{**data, **parts})
 
 
 def _inlet(data: Mapping[str, Any]) -> Inlet:
-    c = data["curve"]
-    curve = Curve(**{**c, "t": tuple(c["t"]), "values": tuple(c["values"])}) if c else None
-    return Inlet(**{**data, "curve": curve})
+    return Inlet(**{**data, "curve": _curve(data["curve"])})
+
+
+def _curve(c: Mapping[str, Any] | None) -> Any:
+    return Curve(**{**c, "t": tuple(c["t"]), "values": tuple(c["values"])}) if c else None

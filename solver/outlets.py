@@ -8,7 +8,7 @@ is one class and its entry in ``OUTLETS``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -35,6 +35,14 @@ class Load:
     keep: Array | float = 0.0
     give: Array | float = 1.0
     charge: Array | float = 0.0
+
+    def beside(self, outflow: Callable[[Array], tuple[Array, Array]]) -> Load:
+        """The same with a further flow of P - P_b [m³/s], which comes with its derivative."""
+        return replace(
+            self,
+            flow=lambda P: self.flow(P) + self.scale * outflow(P)[0],
+            slope=lambda P: self.slope(P) + self.scale * outflow(P)[1],
+        )
 
 
 def _venous_pressure(description: str) -> Any:
@@ -130,7 +138,7 @@ class Reflection(Outlet):
         # the tangent at P_0
         load, P = cls.load(numbers, wall, 0.0), P_0 - numbers["P_venous"]
         b = load.slope(P)[:, None] * Z_ref
-        return np.ones_like(b), b, -load.flow(P)[:, None] * Z_ref * _steady(omega)
+        return np.ones_like(b), b, -load.flow(P)[:, None] * Z_ref * steady(omega)
 
     @classmethod
     def unreachable(cls, numbers: Numbers, wall: Wall, P: Array) -> Array:
@@ -147,11 +155,11 @@ def _linear_load(Z: Array | float, wall: Wall, **store: Array) -> Load:
 
 def _linear_condition(Z: Array, numbers: Numbers, P_0: Array, omega: Array, Z_ref: Array) -> Condition:
     """P - P_venous = Z Q, with Z : (B, n_omega, n)."""
-    steady = (numbers["P_venous"] - P_0)[:, None] * _steady(omega)
-    return Z / Z_ref, np.ones(Z.shape), steady
+    mean = (numbers["P_venous"] - P_0)[:, None] * steady(omega)
+    return Z / Z_ref, np.ones(Z.shape), mean
 
 
-def _steady(omega: Array) -> Array:
+def steady(omega: Array) -> Array:
     """(n_omega, 1): 1 where ω = 0, else 0."""
     return np.where(omega == 0.0, 1.0, 0.0)[:, None]
 

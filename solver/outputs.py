@@ -31,11 +31,12 @@ class Reporter(Generic[S]):
         return self.report(state)
 
 
-def reporter(model: Model, wall: Wall | None = None) -> Reporter[State]:
+def reporter(model: Model, wall: Wall | None = None, tables: bool = True) -> Reporter[State]:
     """Outputs of a network: P of each inlet (Q where P is driven), <site>.P, .Q, .R and <outlet>.outlet.P, .Q.
 
     At a site A, ∂A/∂t and the effect of memory on the viscous stress are interpolated, and P follows from the wall law;
-    the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`.
+    the nodal pressures are the multipliers H. wall : at the sites, default :func:`site_walls`. tables :
+    whether the pressures include what tables of sources add at the time of the state.
     """
     network, mesh, (segment, position) = model.network, model.mesh, _sites(model)
     gauss, lobatto = mesh.sample_gauss(segment, position), mesh.sample_lobatto(segment, position)
@@ -67,6 +68,8 @@ def reporter(model: Model, wall: Wall | None = None) -> Reporter[State]:
             P += wall.K_h * np.sqrt(wall.A0 / A) * change
         Q[:] = flow
         R[:] = np.sqrt(A / np.pi)
+        if tables:
+            model.tables.add_to_outputs(result, state.t)
         return result
 
     return Reporter(tuple(units), tuple(units.values()), report)

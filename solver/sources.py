@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -21,11 +21,20 @@ from numpy.polynomial import legendre
 from .effect import Described
 from .scheme.element import lagrange
 from .scheme.mesh import Mesh
-from .scheme.model import Model
+from .table_source import TableSource
 
 Array = np.ndarray
 
 _GAUSS = legendre.leggauss(6)  # of the overlap of an element and a stretch: exact for elements of degree 11
+
+
+class Meshed(Protocol):
+    """What sources ask of a model."""
+
+    @property
+    def network(self) -> Described: ...
+    @property
+    def mesh(self) -> Mesh: ...
 
 
 @dataclass(frozen=True)
@@ -36,15 +45,15 @@ class Source:
 
     unit: ClassVar[str]
 
-    def momentum(self, model: Model) -> Array | None:
+    def momentum(self, model: Meshed) -> Array | None:
         """Its contribution to the momentum residual, (n_e, N+1) [Pa]; None if it has none."""
         return None
 
-    def nodes(self, model: Model) -> Array | None:
+    def nodes(self, model: Meshed) -> Array | None:
         """Its contribution to ΣQ at the nodes, (n_nodes,) [m³/s]; None if it has none."""
         return None
 
-    def inlets(self, model: Model) -> Array | None:
+    def inlets(self, model: Meshed) -> Array | None:
         """Its contribution to the flows that drive the inlets, (n_inlets,) [m³/s]; None if it has none."""
         return None
 
@@ -65,7 +74,7 @@ class WallPressure(Source):
         """Of x/L."""
         return legendre.legval(2.0 * x - 1.0, np.eye(self.degree + 1)[self.degree])
 
-    def momentum(self, model: Model) -> Array:
+    def momentum(self, model: Meshed) -> Array:
         mesh, found = model.mesh, _nothing(model)
         e = _elements(model, self.place)
         found[e] = self.shape(mesh.positions(mesh.element.x_gauss)[e]) @ mesh.element.minus_d_test
@@ -85,7 +94,7 @@ class Drop(Source):
 
     unit = "Pa"
 
-    def momentum(self, model: Model) -> Array:
+    def momentum(self, model: Meshed) -> Array:
         mesh, found = model.mesh, _nothing(model)
         for e in _elements(model, self.place):
             a, b = max(mesh.left[e], self.start), min(mesh.left[e] + 1.0 / mesh.parts[e], self.end)
@@ -104,7 +113,7 @@ class Step(Source):
 
     unit = "Pa"
 
-    def momentum(self, model: Model) -> Array:
+    def momentum(self, model: Meshed) -> Array:
         found = _nothing(model)
         found[_elements(model, self.place)[-self.end], -self.end] = 1.0
         return found
@@ -116,7 +125,7 @@ class Outflow(Source):
 
     unit = "m^3/s"
 
-    def nodes(self, model: Model) -> Array:
+    def nodes(self, model: Meshed) -> Array:
         mesh: Mesh = model.mesh
         found = np.zeros(mesh.n_nodes)
         for e in _elements(model, self.place):
@@ -130,7 +139,7 @@ class OutletFlow(Source):
 
     unit = "m^3/s"
 
-    def nodes(self, model: Model) -> Array:
+    def nodes(self, model: Meshed) -> Array:
         mesh, found = model.mesh, np.zeros(model.mesh.n_nodes)
         i = [outlet.segment for outlet in model.network.outlets].index(self.place)
         found[np.arange(mesh.n_nodes)[mesh.topology.outlets][i]] = -1.0
@@ -143,18 +152,33 @@ class InletFlow(Source):
 
     unit = "m^3/s"
 
-    def inlets(self, model: Model) -> Array:
+    def inlets(self, model: Meshed) -> Array:
         return np.eye(len(model.network.inlets))[0]
 
 
 ALL: tuple[type[Source], ...] = (WallPressure, Drop, Step, Outflow, OutletFlow, InletFlow)
 
 
-def _nothing(model: Model) -> Array:
+BY_KIND: Mapping[str, type[Source]] = {
+    "wall": WallPressure,
+    "drop": Drop,
+    "step": Step,
+    "outflow": Outflow,
+    "outlet": OutletFlow,
+}  # as a network file names them
+
+
+def made_of(table: TableSource) -> Source:
+    """The source of unit amplitude of a table."""
+    numbers = {key: int(x) if key in ("degree",) or table.kind == "step" else x for key, x in table.how.items()}
+    return BY_KIND[table.kind](table.segment, **numbers)
+
+
+def _nothing(model: Meshed) -> Array:
     return np.zeros((model.mesh.n_elements, model.mesh.element.N + 1))
 
 
-def _elements(model: Model, segment: str) -> Array:
+def _elements(model: Meshed, segment: str) -> Array:
     """The elements of a segment."""
     s = [each.name for each in model.network.segments].index(segment)
     return np.arange(model.mesh.first[s], model.mesh.first[s] + model.mesh.count[s])
@@ -171,7 +195,7 @@ class Forcing(NamedTuple):
     inlets: Array | float
 
     @staticmethod
-    def of(model: Model, sources: Sequence[Source], amplitudes: Array, n: int) -> Forcing:
+    def of(model: Meshed, sources: Sequence[Source], amplitudes: Array, n: int) -> Forcing:
         """For amplitudes g : (K+1, n_sources) or (K+1, B, n_sources) by harmonic, padded with 0 to n harmonics."""
         g = np.asarray(amplitudes, complex)
         g = g[:, None] if g.ndim == 2 else g
@@ -184,6 +208,16 @@ class Forcing(NamedTuple):
                               [s.inlets(model) for s in sources])
             )
         )  # fmt: skip
+
+    def part(self, harmonics: slice, members: slice) -> Forcing:
+        """That of some harmonics and, where they differ, members of a batch."""
+
+        def of(x: Array | float) -> Array | float:
+            if not isinstance(x, np.ndarray):
+                return x
+            return x[harmonics, members] if x.shape[1] > 1 else x[harmonics]
+
+        return Forcing(*map(of, self))
 
 
 NO_FORCING = Forcing(0.0, 0.0, 0.0)

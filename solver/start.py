@@ -15,6 +15,7 @@ from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
 from .scheme.step import State
+from .sources import Forcing
 
 Array = np.ndarray
 
@@ -34,7 +35,8 @@ def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: flo
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)
     with np.errstate(all="ignore"):
         rest = steady(model, harmonics[0].real)
-        waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS)
+        forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
+        waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)
         return _state(model, waves, rest, t, dt or model.settings.dt)
 
 

@@ -31,7 +31,7 @@ from discrepancy.command_tables import gap_text, recordings_table
 from discrepancy.confirm import confirmed_together
 from discrepancy.recorded import Recorded
 from discrepancy.recorded import rows as rows_of
-from discrepancy.recordings import confirmed_by_all
+from discrepancy.recordings import _named, confirmed_by_all
 from discrepancy.second_state import second_state, separations
 from discrepancy.show import Gap
 from discrepancy.study import Study, prepare
@@ -371,6 +371,23 @@ def test_what_cannot_be_judged_is_said(folder: Path, name: str, title: str, pres
     done = discovered(folder, "--hold-out", folder / f"{name}.csv", "--time-limit", "20 s")
     (said,) = (s for s in json.loads((folder / "out" / "verdict.json").read_text())["warnings"] if f"{name}.csv" in s)
     assert done.exit_code == 0 and said.startswith(f"{folder / name}.csv: it was held out and is not judged: {words}")
+
+
+@pytest.mark.slow
+def test_waves_of_another_animal_are_not_judged(folder: Path) -> None:
+    """A recording held out whose radius is nine times the model's is refused as one that is fitted is; a law is still
+    looked for, as one recording is fitted."""
+    done = discovered(folder, "--hold-out", folder / "big.csv", "--as-measured", "--time-limit", "20 s")
+    (said,) = (s for s in json.loads((folder / "out" / "verdict.json").read_text())["warnings"] if "big.csv" in s)
+    assert done.exit_code == 0 and "it was held out and is not judged" in said and "the pulse of CA.R is" in said
+
+
+def test_a_search_without_time_loses_no_other() -> None:
+    """Where the time was over before one recording was refitted: how far the model is from it, and not complete."""
+    study = prepare(recorded(RELAXATION, 1)[0], RELAXATION.network())
+    found = _named(study, Runs(deadline=0.0, clock=lambda: 1.0), None)
+    assert found.verdict == "unknown" and not found.complete and found.ranked == (found.base,)
+    assert found.base.fit.terms == () and np.isfinite(found.base.fit.cost)
 
 
 @pytest.mark.slow

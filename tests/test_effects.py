@@ -33,6 +33,7 @@ ON = {
     "CA.tau": 0.02,
     "CA.springpot": 0.3,
     "CA.learned_fall": 3e4,
+    "CA.outlet.learned_open": 1e-10,
     "CA.P_ext": 500.0,
     "CA.E_scale": 1.2,
     "CA.taper": -0.2,

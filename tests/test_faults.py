@@ -41,7 +41,7 @@ Breaks = Callable[[str], None]
 OTHERS = {
     "solver.saved", "solver.tables", "solver.text", "solver.files", "solver.importers.openbf", "solver.host_died",
     "solver.validation",
-    "fitting.records.tables.matlab", "fitting.cluster", "fitting.parameter_set", "fitting.prior",
+    "fitting.records.tables.binary", "fitting.cluster", "fitting.parameter_set", "fitting.prior",
     "fitting.inference.asked", "arterial_fmu.study.store",
     "fmu_src.wrapper", "fmu_src.saving", "fmu_src.base", "fmu_src.interpreter", "fmu_src.doctor", "fmu_src.host",
     "fmu_src.run",

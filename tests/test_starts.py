@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 import arterial_fmu.__main__
 from fitting.calibrate import Calibration, calibrate
 from fitting.inference.asked import parse_unknowns
-from fitting.inference.starting_points import starting_points
+from fitting.inference.unknown import starting_points
 from fitting.records.beats import Beats
 from fitting.records.record import write_record
 from fitting.starts import Starts, calibrate_from

@@ -107,6 +107,50 @@ def own(lines: Sequence[Line]) -> str:
     return str(t)
 
 
+def elastic(lines: Sequence[Line]) -> str:
+    """Walls without viscosity, each off by itself."""
+    t = Targets()
+    seen = w.of(lines, "single", 30.0)
+    t.at_least("one effect, d′ ≥ 30: right name in the class", 0.90, share(seen, w.in_class))
+    t.at_least("– right place", 0.85, share(seen, w.right_place))
+    t.at_most("– single name but wrong", 0.02, share(seen, w.wrong))
+    _two(t, lines)
+    _rest(t, lines)
+    return str(t)
+
+
+def pairs(lines: Sequence[Line]) -> str:
+    """Two effects in walls that are off by themselves."""
+    t = Targets()
+    _two(t, lines)
+    _rest(t, lines)
+    return str(t)
+
+
+def three(lines: Sequence[Line]) -> str:
+    """One effect in individual walls, seen by the inflow and three pressures."""
+    t = Targets()
+    for least in (12.0, 30.0):
+        seen = w.of(lines, "single", least)
+        t.at_least(f"d′ ≥ {least:g}: the places that are told hold the truth", 0.95, share(seen, w.holds_place))
+        sizes = [float(len(w.told_places(x))) for x in seen if w.told_places(x)]
+        t.median_at_most("– how many places are told, where any", 3, sizes)
+        t.add("– right name in the class", "–", share(seen, w.in_class))
+        t.at_most("– single name but wrong", 0.02, share(seen, w.wrong))
+        t.add("– `none`", "–", share(seen, lambda x: not w.detected(x)))
+    _rest(t, lines)
+    return str(t)
+
+
+def _two(t: Targets, lines: Sequence[Line]) -> None:
+    """Two effects, each beside the other."""
+    seen = w.of(lines, "pair", 30.0)
+    t.at_least("two effects, both d′ ≥ 30: both named", 0.85, share(seen, w.both_named))
+    t.every("– or one of them, and that more remains", share(seen, lambda x: w.both_named(x) or w.one_and_more(x)))
+    alone = [x for x in w.of(lines, "pair") if w.pair_alone(x)]
+    t.add("two names without rivals, not both of them hidden", "–", share(alone, w.wrong_pair))
+
+
 GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
     "walls": walls,
     "sensors": sensors,
@@ -114,6 +158,9 @@ GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
     "offcentre": offcentre,
     "outside_walls": outside_walls,
     "own": own,
+    "elastic": elastic,
+    "pairs": pairs,
+    "three": three,
 }
 
 

@@ -25,6 +25,9 @@ TITLES = {
     "offcentre": "Effects away from the middle",
     "outside_walls": "Outside the catalogue, every wall off by itself",
     "own": "One number far off, every wall off by itself",
+    "elastic": "Walls without viscosity, every one off by itself",
+    "pairs": "Two effects, every wall off by itself",
+    "three": "Three pressures, every wall off by itself",
 }
 BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end -->"
 
@@ -60,6 +63,8 @@ def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
     if w.of(own, "single"):
         yield "Power", t.power(own)
         yield "By effect", t.by_effect(own)
+    if w.of(own, "pair"):
+        yield "Two effects", t.pairs(own)
     yield "Confidence", reliability(own)
     yield "What the named effects close", t.closed(own)
     if w.of(own, "outside"):
@@ -87,8 +92,9 @@ def origin(lines: Sequence[Line]) -> str:
     said = []
     for group, kind, seed in sorted({_plan(x) for x in lines}):
         own = [x for x in lines if _plan(x) == (group, kind, seed)]
-        lost = sum(x["verdict"] == "not made" for x in own)
+        lost, small = (sum(x["verdict"] == which for x in own) for which in (w.NOT_MADE, w.NOT_JUDGED))
         without = f" ({lost} without a periodic state, left out)" if lost else ""
+        without += f" ({small} of too little d′, chosen before any verdict, left out)" if small else ""
         said.append(f"{len(own)} {group} {kind} records of seed {seed}{without}, sources {', '.join(_hashes(own))}")
     return "; ".join(said) + "."
 

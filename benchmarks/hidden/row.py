@@ -30,23 +30,25 @@ from tests.truth.plan import seed_of
 from tests.truth.records import Case, Made, make
 
 from .stlsq import compared
+from .words import NOT_JUDGED, NOT_MADE
 
 Line = dict[str, Any]
 
 SHOWN = 6  # hypotheses of the ranking that a line keeps
 
 
-def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -> Line:
-    """The line of one record. What goes wrong is said in "error", by the generator or by the workflow."""
+def row(kind: str, seed: int, index: int, case: Case, group: str = "standard", least: float = 0.0) -> Line:
+    """The line of one record. What goes wrong is said in "error", by the generator or by the workflow. least : d' that
+    every effect must have for the record to be judged."""
     line: Line = {"index": index, "kind": kind, "seed": seed, "group": group, "channels": case.channels, "dB": case.dB,
                   "base": case.base, "elastic_law": case.elastic_law, "viscous_law": case.viscous_law,
                   "walls": case.walls, "sensors": case.sensors, "varying": list(case.varying),
                   "effects": [asdict(e) for e in case.effects]}  # fmt: skip
     try:
         made = make(case, seed_of(kind, seed, index))
-        seen = detect(made)
+        seen = detect(made, least)
     except (NoPeriodicFlow, NoPeriodicRadius) as error:
-        return line | {"error": f"generator: {error}", "verdict": "not made"}
+        return line | {"error": f"generator: {error}", "verdict": NOT_MADE}
     for effect, told, d_prime, zero in zip(
         line["effects"], made.truth["effects"], seen.d_prime, _zeros(made), strict=True
     ):
@@ -54,6 +56,8 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard") -
     line |= {"separation": finite(seen.separation), "rival": seen.rival,
              "place_separation": finite(seen.place_separation), "place_rival": seen.place_rival,
              "nuisance": made.truth["nuisance"]}  # fmt: skip
+    if min(seen.d_prime, default=0.0) < least:
+        return line | {"verdict": NOT_JUDGED}
     record = Record(f"record {index}", "", made.time, made.channels, {})
     start = time.process_time()
     try:

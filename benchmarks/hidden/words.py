@@ -19,10 +19,12 @@ from tests.truth.hide import OUTSIDE, OUTSIDE_SENSOR, OUTSIDE_WALL
 Line = dict[str, Any]
 Where = tuple[str, ...]
 
+NOT_MADE, NOT_JUDGED = "not made", "not judged"  # without a periodic state; of less d' than was asked for
+
 
 def judged(lines: Iterable[Line]) -> list[Line]:
-    """Those with a verdict, or a crash in place of one; not those that the generator could not make."""
-    return [x for x in lines if x["verdict"] != "not made"]
+    """Those with a verdict, or a crash in place of one; not those that could not be made or were left out."""
+    return [x for x in lines if x["verdict"] not in (NOT_MADE, NOT_JUDGED)]
 
 
 def group(line: Line) -> str:
@@ -173,6 +175,24 @@ def acts_right(line: Line) -> bool:
     kind = _KINDS[effect["name"]]
     several = where == "all" and sum(p["kind"] == kind for p in found) > 1
     return several or any(p["kind"] == kind and p["name"] == where for p in found) or right_place(line)
+
+
+def told_places(line: Line) -> set[str]:
+    """Where it says that something acts: the places of the class, of ``unknown`` those of the map and of what cannot be
+    told from these. Of a junction and an outlet the name is that of its segment."""
+    if claims(line):
+        return {where for member in line["class"] for term in member for where in term["where"]}
+    if line["verdict"] != "unknown" or not line.get("map"):
+        return set()
+    found = line["map"]
+    spots = [spot for spots in (found["places"], *found["alike"]) for spot in spots]
+    return {s["name"].partition(".")[0] if s["kind"] == "number" else s["name"] for s in spots}
+
+
+def holds_place(line: Line) -> bool:
+    """Whether the places that are told hold that of what is hidden, a single effect."""
+    (effect,) = line["effects"]
+    return set(effect["where"]) <= told_places(line)
 
 
 _NUMBERS = {"wall_stiffness": "E", "terminal_reflection": "outlet.R_t", "wall_radius": "R0"}

@@ -29,6 +29,7 @@ OWN = "of its own"
 _WIDEST = 2.0  # of a nuisance's logarithm: an artery of seven times the modulus is not that animal's
 _WIDEST_ALONE = 5.0  # the same on a bench, where a search may pass through what costs a network minutes
 _SPREAD = 0.2  # between arteries, of what is missing in all of them, where its quantity states none
+_LONGER = 3.0  # times the usual length, from which a part is looked for, too: it is no short one moved a little
 _MARGIN = 1e-3  # by which a shifted nuisance keeps off the ends of its range
 
 
@@ -78,11 +79,6 @@ def effect_of(term: Term) -> Effect:
     if found is None:
         raise InputError(f"{term.effect}: no effect of the catalogue.")
     return found
-
-
-def of_animal(network: Network, term: Term) -> bool:
-    """Whether a term is no discovery where every artery differs from the network's."""
-    return effect_of(term).of_animal(network, term.place)
 
 
 def joins(term: Term, others: Sequence[Term]) -> bool:
@@ -162,6 +158,24 @@ def about_common(network: Network, term: Term, x: Sequence[float]) -> Term | Non
             own.append(replace(each, group=variable.rpartition(".")[2]))
     unknowns = (*term.unknowns, *own)
     return Term(term.effect, EVERY, (ALL_PLACES,), unknowns, (tuple(x) + (0.0,) * len(own),))
+
+
+def placed(network: Network, term: Term, x: Sequence[float]) -> Term | None:
+    """An effect of a part of a segment that may lie elsewhere along it, from the sizes x of the usual part; or one that
+    may also have another length, from where it is.
+
+    None where there is no such thing.
+    """
+    effect = effect_of(term)
+    there = {u.name for u in term.unknowns}
+    missing = [c for c in effect.coordinates_along(network, term.place) if c.name not in there]
+    if not missing:
+        return None
+    lengths = [tuple(times * c.nominal for c in missing) for times in (1.0, _LONGER)]
+    values = lengths if term.moves_along else effect.search.starts_along
+    along = missing[: len(values[0])]
+    starts = [(*x, *((v - c.nominal) / c.size for v, c in zip(each, along, strict=True))) for each in values]
+    return replace(term, unknowns=(*term.unknowns, *(searched(effect, c) for c in along)), starts=tuple(starts))
 
 
 def rewired(network: Network, terms: Iterable[Term]) -> Network:

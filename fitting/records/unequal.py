@@ -52,7 +52,7 @@ class Whole:
     def of(self, x: Array) -> Array:
         """The beats (m, N) of samples x : (n,), NaN in gaps; linear in x."""
         starts, ends, at = self.edges[:-1, None], self.edges[1:, None], np.arange(self.N)
-        half = max(1, round(limit.DIASTOLE * self.N / 2))
+        half = max(1, round(limit.BEFORE * self.N / 4))
         last = x[ends - 2 * half + np.arange(2 * half)]
         early, late = mean(last[:, :half]), mean(last[:, half:])
         slope = mean((late - early)[self.steady]) / half
@@ -94,7 +94,8 @@ def unequal(channels: Mapping[str, Array], dt: float, T: float) -> Whole | None:
     if alike < limit.ALIKE:
         return None
     beats = [x[round(a) : round(b)] for a, b in zip(found.at, found.at[1:], strict=False)]
-    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in beats if not np.isnan(beat).any()] or [1.0])
+    whole = [beat for beat in beats if not np.isnan(beat).any()]
+    pulses = np.array([np.ptp(np.quantile(beat, limit.RANGE)) for beat in whole] or [1.0])
     noise = np.sqrt(max(1.0 / alike**2 - 1.0, 0.0))  # over the pulse, if all beats are alike
     count = np.concatenate([[0.0], np.cumsum(passed)])
     wander = np.std(found.at - np.polyval(np.polyfit(count, found.at, 1), count))  # about t_b = t_0 + b T

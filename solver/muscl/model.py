@@ -9,6 +9,7 @@ import numpy as np
 from ..coefficients import Coefficients, Parameters, Term, changes, coefficients
 from ..errors import InputError
 from ..network import Network
+from ..table_source import refuse
 from ..wall import Wall
 from .grid import Grid, build_grid
 from .settings import MusclSettings
@@ -85,6 +86,7 @@ def _walls(c: Coefficients, segment: Array, x: Array) -> Wall:
 
 def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
     """Raise ValueError for effects on the viscous stress, leaks, and forces on the fluid."""
+    refuse(network.sources, "scheme 'muscl'")
     wall, every = c.base, np.arange(len(network.segments))
     for term in c.terms:
         before, lacking = wall, changes(term.effect, "drag")

@@ -147,7 +147,7 @@ def _advance(model: Model, s: State, dt: float, drives: Array, venous: Array) ->
     P_C = (last * now.P_C + past * before.P_C) / lead
     kinds, behind, charge = [], np.empty_like(P_C), np.empty_like(P_C)
     for ends in model.coefficients.outlets:
-        load = ends.kind.load(ends.numbers, model.outlet_wall.at(ends.index), dt / lead)
+        load = ends.load(model.outlet_wall.at(ends.index), dt / lead)
         kinds.append((ends.index, load))
         behind[:, ends.index] = load.keep * P_C[:, ends.index] + load.give * venous[:, ends.index]
         charge[:, ends.index] = load.charge

@@ -17,6 +17,7 @@ from ..wall import Wall
 from .inlet import Inlets
 from .mesh import Layout, Mesh, build_mesh
 from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
+from .tables import NoTables, Tables
 
 Array = np.ndarray
 
@@ -78,6 +79,7 @@ class Model:
     force: Force
     storage: Storage
     inlets: Inlets
+    tables: Tables | NoTables
     A_rest: Array
     flow_floor: Array
     pressure_floor: Array
@@ -153,6 +155,7 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
         inlets=_inlets(network, wall, mesh, layout),
+        tables=Tables.of(network, mesh),
         A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),

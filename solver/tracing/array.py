@@ -49,6 +49,10 @@ class Traced(View, NDArrayOperatorsMixin):
     def T(self) -> Traced:
         return self._view(self.index.T)
 
+    @property
+    def real(self) -> Traced:
+        return self
+
     def __len__(self) -> int:
         return len(self.index)
 
@@ -112,6 +116,8 @@ class Traced(View, NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         found: Any
+        if any(hasattr(x, "has_two_parts") for x in inputs):  # a Complex, which knows what to do
+            return NotImplemented
         if method == "reduce":
             found = _reduced(self.recorder, ufunc.__name__, inputs[0], **options)
         elif method == "reduceat" and ufunc is np.add:
@@ -130,6 +136,8 @@ class Traced(View, NDArrayOperatorsMixin):
         return out[0]
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
+        if any(hasattr(kind, "has_two_parts") for kind in types):
+            return NotImplemented
         if function in _ON_INDEX:
             return self._view(function(self.index, *inputs[1:], **options))
         if function not in _FUNCTIONS:
