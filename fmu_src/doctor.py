@@ -97,7 +97,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
         remedy = "for importers that refuse it (PyFMI), build with --no-execution-tool"
-        findings.append(Finding("execution tool", NOTE, "the FMU says that it needs Python on the host", remedy))
+        findings.append(Finding("execution tool", NOTE, "the FMU requires Python on the host", remedy))
     try:
         where = interpreter(python)
     except InputError as error:
@@ -105,7 +105,7 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     findings += [*_python(where, archive.python), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
         known = any(finding.state == PROBLEM for finding in findings)
-        findings.append(_trial(path, where, "mend what is said above" if known else "report it, with this table"))
+        findings.append(_trial(path, where, "correct the problems above" if known else "report it, with this table"))
     return findings
 
 
@@ -203,7 +203,7 @@ def _made_here(path: Path, archive: Archive) -> Finding:
     digests = [content.digest(inside, flag, version) for flag in (True, False)]
     if not any(archive.guid == content.guid(digest) and module == content.name(digest) for digest in digests):
         return Finding("contents", FATAL, "code or data were changed after the FMU was built (GUID)", _ANEW)
-    return Finding("contents", OK, f"{archive.model}, built by this project; code and data are those of the GUID")
+    return Finding("contents", OK, f"{archive.model}, built by this project; code and data match the GUID")
 
 
 def _missing(files: Mapping[str, bytes], module: str) -> str | None:
@@ -342,7 +342,7 @@ def _told(output: bytes) -> list[dict[str, str]]:
 
 def main(
     fmu: Annotated[Path, typer.Argument(help="The FMU.", autocompletion=files_for)],
-    python: Annotated[str, typer.Option(help="The Python that is to run it.")] = sys.executable,
+    python: Annotated[str, typer.Option(help="The Python that will run it.")] = sys.executable,
     as_json: Json = False,
 ) -> None:
     """Check whether an FMU runs here, and list what is missing: exit code 0 runs, 1 does not, 2 no FMU of this

@@ -63,7 +63,7 @@ class Study:
             worst = max(self.differences, key=lambda name: float(self.differences[name].max()))
             largest, n = float(self.differences[worst].max()), len(self.differences[worst])
             said.append(
-                f"{n} of the sets were run with half the step and half the elements, too: the beats of P and Q "
+                f"{n} of the sets were also run with half the step and half the element length: the beats of P and Q "
                 f"differ by {number(largest, 2)} at most ({worst}; relative L2, P without its mean)."
             )
         if found.failures:
@@ -78,7 +78,7 @@ class Study:
         if widest and widest.widest > WIDE:
             N = 2 ** math.ceil(math.log2(plan.base * (widest.widest / WIDE) ** 2))
             said.append(
-                f"the intervals of the indices are too wide to rank what is varied, up to ± {widest.widest:.2f} "
+                f"the intervals of the indices are too wide to rank the parameters, up to ± {widest.widest:.2f} "
                 f"({widest.varied} on {widest.measure}), because N = {plan.base} is small; --samples {N * plan.group} "
                 f"(N = {N}) would bring them to about ± {WIDE:g}."
             )
