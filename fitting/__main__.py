@@ -264,7 +264,7 @@ def _objection(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[str
         if kept.evidence is None:
             best = fit(beats, kept.site, kept.h, kept.model.name, **options)
             if best.evidence is not None and best.evidence.decided and best.model.elastic != kept.model.elastic:
-                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record speaks for {best.law}."]
+                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record favours {best.law}."]
     return []
 
 

@@ -99,7 +99,7 @@ def check_one(beside: Sequence[object] | None, recordings: int) -> None:
 def not_judged(path: str | os.PathLike[str], error: Exception) -> str:
     """The sentence for a held-out recording that cannot be used; the result stands without it."""
     source = os.fspath(path)
-    return f"{source}: it was held out and is not judged: {str(error).removeprefix(f'{source}: ')}"
+    return f"{source}: it was held out and cannot be compared: {str(error).removeprefix(f'{source}: ')}"
 
 
 def seconds(text: str | None, name: str) -> float | None:

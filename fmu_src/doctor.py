@@ -145,18 +145,18 @@ def _archive(path: Path) -> Archive:
     except OSError as error:
         raise _NoFMU(f"cannot be read ({error.strerror or error})", "check the path and its permissions") from None
     except zipfile.BadZipFile:
-        raise _NoFMU("is no FMU, or was cut off (not a zip archive)") from None
+        raise _NoFMU("is not an FMU, or is truncated (not a zip archive)") from None
     except KeyError:
         if "SystemStructure.ssd" in names:
             raise _NoFMU("is a system of FMUs (SSP)", "unpack it and ask about resources/*.fmu") from None
-        raise _NoFMU("is no FMU (no modelDescription.xml)") from None
+        raise _NoFMU("is not an FMU (no modelDescription.xml)") from None
     except ElementTree.ParseError as error:
         raise _NoFMU(f"modelDescription.xml is damaged ({error})") from None
     except _UNREADABLE as error:
         raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
     if root.tag != "fmiModelDescription" or root.get("fmiVersion") != "2.0" or simulation is None:
-        raise _NoFMU("is no FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
+        raise _NoFMU("is not an FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
     model = simulation.get("modelIdentifier", "")
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
@@ -192,7 +192,7 @@ def _made_here(path: Path, archive: Archive) -> Finding:
         files = {name: file.read(name) for name in archive.names if not name.startswith("binaries/")}
     module = files.get("resources/slavemodule.txt", b"").decode("utf-8", "replace").strip()
     if not re.fullmatch(r"arterial_[0-9a-f]{8}", module):
-        return Finding("contents", FATAL, "is none of this project", "build one with arterial-fmu build")
+        return Finding("contents", FATAL, "is not an FMU of this project", "build one with arterial-fmu build")
     missing = _missing(files, module)
     if missing:
         return Finding("contents", FATAL, f"{missing} is missing", _ANEW)

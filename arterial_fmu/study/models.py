@@ -205,7 +205,7 @@ def read_model(source: str, driven_by: str | None, dt: str, element_length: str,
     settings = Settings(seconds, typed_quantity(element_length, "m", "--element-length"), tolerance=_step(tolerance))
     if driven_by is None:
         if any(inlet.given is None for inlet in network.inlets):
-            raise InputError(f"{source}: what is given at its inlet is not known; add a curve to the network file.")
+            raise InputError(f"{source}: the drive of its inlet is unknown; add a curve to the network file.")
         return NetworkModel(network, settings, tolerance)
     if len(network.inlets) > 1 or network.inlet.causality != "flow":
         raise InputError(f"--inflow {driven_by}: {source} is not driven by one flow; leave --inflow out.")

@@ -37,7 +37,7 @@ class Store:
             different = _difference(_read(path), json.loads(text))
             if different:
                 raise InputError(
-                    f"{self.folder}: it holds another study ({different}); give another folder, or the same options."
+                    f"{self.folder}: it contains another study ({different}); give another folder, or the same options."
                 )
         write_folder(self.folder, {path.name: text})
 

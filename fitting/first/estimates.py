@@ -80,7 +80,7 @@ def resistance(beats: Beats, root: str, P_venous: float) -> Found:
             f"{mL * Q:.4g} {unit_Q}, and a resistance needs both positive; check the sign of {INFLOW} and the zero of "
             f"{root}, or give --venous."
         )
-    how = f"mean of {root} less P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
+    how = f"mean of {root} minus P_venous ({P_venous / MMHG:.3g} mmHg), over mean of {INFLOW}"
     return Found("total resistance R", float(P / Q), "Pa.s/m^3", float(np.hypot(0.02, _VENOUS / P)), how)
 
 
@@ -154,7 +154,7 @@ def delay(beats: Beats, root: str, site: str) -> Found:
     t = max(found, beats.T / beats.N)
     how = f"foot to foot, {pair[1]} to {pair[0]}; by the steepest tangents {1e3 * other:.3g} ms"
     if found < t:
-        how = f"no delay seen ({1e3 * found:.2g} ms), one sample is taken"
+        how = f"no delay detected ({1e3 * found:.2g} ms), one sample assumed"
     return Found(f"delay to {site}", t, "s", float(np.clip(abs(t - other) / t, _LEAST / 2.0, 1.0)), how)
 
 
@@ -165,7 +165,7 @@ def reflection_time(beats: Beats, root: str, Z_c: float) -> Found:
     t = later(foot((P - Z_c * Q) / 2.0, beats.T) - foot((P + Z_c * Q) / 2.0, beats.T), beats.T)
     how = f"feet of the forward and the backward wave of {root} and {INFLOW}"
     if t < beats.T / beats.N:
-        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample is taken"
+        t, how = beats.T / beats.N, f"the backward wave of {root} and {INFLOW} is not later, one sample assumed"
     return Found("reflection time", float(t), "s", _ROUGH, how)
 
 
