@@ -197,7 +197,7 @@ def test_what_is_read_is_not_replaced(name: str, inputs: Path, tmp_path: Path, m
     before = Path(file).read_bytes()
     done = run(name, *line.split())
     assert done.exit_code == ExitCode.BAD_INPUT, done.output
-    assert "was given to be read, and would be replaced; give another name or folder." in done.stderr
+    assert "is an input file and would be replaced; give another name or folder." in done.stderr
     assert Path(file).read_bytes() == before
 
 
