@@ -194,8 +194,10 @@ def alone(problem: NetworkProblem, found: SourceMap, laws: Sequence[Sequence[Ter
 
 
 def _few(begun: Sequence[Begun]) -> list[Begun]:
-    """The laws that are refitted: the nearest, and every outlet of another kind, which begins far off."""
-    return [b for k, b in enumerate(begun) if k < at.FEW or b.term.rewires]
+    """The laws that are refitted: the nearest, all that promise so much that they might not be ruled out beside the
+    nearest (few sensors see many alike), and every outlet of another kind, which begins far off."""
+    most = begun[0].left + at.RULED_OUT if begun else 0.0
+    return [b for k, b in enumerate(begun) if k < at.FEW or b.left < most or b.term.rewires]
 
 
 def together(problem: NetworkProblem, found: SourceMap, fits: Sequence[Sequence[Fit]], runs: Runs) -> list[Fit]:
@@ -260,9 +262,11 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         yield (result := _also_promising(result, columns, runs))
         if implausible(result.none.fit):
             yield (result := _of_the_file(result, found, runs))
-    if not result.best.explains:
+    left = _left(result)
+    if not result.best.explains and (left or not result.best.fit.terms):
         yield (result := _elsewhere(result, found, runs))
-    if result.best.fit.terms and (left := _left(result)):
+        left = _left(result)
+    if left:
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
@@ -274,7 +278,9 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     weak ones that act everywhere are no single place, and few sensors show none."""
     base, tried = result.none.fit, {n.label for n in result.ranked}
     best, gained = promised(base, result.sought, columns)
-    chosen = [t for score, t in gained[: at.FEW] if score < best - at.FIRST and t.label not in tried]
+    near = [t for k, (score, t) in enumerate(gained) if k < at.FEW or score < gained[0][0] + at.RULED_OUT]
+    worth = {t.label for score, t in gained if score < best - at.FIRST}
+    chosen = [t for t in near if t.label in worth - tried]
     fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
     return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
 
@@ -316,9 +322,9 @@ def _elsewhere(result: Compared, found: SourceMap, runs: Runs) -> Compared:
 
 
 def _left(result: Compared) -> tuple[Place, ...]:
-    """Where something acts beside the best hypothesis."""
+    """Where something acts beside the law, or the laws, of the best hypothesis."""
     assert isinstance(result.problem, NetworkProblem)
-    found = found_beside(result.problem, result.best.fit)
+    found = found_beside(result.problem, result.best.fit) if result.best.fit.terms else None
     return () if found is None else found.places
 
 

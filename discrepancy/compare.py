@@ -11,7 +11,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import settled
 from fitting.inference.simulator import OutOfTime, Runs
-from fitting.inference.terms import Term, of_animal
+from fitting.inference.terms import Term, effect_of
 
 from . import thresholds as at
 from .weigh import Named, names_of, ranked, weighed
@@ -48,7 +48,7 @@ class Compared:
         """What is looked for: where every artery differs, nothing that is merely the animal's."""
         if not self.none.individual:
             return self.terms
-        return tuple(t for t in self.terms if not of_animal(self.problem.network, t))
+        return tuple(t for t in self.terms if not effect_of(t).of_animal(self.problem.network, t.place))
 
     @classmethod
     def of(

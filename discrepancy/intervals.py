@@ -70,9 +70,13 @@ def _at_minimum(naming: Naming, runs: Runs) -> Naming:
 
 
 def _lower(fit: Fit, others: Sequence[Fit | None]) -> Fit:
-    """The fit of the lowest cost; what gains nothing does not count."""
-    lower = [f for f in others if f is not None and f.cost < fit.cost - _GAIN]
-    return min(lower, key=lambda f: f.cost, default=fit)
+    """The fit of the lowest cost; what gains nothing does not count, but where it alone ended at a minimum."""
+
+    def gained(other: Fit) -> bool:
+        alone = other.converged and not fit.converged
+        return other.cost < fit.cost + (_GAIN if alone else -_GAIN)
+
+    return min((f for f in others if f is not None and gained(f)), key=lambda f: f.cost, default=fit)
 
 
 def _wide(fit: Fit, unknown: Unknown, half: float) -> bool:

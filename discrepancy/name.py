@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from fitting.inference.bench import Bench
-from fitting.inference.beside import found_beside, map_beside
+from fitting.inference.beside import found_beside, map_beside, without_errors
 from fitting.inference.fit import Fit
 from fitting.inference.forward import Forward
 from fitting.inference.misfit import Beside
@@ -62,8 +62,9 @@ def name(problem: Forward, terms: Sequence[Term], runs: Runs | None = None, wall
 
 
 def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Named], Beside | None]:
-    """Free sources beside a hypothesis of a network: those of the map beside no effect, those by evidence beside a law.
-    On a bench, an error of the wall law."""
+    """Free sources beside a hypothesis of a network: those of the map beside no effect, those by evidence beside a law;
+    one that leaves more than noise, and beside which none is worth its price, competes as it is. On a bench, an error
+    of the wall law."""
     problem, runs = found.problem, replace(runs, deadline=None)
     if isinstance(problem, Bench):
         return lambda n: problem.beside(n.fit)
@@ -71,7 +72,8 @@ def _freed(found: Compared, where: SourceMap | None, runs: Runs) -> Callable[[Na
 
     def beside(n: Named) -> Beside | None:
         if n.fit.terms or where is None:
-            return found_beside(problem, n.fit)
+            none = None if n.explains else without_errors(problem, n.fit)
+            return found_beside(problem, n.fit) or none
         return map_beside(problem, n.fit, where, runs) if where.signals else None
 
     return beside

@@ -1,4 +1,4 @@
-"""The command ``calibrate``: parameters of a network from one recording of it, or from several of one animal."""
+"""The command ``calibrate``: fit parameters of a network to one recording of it, or to several of one animal."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def calibrate_command(
 
 
 def _sets(out: Path | None, labels: Sequence[str]) -> list[Path]:
-    """The files of the values in common and, of several recordings, of each: set.json, set.A.json, set.B.json."""
+    """The files of the common values and, for several recordings, of each: set.json, set.A.json, set.B.json."""
     if out is None:
         return []
     return [out, *(out.with_name(f"{out.stem}.{label}{out.suffix}") for label in labels if len(labels) > 1)]
@@ -165,6 +165,6 @@ def _beats(path: Path, how: Reading, network: Network, as_measured: bool, period
 def _with(
     parameters: ParameterSet, extra: dict[str, object], found: dict[str, dict[str, Estimate]] | None
 ) -> ParameterSet:
-    """The set with what else is to be known among its provenance: the indices that a physiologist reads, too."""
+    """The set with further provenance, including the physiological indices."""
     indices = {} if found is None else {"indices": {site: plain(each) for site, each in found.items()}}
     return replace(parameters, provenance={**parameters.provenance, **indices, **extra})

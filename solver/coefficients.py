@@ -1,4 +1,4 @@
-"""The numbers of the equations, from a network's objects, with those of a batch laid over them."""
+"""The coefficients of the equations: the numbers of a network's objects, with those of a batch replaced."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Parameters = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Term:
-    """An effect that is on somewhere, and its numbers (B, n): of n segments, outlets or junctions, or of the fluid."""
+    """An active effect, and its numbers (B, n): of n segments, outlets or junctions, or of the fluid."""
 
     effect: Effect
     values: Mapping[str, Array]
@@ -37,7 +37,7 @@ class Term:
 
     @property
     def on(self) -> Array:
-        """(n,) where any member of the batch has it."""
+        """(n,) where it is active in any member of the batch."""
         neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
         switches = {key: value for key, value in self.values.items() if key not in how}
         return np.any([np.any(value != neutral[key], axis=0) for key, value in switches.items()], axis=0)
@@ -61,7 +61,7 @@ class Ends:
         return self.changed({})
 
     def changed(self, driven: Mapping[str, Array]) -> Mapping[str, Array]:
-        """The numbers where some are driven from outside."""
+        """The numbers, with some driven from outside."""
         numbers: Mapping[str, Array] = {**self.given, **driven}
         for term in self.terms:
             numbers = term.effect.outlet(numbers, term.at(self.index))
@@ -137,7 +137,7 @@ class Coefficients:
         return tuple(tuple(sorted({x for cuts in each for x in cuts})) for each in found)
 
     def venous(self, P_venous: Array) -> Array:
-        """P_venous : (1 or B, n_outlets) [Pa] as the effects of outlets leave it."""
+        """P_venous : (1 or B, n_outlets) [Pa] after the effects of outlets."""
         if all(ends.numbers["P_venous"] is ends.given["P_venous"] for ends in self.outlets):
             return P_venous
         changed = np.empty_like(self.P_venous)
@@ -147,7 +147,7 @@ class Coefficients:
 
 
 def batch_size(parameters: Parameters) -> int | None:
-    """Length of the parameters that are arrays, or None if all are scalars. Raises ValueError unless they agree."""
+    """Common length of the array parameters, or None if all are scalars. Raises ValueError unless they agree."""
     sizes = {name: np.shape(value) for name, value in parameters.items() if np.ndim(value)}
     first = next(iter(sizes), "")
     for name, shape in sizes.items():
@@ -212,7 +212,7 @@ def changes(effect: Effect, hook: str) -> bool:
 
 
 class _Numbers:
-    """The numbers of a network's objects as arrays of B, those of a batch laid over them."""
+    """The numbers of a network's objects as arrays of B, with those of a batch replaced."""
 
     def __init__(self, network: Network, parameters: Parameters, size: int) -> None:
         self.network, self.parameters, self.size = network, parameters, size
@@ -221,15 +221,15 @@ class _Numbers:
             self.owners[owner.OWNER].append((prefix, owner))
 
     def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float | None = None) -> Array:
-        """(B, n): the number behind a key of every owner, ``otherwise`` where one does not hold it."""
+        """(B, n): the number behind a key of every owner, ``otherwise`` if an owner does not have it."""
         values = np.empty((self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
             values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
         return values
 
     def term(self, effect: Effect) -> Term | None:
-        """The numbers of an effect, neutral where an owner does not hold them; None if none does, or if it has no
-        numbers that would switch it off."""
+        """The numbers of an effect, neutral if an owner does not have them; None if no owner has them, or if the effect
+        has no neutral values."""
         owners = self.owners[effect.owner]
         held = effect.always or any(key in owner.terms for _, owner in owners for key in effect.terms)
         if not held or not effect.neutral:
@@ -238,7 +238,7 @@ class _Numbers:
 
 
 def _number(owner: Any, key: str, otherwise: float | None) -> float | None:
-    """What an owner holds under a key, as a term or as a field."""
+    """The value of an owner's key, a term or a field."""
     held: Mapping[str, float] = getattr(owner, "terms", {})
     if key in held:
         return held[key]

@@ -1,4 +1,4 @@
-"""Network files: TOML in and out. Units are read by pint here, once; inside everything is SI.
+"""Network files: read and write TOML. pint reads the units here, once; all other code uses SI.
 
 A value is text with a unit (``L = "4 cm"``) or a bare number in SI. The keys are the quantities of
 :mod:`solver.network`, so a new quantity needs no change here. Reading is exact: the magnitude times the exact
@@ -42,9 +42,9 @@ _SECTIONS = ("network", "fluid", "inlet", "inlets", "segments", "junctions", "ou
 
 
 def read_network(path: str | os.PathLike[str]) -> Network:
-    """The network in a TOML file, or in an FMU, which carries its own.
+    """The network in a TOML file, or in an FMU, which contains its own.
 
-    Raises ValueError: one sentence that starts with the file name and says where, what and how to put it right.
+    Raises ValueError: one sentence that starts with the file name and gives the place, the error and the remedy.
     """
     if Path(path).suffix.lower() == ".fmu" or zipfile.is_zipfile(path):
         return loads(_carried(path), f"{path}: network.toml")
@@ -52,7 +52,7 @@ def read_network(path: str | os.PathLike[str]) -> Network:
 
 
 def _carried(fmu: str | os.PathLike[str]) -> str:
-    """The network file that an FMU was built of."""
+    """The network file inside an FMU."""
     try:
         with zipfile.ZipFile(fmu) as archive:
             return archive.read("resources/network.toml").decode("utf-8")
@@ -67,7 +67,7 @@ def _carried(fmu: str | os.PathLike[str]) -> str:
 def loads(text: str, name: str, folder: Path | None = None) -> Network:
     """The network in TOML text. Raises ValueError as :func:`read_network`; ``name`` starts the sentence.
 
-    folder : that of the files which the text names; text without one names none.
+    folder : that of the files named in the text; without a folder the text may not name any.
     """
     try:
         data = tomllib.loads(text)
@@ -114,12 +114,12 @@ def dumps(network: Network) -> str:
 
 
 def bundled_names() -> list[str]:
-    """The names of the networks that come with the package."""
+    """The names of the included networks."""
     return sorted(path.stem for path in _NETWORKS.glob("*.toml"))
 
 
 def bundled(name: str) -> Path:
-    """The file of a network that comes with the package ("sheep"). Raises ValueError that lists them."""
+    """The file of an included network ("sheep"). Raises ValueError that lists them."""
     names = bundled_names()
     if name not in names:
         raise InputError(
@@ -130,7 +130,7 @@ def bundled(name: str) -> Path:
 
 
 def find_network(name_or_path: str | os.PathLike[str]) -> Path:
-    """An existing file, or else the bundled network of that name. Raises ValueError that lists the bundled names."""
+    """An existing file, or otherwise the included network of that name. Raises ValueError that lists their names."""
     return Path(name_or_path) if Path(name_or_path).is_file() else bundled(os.fspath(name_or_path))
 
 
@@ -138,7 +138,7 @@ def find_network(name_or_path: str | os.PathLike[str]) -> Path:
 
 
 def from_sections(data: Mapping[str, Any], folder: Path | None = None) -> Network:
-    """The network of a file's sections, as TOML has them. Raises ValueError as :func:`loads`, without the file."""
+    """The network of a file's TOML sections. Raises ValueError as :func:`loads`, without the file name."""
     check_keys("top level", data, (*_TEXTS, *_SECTIONS))
     texts: dict[str, Any] = {key: _text(data, key, "top level") for key in _TEXTS if key in data or key == "name"}
     whole = _numbers(Network, "network", _table(data, "network"))
@@ -176,7 +176,7 @@ def _segment(name: str, table: Mapping[str, Any], eta: float, rho: float) -> Seg
 
 
 def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, T: float) -> Inlet:
-    """An inlet beside the first one, whose period T [s] is its own too."""
+    """A further inlet, which shares the period T [s] of the first one."""
     where = f"{segment}.inlet"
     if "segment" in table:
         raise InputError(f"{where}.segment: the name of the section says it; leave it out.")
@@ -203,7 +203,7 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
 
 
 def _inlet_out(inlet: Inlet) -> list[str]:
-    """Its numbers, or what drives it; a flow that a given pressure took the place of is not written."""
+    """Its numbers, or its drive; a flow that a given pressure replaces is not written."""
     curve = inlet.curve
     drives = curve is not None and CAUSALITY[curve.signal] == inlet.causality
     return inlet_curves.lines(curve) if curve is not None and drives else _numbers_out(inlet)
@@ -261,7 +261,8 @@ def _channel(name: str, table: Mapping[str, Any]) -> Channel:
 
 
 def _numbers(kind: Any, where: str, table: Mapping[str, Any], others: Iterable[str] = ()) -> dict[str, Any]:
-    """The quantities of ``kind`` in a section, in SI, with its terms of effects; ``others`` are no numbers."""
+    """The quantities of ``kind`` in a section, in SI, with its terms of effects; ``others`` are keys without
+    numbers."""
     own, held = quantities(kind), terms_of(getattr(kind, "OWNER", ""))
     check_keys(where, table, (*own, *held, *others))
     for f in fields(kind):

@@ -1,8 +1,8 @@
 """Outlet conditions: each kind is one class with its numbers, the load it puts on the flow, and its impedance.
 
-A kind states the relation between the total pressure P and the flow Q at the end of a segment, for all outlets of that
-kind at once: its methods take the numbers by key as arrays (B, n), and the walls there. A new kind is one class and its
-entry in ``OUTLETS``.
+A kind defines the relation between the pressure P (elastic plus viscous) and the flow Q at the end of a segment, for
+all outlets of that kind at once: its methods take the numbers by key as arrays (B, n), and the walls there. A new kind
+is one class and its entry in ``OUTLETS``.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def _resistance(description: str) -> Any:
 
 @dataclass(frozen=True)
 class Outlet:
-    """The end of a segment: what all kinds have. ``symbol`` and ``noun`` name the kind in drawings and documents;
-    ``stores`` : it has a stored pressure P_C."""
+    """The common part of all kinds: an end of a segment. ``symbol`` and ``noun`` name the kind in drawings and
+    documents; ``stores`` : it has a stored pressure P_C."""
 
     segment: str
     P_venous: float = _venous_pressure("venous pressure P_venous")
@@ -71,7 +71,7 @@ class Outlet:
 
     @property
     def label(self) -> str:
-        """What a drawing writes beside it."""
+        """Its label in a drawing."""
         return self.symbol
 
     @classmethod
@@ -99,7 +99,7 @@ class Outlet:
 
     @classmethod
     def unreachable(cls, numbers: Numbers, wall: Wall, P: Array) -> Array:
-        """Where no pressure P : (B, n) [Pa] of this size can be at the outlet."""
+        """Where the pressure P : (B, n) [Pa] cannot occur at the outlet."""
         return np.zeros(np.broadcast_shapes(P.shape, wall.A0.shape), bool)
 
 

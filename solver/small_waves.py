@@ -57,7 +57,7 @@ def _waves(
     model: Model, mean: Array, taus: Sequence[Any], momentum: Array, nodes: Array, engine: BalanceEngine | None
 ) -> tuple[State, Array, Array]:
     """The steady state, and the waves that sources make about it."""
-    if engine is None or not engine.recorded.checked:  # the first balance of a program is compared with NumPy's
+    if engine is None or not engine.checked:  # a balance of such a model was not yet compared with NumPy's
         rest = steady(model, mean)
         return rest, *Response.about(model, taus, rest).to_sources(momentum, nodes)
     y_rest, H_rest, y, H = engine.to_sources(np.array(taus, complex), mean[0], momentum, nodes)

@@ -4,9 +4,9 @@
     ρ/A (∂Q/∂t + C_f Q/A) + ∂/∂x (P + …) + … = -d(x) g      a drop of pressure
     P = … + P_n(2x/L - 1) g                                 a further pressure of the wall
 
-Whatever a model lacks acts as such terms somewhere. A source says nothing of what that is: its amplitude is a periodic
-function of time, harmonic by harmonic, and may be anything. Each kind is one class, which knows where it may lie in a
-network; what effects and outlets are made of, they say by naming their kind (:class:`~solver.effect.Effect`).
+Physics that a model lacks acts as such terms somewhere. A source makes no assumption about the physics: its amplitude
+is an arbitrary periodic function of time, harmonic by harmonic. Each kind is one class, which knows its possible places
+in a network; an effect or outlet names the kind that represents it (:class:`~solver.effect.Effect`).
 """
 
 from __future__ import annotations
@@ -39,35 +39,32 @@ class Meshed(Protocol):
 
 @dataclass(frozen=True)
 class Source:
-    """One source of unit amplitude. place : what it belongs to, a segment or an outlet's.
-
-    unit : of the amplitude.
-    """
+    """One source of unit amplitude. place : its segment, or that of its outlet. unit : of the amplitude."""
 
     place: str
 
     unit: ClassVar[str]
 
     def momentum(self, model: Meshed) -> Array | None:
-        """What it adds to the momentum that is left over, (n_e, N+1) [Pa]; None where nothing."""
+        """Its contribution to the momentum residual, (n_e, N+1) [Pa]; None if it has none."""
         return None
 
     def nodes(self, model: Meshed) -> Array | None:
-        """What it adds to ΣQ at the nodes, (n_nodes,) [m³/s]; None where nothing."""
+        """Its contribution to ΣQ at the nodes, (n_nodes,) [m³/s]; None if it has none."""
         return None
 
     def inlets(self, model: Meshed) -> Array | None:
-        """What it adds to the flows that drive the inlets, (n_inlets,) [m³/s]; None where nothing."""
+        """Its contribution to the flows that drive the inlets, (n_inlets,) [m³/s]; None if it has none."""
         return None
 
     def shown(self, network: Described) -> Mapping[str, float]:
-        """What it adds to outputs, beside what it does to A, Q and H."""
+        """Its direct contribution to outputs, beside its influence through A, Q and H."""
         return {}
 
 
 @dataclass(frozen=True)
 class WallPressure(Source):
-    """A pressure P_n(2x/L - 1) g that a wall bears beside its law; P_n : the Legendre polynomial of a degree."""
+    """A wall pressure P_n(2x/L - 1) g in addition to the wall law; P_n : the Legendre polynomial of a degree."""
 
     degree: int = 0
 
@@ -90,7 +87,7 @@ class WallPressure(Source):
 
 @dataclass(frozen=True)
 class Drop(Source):
-    """A drop of pressure g over a stretch [start, end] of x/L."""
+    """A pressure drop g over a stretch [start, end] of x/L."""
 
     start: float = 0.0
     end: float = 1.0
@@ -110,7 +107,7 @@ class Drop(Source):
 
 @dataclass(frozen=True)
 class Step(Source):
-    """A drop of pressure g between an end of a segment, 0 or 1 of x/L, and the node there."""
+    """A pressure drop g between an end of a segment, 0 or 1 of x/L, and the node there."""
 
     end: int = 1
 
@@ -124,7 +121,7 @@ class Step(Source):
 
 @dataclass(frozen=True)
 class Outflow(Source):
-    """A flow g that leaves a segment, evenly along it: at the ends of its elements, by the trapezoidal rule."""
+    """A flow g that leaves a segment, uniformly along it: at the ends of its elements, by the trapezoidal rule."""
 
     unit = "m^3/s"
 
@@ -138,7 +135,7 @@ class Outflow(Source):
 
 @dataclass(frozen=True)
 class OutletFlow(Source):
-    """A flow g that leaves the end of a segment beside that which its outlet lets through."""
+    """A flow g that leaves the end of a segment in addition to the flow through its outlet."""
 
     unit = "m^3/s"
 
@@ -151,7 +148,7 @@ class OutletFlow(Source):
 
 @dataclass(frozen=True)
 class InletFlow(Source):
-    """A flow g that enters at the first inlet beside that which is given; place : the segment there."""
+    """A flow g that enters at the first inlet in addition to the given one; place : the segment there."""
 
     unit = "m^3/s"
 
@@ -188,7 +185,7 @@ def _elements(model: Meshed, segment: str) -> Array:
 
 
 class Forcing(NamedTuple):
-    """What some sources add together, by harmonic; 0.0 where none of them adds anything.
+    """The total contribution of some sources, by harmonic; 0.0 where no source contributes.
 
     momentum : (K+1, B, n_e, N+1) [Pa]. nodes : (K+1, B, n_nodes) and inlets : (K+1, B, n_inlets) [m³/s].
     """
@@ -199,7 +196,7 @@ class Forcing(NamedTuple):
 
     @staticmethod
     def of(model: Meshed, sources: Sequence[Source], amplitudes: Array, n: int) -> Forcing:
-        """Of harmonics g : (K+1, n_sources) or (K+1, B, n_sources); 0 beyond, up to n of them."""
+        """For amplitudes g : (K+1, n_sources) or (K+1, B, n_sources) by harmonic, padded with 0 to n harmonics."""
         g = np.asarray(amplitudes, complex)
         g = g[:, None] if g.ndim == 2 else g
         g = np.concatenate([g[:n], np.zeros((max(0, n - len(g)), *g.shape[1:]))])
@@ -212,15 +209,21 @@ class Forcing(NamedTuple):
             )
         )  # fmt: skip
 
-    def members(self, some: slice) -> Forcing:
-        """That of some members of a batch, where they differ."""
-        return Forcing(*(x[:, some] if isinstance(x, np.ndarray) and x.shape[1] > 1 else x for x in self))
+    def part(self, harmonics: slice, members: slice) -> Forcing:
+        """That of some harmonics and, where they differ, members of a batch."""
+
+        def of(x: Array | float) -> Array | float:
+            if not isinstance(x, np.ndarray):
+                return x
+            return x[harmonics, members] if x.shape[1] > 1 else x[harmonics]
+
+        return Forcing(*map(of, self))
 
 
 NO_FORCING = Forcing(0.0, 0.0, 0.0)
 
 
 def shown(network: Described, names: Sequence[str], sources: Sequence[Source]) -> Array:
-    """(n_sources, m) what each source adds to the outputs with these names."""
+    """(n_sources, m) direct contribution of each source to the outputs with these names."""
     found = [source.shown(network) for source in sources]
     return np.array([[each.get(name, 0.0) for name in names] for each in found]).reshape(len(found), len(names))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from discrepancy.compare import Compared
+from discrepancy.intervals import _lower
 from discrepancy.outcome import NamedEffect, OwnNumber, Walls
 from discrepancy.show import Gap
 from discrepancy.summary import _bent, sentence
@@ -137,3 +138,16 @@ def test_a_sensor_beyond_half_the_sampling_rate_is_of_a_class_at_most(
     assert naming.best is not rings and (naming.verdict == "ambiguous") == (len(expected) > 1)
     if len(expected) > 1:
         assert naming.confidence < 0.2
+
+
+@pytest.mark.parametrize(
+    ("mine", "other", "taken"),
+    [((9.0, True), (8.9, True), True), ((9.0, True), (8.99, True), False), ((9.0, False), (9.01, True), True),
+     ((9.0, False), (8.99, False), False), ((9.0, False), (9.2, True), False)],
+)  # fmt: skip
+def test_which_of_two_searches_is_at_the_minimum(
+    mine: tuple[float, bool], other: tuple[float, bool], taken: bool
+) -> None:
+    """One that gains less than 0.05 of the cost gains nothing; it is taken where it alone came to its end."""
+    first, again = (replace(named("none", cost, 0.0).fit, converged=ended) for cost, ended in (mine, other))
+    assert (_lower(first, [None, again]) is again) == taken

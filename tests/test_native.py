@@ -40,6 +40,7 @@ from solver.files import bundled_names
 from solver.laws import ELASTIC_LAWS, Beta
 from solver.outlets import OUTLETS, Outlet, Pressure, Resistance
 from solver.quantity import Quantity
+from solver.tracing.steps import Programs
 from solver.wall import Wall
 
 COARSE = Settings(dt=2e-3)
@@ -393,7 +394,7 @@ def test_a_wrong_engine_is_found_out(sheep: Network, monkeypatch: pytest.MonkeyP
         return done, replace(after, H=after.H * (1.0 + 1e-9))
 
     monkeypatch.setattr(native.Engine, "_steps", wrong)
-    monkeypatch.setattr("solver.tracing.steps._programs", {})  # none that was compared before
+    monkeypatch.setattr("solver.tracing.steps._programs", Programs())  # none that was compared before
     run = simulate(sheep, duration=0.02, settings=COARSE, backend="auto")
     assert re.fullmatch(r"numpy: a step of it is not that of NumPy: H is 1\.0e-09 off", run.backend)
     assert off(run, simulate(sheep, duration=0.02, settings=COARSE)) == 0.0

@@ -1,6 +1,6 @@
-"""What pressure and flow at the root tell without any model of the network: R, C, Z_c, delays, the reflection's time.
+"""Estimates from pressure and flow at the root without a model of the network: R, C, Z_c, delays, the reflection time.
 
-Each number is found in two ways where there are two, and how far these differ is taken as its standard deviation.
+Where there are two methods for a number, their difference is its standard deviation.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which stretch of artery leads to which site: a path in the order of the delays, or the paths that are given."""
+"""The stretch of artery to each site: one path in the order of the delays, or the given paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The network file of a first model: values as a person would write them, each with where it comes from."""
+"""The network file of a first model: readable values, each with its origin."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .tubes import Tube
 
 Array = np.ndarray
 
-_LARGE = 0.3  # relative standard deviations from here on are told as factors
+_LARGE = 0.3  # larger relative standard deviations are given as factors
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a first model is of: file name and hash of the record, species and source of its typical aorta, period [s],
-    mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
+    """The source of a first model: file name and hash of the record, species and source of its typical aorta, period
+    [s], mean pressure at the root and venous pressure [Pa], site at the root ("": the inlet), harmonics of the inflow
     Q : (K+1,) [m³/s]."""
 
     record: str
@@ -40,7 +40,7 @@ class Source:
 
 
 def value(found: Found) -> str:
-    """The number in the unit that people read: "0.965 mmHg·s/mL"."""
+    """The number in its display unit: "0.965 mmHg·s/mL"."""
     unit, factor = readable(found.unit)
     return f"{factor * found.value:.3g} {unit}".strip()
 

@@ -178,16 +178,12 @@ def part_of(
 
 @dataclass(frozen=True)
 class Ended:
-    """Where a search ended. errors : (2,) a of means and of harmonics. history : the cost at all points kept."""
+    """Where a search ended. errors : (2,) a of means and of harmonics. history : the cost, -2 ln of likelihood and
+    priors up to a constant, at all points kept: comparable between searches with other errors."""
 
     search: Search
     errors: Array
     history: tuple[float, ...]
-
-    @property
-    def cost(self) -> float:
-        """-2 ln of likelihood and priors, up to a constant: comparable between searches with other errors."""
-        return self.search.cost
 
     @property
     def batches(self) -> Sequence[Array]:

@@ -47,7 +47,7 @@ class Forward(Protocol):
 
     kind : "bench" or "network", as reports say it. site : the only artery that is compared, if it is one. signals :
     the channels, and K : the highest harmonic that are compared. What has a body here is right where the model is exact
-    and has one weighting.
+    and has one weighting, or is that of the first of several recordings.
     """
 
     network: Network
@@ -58,6 +58,7 @@ class Forward(Protocol):
     @property
     def kind(self) -> str:
         """What it is."""
+        return self.first.kind
 
     @property
     def first(self) -> Forward:
@@ -79,6 +80,7 @@ class Forward(Protocol):
     @property
     def rules(self) -> Rules:
         """Of its searches."""
+        return self.first.rules
 
     @property
     def entries(self) -> tuple[Array, Array]:
@@ -170,6 +172,7 @@ class Forward(Protocol):
 
     def measured_wave(self, beats: Beats) -> Array:
         """(N,) what drives the FMU, as it was measured."""
+        return self.first.measured_wave(beats)
 
     def wave(self, beats: Beats, fit: Fit) -> Array:
         """(N,) what drives the FMU, as the whole record says that it most probably was under a hypothesis."""
@@ -185,10 +188,13 @@ class Forward(Protocol):
 
     def driven(self, wave: Array) -> Drive:
         """How a wave drives the FMU."""
+        return self.first.driven(wave)
 
     @property
     def noise(self) -> Array:
         """(K+1, m) variance of the mean beats by the sensors alone, which gaps are counted in."""
+        return self.first.noise
 
     def covariance(self, beats: Beats) -> Array:
         """(n, m, m) of what a free run leaves of the signals at harmonic 0 … n - 1, by all that is noise."""
+        return self.first.covariance(beats)

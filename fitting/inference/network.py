@@ -30,7 +30,7 @@ from ..records.noise import (
     target,
 )
 from .added import allowed
-from .batches import kind_of, simulated
+from .batches import simulated
 from .fit import Fit, Member, begun, sizes_of, taken_over
 from .forward import Drive, Forward
 from .gauss_newton import Point, Rules, Search, Trial, promised, search
@@ -198,35 +198,13 @@ class NetworkProblem(Forward):
         return found
 
     def columns(self, at: Fit, terms: Sequence[Term], runs: Runs | None = None) -> dict[str, Array]:
-        groups: dict[str, list[Term]] = {}
+        terms, trials = [t for t in terms if not t.rewires], list[Trial]()
         for term in terms:
-            if not term.rewires:
-                groups.setdefault(kind_of((*at.terms, term)), []).append(term)
-        asked = [self._moved(at, group) for group in groups.values()]
-        X, found = self.observe([member for members in asked for member in members], runs), dict[str, Array]()
-        for group, members in zip(groups.values(), asked, strict=True):
-            (here, *moved), X = X[: len(members)], X[len(members) :]
-            if here is None:
-                continue
-            z0 = self.residual(here)
-            for term in group:
-                n = int(free(term.unknowns).sum())
-                mine, moved = moved[:n], moved[n:]
-                if all(x is not None for x in mine):
-                    found[term.label] = np.stack([(self.residual(x) - z0) / _STEP for x in mine if x is not None], 1)
-        return found
-
-    def _moved(self, at: Fit, group: Sequence[Term]) -> list[Member]:
-        """A fit, and one step away from it along every unknown of terms of one kind."""
-        members = [at.member]
-        for term in group:
-            here = np.concatenate([at.x, absent(term.unknowns)])
-            begins = Member((*at.terms, term), (*at.unknowns, *term.unknowns), here)
-            steps = _STEP * np.eye(len(here))[len(at.x) :][free(term.unknowns)]
-            members += [replace(begins, x=here + step) for step in steps]
-        if kind_of((*at.terms, group[0])) != kind_of(at.terms):  # the same mesh for the point that they leave from
-            members[0] = replace(members[1], x=np.concatenate([at.x, absent(group[0].unknowns)]))
-        return members
+            x = np.concatenate([at.x, absent(term.unknowns)])
+            by = len(at.x) + np.flatnonzero(free(term.unknowns))
+            trials.append(Trial(Member((*at.terms, term), (*at.unknowns, *term.unknowns), x), by, None, 0.0 * x))
+        found = self.points(trials, runs or Runs())
+        return {term.label: point.J for term, point in zip(terms, found, strict=True) if point is not None}
 
     # --- search -------------------------------------------------------------------------------------------------------
 
@@ -269,7 +247,7 @@ class NetworkProblem(Forward):
 
         known : whitened derivatives (n,) by unknowns, which need no simulation to begin with.
         """
-        rules = replace(_RULES, hopeless=np.inf)  # one that begins afar promises little yet
+        rules = replace(_RULES, afar=True)
         return self._searched([Search(m, rules, known=known) for m in members], runs)
 
     def refine(self, fits: Sequence[Fit], runs: Runs | None = None) -> list[Fit | None]:

@@ -28,8 +28,8 @@ from .asked import named, parse_unknown
 from .bench import Bench
 from .beside import found_beside
 from .fit import Fit, Member, begun, taken_over
-from .forward import Drive, Forward
-from .gauss_newton import Point, Rules, Search, Trial, promised, search
+from .forward import Forward
+from .gauss_newton import Point, Search, Trial, promised, search
 from .jackknife import Rest
 from .misfit import Beside, settled
 from .network import NetworkProblem
@@ -58,10 +58,6 @@ class Several(Forward):
     # --- what is in common, and what is not --------------------------------------------------------------------------
 
     @property
-    def kind(self) -> str:
-        return self.first.kind
-
-    @property
     def first(self) -> Forward:
         return self.parts[0]
 
@@ -86,10 +82,6 @@ class Several(Forward):
     @property
     def dof_of_noise(self) -> float:
         return sum(part.dof_of_noise for part in self.parts)
-
-    @property
-    def rules(self) -> Rules:
-        return self.first.rules
 
     @property
     def deviations(self) -> tuple[Unknown, ...]:
@@ -336,21 +328,8 @@ class Several(Forward):
     def part(self, network: Network) -> Network:
         return self.first.part(network)
 
-    def measured_wave(self, beats: Beats) -> Array:
-        return self.first.measured_wave(beats)
-
     def wave(self, beats: Beats, fit: Fit) -> Array:
         return self.first.wave(beats, self.of(fit, 0))
-
-    def driven(self, wave: Array) -> Drive:
-        return self.first.driven(wave)
-
-    @property
-    def noise(self) -> Array:
-        return self.first.noise
-
-    def covariance(self, beats: Beats) -> Array:
-        return self.first.covariance(beats)
 
     @property
     def highest(self) -> float:

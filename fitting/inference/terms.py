@@ -81,11 +81,6 @@ def effect_of(term: Term) -> Effect:
     return found
 
 
-def of_animal(network: Network, term: Term) -> bool:
-    """Whether a term is no discovery where every artery differs from the network's."""
-    return effect_of(term).of_animal(network, term.place)
-
-
 def joins(term: Term, others: Sequence[Term]) -> bool:
     """Whether a term can act beside others: not on the numbers of an outlet that another one replaces."""
     gone = tuple(f"{other.place}.outlet." for other in others if other.rewires)

@@ -1,4 +1,4 @@
-"""What a calibration leaves of each recording, fitted or held out, and what each has of its own."""
+"""The residual of a calibration in each recording, fitted or held out, and the values of each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..parameter_set import quantity_of
 
 
 def recordings_table(result: Calibration, held_out: Sequence[HeldOut] = ()) -> Table:
-    """A line a recording: χ²/dof, the RMS of what is left over the beat by channel, and values of its own."""
+    """One line per recording: χ²/dof, the RMS residual over the beat by channel, and its own values."""
     channels = list(dict.fromkeys(name for each in result.recordings for name in each.rms))
     own = list(dict.fromkeys(name for each in result.recordings for name in each.values))
     columns = [right(f"{name}\n{of_signal(name)[0]}") for name in channels]

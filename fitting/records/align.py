@@ -152,7 +152,7 @@ def _equal(x: Array, f: float, samples: Array) -> Array:
 # --- spikes -----------------------------------------------------------------------------------------------------------
 
 
-def _without_spikes(values: Array, samples: Array, step: float = 0.0, slip: float = 0.0) -> tuple[Array, int]:
+def _without_spikes(values: Array, samples: Array, step: float, slip: float) -> tuple[Array, int]:
     """A channel with gaps in place of its spikes, and their number: single samples far off everything around them.
 
     A spike raises the scatter as much as the mean, so the intervals grow and χ² stays at 1, while the fit is wrong. A
@@ -177,16 +177,15 @@ def _without_spikes(values: Array, samples: Array, step: float = 0.0, slip: floa
     size = _ROBUST * median(np.abs(off), axis=0)
     least = np.maximum(np.median(size), _LEAST * np.ptp(values[~np.isnan(values)]))
     far = np.maximum(limit.FAR * np.maximum(size, least), limit.STEPS * step + slip * np.abs(np.gradient(usual)))
-    suspect = np.abs(np.nan_to_num(off)) > far
+    off = np.nan_to_num(off)
+    suspect = np.abs(off) > far
     if not suspect.any():
         return values, 0
-    flat = np.nan_to_num(off.ravel())
+    flat = off.ravel()
     around = np.lib.stride_tricks.sliding_window_view(np.pad(flat, 2, "edge"), 5)
     alone = np.abs(flat - np.median(around, axis=-1)).reshape(off.shape)
     # most of it by itself: the samples of a smooth artefact have neighbours like them
-    spikes = np.unique(nearest[(suspect & (alone > far) & (alone > 0.5 * np.abs(np.nan_to_num(off)))).ravel()])
-    if not len(spikes):
-        return values, 0
+    spikes = np.unique(nearest[(suspect & (alone > far) & (alone > 0.5 * np.abs(off))).ravel()])
     cleaned = values.copy()
     cleaned[spikes] = np.nan
     return cleaned, len(spikes)
@@ -228,7 +227,7 @@ def _timing(F: Array, N: int) -> tuple[Array, float, float, Array]:
         turned = F * np.exp(2j * np.pi * np.outer(turns, k))
         mean = turned.mean(axis=1)
         turned -= mean[:, None]
-        S = _pooled(_power(turned)) / (n_beats - 1) if S is None else S
+        S = _pooled((np.abs(turned) ** 2).sum(axis=1)) / (n_beats - 1) if S is None else S
         S = np.maximum(S, _EXACT**2 * (np.abs(mean) ** 2).sum(axis=1, keepdims=True))
         mean *= np.abs(mean) ** 2 > limit.SURE**2 * S / n_beats
         tau, size = -2j * np.pi * k * mean, _inner(line, line, S)
@@ -242,7 +241,7 @@ def _timing(F: Array, N: int) -> tuple[Array, float, float, Array]:
         left -= (left @ (line.conj() / S)[..., None]).real / size[:, None] * line
         # the share of each harmonic's two numbers that shift and line have taken away
         taken = (np.abs(line) ** 2 / size + np.abs(template) ** 2 / information) / (2.0 * S)
-        S = _pooled(_power(left)) / (_pooled(1.0 - taken) * (n_beats - 1))
+        S = _pooled((np.abs(left) ** 2).sum(axis=1)) / (_pooled(1.0 - taken) * (n_beats - 1))
         turns = turns + change
         excess = 2.0 * information * float(turns @ turns)
         if np.abs(change).max() ** 2 * information < 1e-6:
@@ -257,11 +256,6 @@ def _spectra(beats: Array) -> Array:
         beats = np.where(there, beats, np.nanmean(beats, axis=0))
     N = beats.shape[1]
     return np.fft.rfft(beats, axis=1)[:, 1 : min(limit.TIMING, (N - 1) // 2) + 1] / N
-
-
-def _power(X: Array) -> Array:
-    """Σ_b |X_bk|² : (m, K)."""
-    return np.asarray((np.abs(X) ** 2).sum(axis=1))
 
 
 def _inner(a: Array, b: Array, S: Array) -> Array:

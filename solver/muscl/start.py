@@ -15,9 +15,9 @@ from .step import State
 
 
 def periodic_state(model: Model, drive: Any, T: float, t: float = 0.0, dt: float | None = None) -> State:
-    """The state of :func:`solver.start.periodic_state`, whose arguments and errors these are.
+    """The state of :func:`solver.start.periodic_state`, with the same arguments and errors.
 
-    The first step from it is Euler's, as from rest.
+    The first step from it is an Euler step, as from rest.
     """
     grid, other = model.mesh, build(model.network, model.parameters)
     found = start.periodic_state(other, drive, T, t, dt)

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..network import Network
 from .element import Element, element, lagrange
-from .elimination import CORE, Elimination, Sums, eliminate
+from .elimination import CORE, Elimination, Sums, eliminated
 
 Array = np.ndarray
 Index = Array | slice
@@ -145,7 +145,7 @@ class Mesh:
     @cached_property
     def elimination(self) -> Elimination:
         """How the system of the nodal pressures is solved."""
-        return eliminate(self.ends, self.n_nodes, self.core)
+        return eliminated(self.ends.astype(int).tobytes(), self.n_nodes, self.core)
 
     @cached_property
     def joined(self) -> Sums:

@@ -116,7 +116,7 @@ class Traced(View, NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         found: Any
-        if any(map(_is_complex, inputs)):
+        if any(hasattr(x, "has_two_parts") for x in inputs):  # a Complex, which knows what to do
             return NotImplemented
         if method == "reduce":
             found = _reduced(self.recorder, ufunc.__name__, inputs[0], **options)
@@ -136,7 +136,7 @@ class Traced(View, NDArrayOperatorsMixin):
         return out[0]
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> Any:
-        if any(map(_is_complex, types)):
+        if any(hasattr(kind, "has_two_parts") for kind in types):
             return NotImplemented
         if function in _ON_INDEX:
             return self._view(function(self.index, *inputs[1:], **options))
@@ -156,11 +156,6 @@ class Traced(View, NDArrayOperatorsMixin):
     def all(self, axis: Any = None) -> Traced:
         found = _reduced(self.recorder, "logical_and", self != 0.0, axis=axis)
         return _Guard(self.recorder, found) if axis is None else found
-
-
-def _is_complex(x: Any) -> bool:
-    """Whether it is, or is the type of, a :class:`~solver.tracing.complex.Complex`, which knows what to do."""
-    return bool(getattr(x, "has_two_parts", False))
 
 
 class _Guard(Traced):

@@ -7,7 +7,7 @@ the answer to it at one frequency. Numbers of a frequency are complex: real part
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -23,7 +23,7 @@ from ..scheme.stage import Operators, Stage, loads_of, memory_of, operators_abou
 from ..scheme.step import State
 from .complex import Complex
 from .steps import PHASES as STEP
-from .steps import Leaves, Recorded, Recording, keep, numbers
+from .steps import Leaves, Programs, Recorded, Recording, numbers
 
 Array = np.ndarray
 
@@ -37,7 +37,7 @@ PLACES = (
 )  # fmt: skip
 CORE = 8  # nodes that are inverted as a whole: of complex numbers a round costs less
 
-_programs: dict[Hashable, Recorded] = {}
+_programs = Programs()
 
 
 class Sizes(NamedTuple):
@@ -70,13 +70,9 @@ class Sizes(NamedTuple):
 
 def recorded(model: Model) -> tuple[Recorded, list[Array]]:
     """The program of the balance of a model, and the numbers that it is bound to. Raises Untraceable."""
-    leaves = Leaves()
     (own, walls), tau = numbers(model), GAMMA * model.settings.dt
-    m, walls = leaves.of((replace(own, mesh=replace(own.mesh, core=CORE)), walls))
-    key = (tau, *leaves.kind)
-    found = _programs.pop(key, None) or _Recording(leaves.recorder, m, tau).balance(leaves, walls)
-    keep(_programs, key, found)
-    return found, leaves.arrays
+    own = replace(own, mesh=replace(own.mesh, core=CORE))
+    return _programs.of((own, walls), tau, lambda r, x, leaves: _Recording(r, x[0], tau).balance(leaves, x[1]))
 
 
 class _Recording(Recording):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar
 
@@ -46,11 +46,12 @@ _MESH = ("segment", "parts", "left", "piece", "ends")
 @dataclass
 class Recorded:
     """A program, and the address of each array of numbers of its models, -1 where none needs it. checked : whether a
-    step of it was compared with NumPy's."""
+    step of it was compared with NumPy's. classes : what it was recorded from, without the network."""
 
     program: Program
     places: tuple[int, ...]
     checked: bool = False
+    classes: Hashable = ()
 
 
 # --- a model as numbers and what they belong to --------------------------------------------------------------------
@@ -60,14 +61,15 @@ class Recorded:
 class Leaves:
     """The arrays of numbers in frozen objects, in the order of their fields.
 
-    arrays : (B, n) each. kind : all else that the objects hold: models of one kind have one program. recorder : where
-    :meth:`of` makes traced arrays of one member in their place.
+    arrays : (B, n) each. kind : what else the objects hold; classes : theirs. Models that are alike in both have one
+    program. recorder : where :meth:`of` makes traced arrays of one member in their place; without one it only looks.
     """
 
-    recorder: Recorder = field(default_factory=Recorder)
+    recorder: Recorder | None = None
     arrays: list[Array] = field(default_factory=list)
     traced: list[Traced] = field(default_factory=list)
     kind: list[Hashable] = field(default_factory=list)
+    classes: list[Hashable] = field(default_factory=list)
 
     def of(self, x: Any, axis: int | None = 0) -> Any:
         """The same object with traced arrays in it; ``axis`` counts the members of a batch, None where they share x."""
@@ -77,17 +79,17 @@ class Leaves:
             self.kind.append(_facts(x))
             return x
         if is_dataclass(x) and not isinstance(x, type):
-            self.kind.append(type(x))
+            self.classes.append(type(x))
             axes: Mapping[str, int | None] = getattr(x, "MEMBER_AXIS", {})
-            named = {f.name: getattr(x, f.name) for f in fields(x) if f.init}
-            return replace(x, **{name: self.of(value, axes.get(name, 0)) for name, value in named.items()})
+            found = {f.name: self.of(getattr(x, f.name), axes.get(f.name, 0)) for f in fields(x) if f.init}
+            return replace(x, **found) if self.recorder else x
         if isinstance(x, tuple):
             parts = [self.of(part) for part in x]
             return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
         if isinstance(x, Mapping):
             self.kind.append(tuple(x))
             return {key: self.of(value) for key, value in x.items()}
-        self.kind.append(x)
+        self.classes.append(x)
         return x
 
     def _array(self, x: Array, axis: int | None) -> Any:
@@ -95,8 +97,10 @@ class Leaves:
             self.kind.append((x.shape, x.tobytes()))
             return x
         self.kind.append((x.shape[:axis], x.shape[axis + 1 :]))
-        rows = np.moveaxis(x, axis, 0)
+        rows = np.moveaxis(x, axis, 0) if axis else x
         self.arrays.append(rows.reshape(len(rows), math.prod(rows.shape[1:])))
+        if not self.recorder:
+            return x
         self.traced.append(array(self.recorder, _PHASE["bind"], (*x.shape[:axis], 1, *x.shape[axis + 1 :])))
         return self.traced[-1]
 
@@ -118,27 +122,41 @@ def numbers(model: Model) -> tuple[Any, ...]:
 
 # --- recording -----------------------------------------------------------------------------------------------------
 
-_programs: dict[Hashable, Recorded] = {}
-
 
 def recorded(model: Model, tau: float) -> tuple[Recorded, list[Array]]:
     """The program of the steps of a model with stages of length tau [s], and the numbers that it is bound to.
 
     Raises Untraceable, which says what cannot be recorded.
     """
-    leaves = Leaves()
-    m, walls = leaves.of(numbers(model))
-    key = (tau, *leaves.kind)
-    found = _programs.pop(key, None) or Recording(leaves.recorder, m, tau).all(leaves, walls)
-    keep(_programs, key, found)
-    return found, leaves.arrays
+    return _programs.of(numbers(model), tau, lambda r, own, leaves: Recording(r, own[0], tau).all(leaves, own[1]))
 
 
-def keep(programs: dict[Hashable, Recorded], key: Hashable, found: Recorded) -> None:
-    """Keep a program, and of those before it the last ones."""
-    while len(programs) >= _KEPT:
-        programs.pop(next(iter(programs)), None)
-    programs[key] = found
+class Programs:
+    """The programs of the last kinds of models."""
+
+    def __init__(self) -> None:
+        self.kept: dict[Hashable, Recorded] = {}
+
+    def of(
+        self, own: tuple[Any, ...], tau: float, record: Callable[[Recorder, tuple[Any, ...], Leaves], Recorded]
+    ) -> tuple[Recorded, list[Array]]:
+        """The program for objects, which ``record`` makes of traced ones where none of the same kind has it, and the
+        numbers in them. tau : the length of stages."""
+        looked = Leaves()
+        looked.of(own)
+        key = (tau, tuple(looked.kind), tuple(looked.classes))
+        found = self.kept.pop(key, None)
+        if found is None:
+            leaves = Leaves(Recorder())
+            found = record(leaves.recorder, leaves.of(own), leaves)
+            found.classes = tuple(looked.classes)
+        while len(self.kept) >= _KEPT:
+            self.kept.pop(next(iter(self.kept)), None)
+        self.kept[key] = found
+        return found, looked.arrays
+
+
+_programs = Programs()
 
 
 class Recording:
