@@ -45,9 +45,7 @@ def rows_of(name: str, network: Network, batches: tuple[int, ...]) -> list[Row]:
     found = []
     for B in batches:
         moduli = {"CA.E": 4e6 * np.linspace(0.9, 1.1, B)}
-        X, native = (
-            beat_harmonics(network, NAMES, K, inflow, parameters=moduli, backend=b) for b in ("numpy", "auto")
-        )
+        X, native = (beat_harmonics(network, NAMES, K, inflow, parameters=moduli, backend=b) for b in ("numpy", "auto"))
         beat = repeating_beat(network, inflow, parameters=moduli, settings=STEPS)
         run = np.stack([np.fft.rfft(beat[n][:, :-1], norm="forward")[:, : K + 1] for n in NAMES], axis=-1)
         error = float((np.abs(run - X) / np.abs(X[:, 1:]).max(axis=1, keepdims=True)).max())
