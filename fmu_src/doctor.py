@@ -35,7 +35,7 @@ from solver.host_died import ended as died
 from solver.options import Json, files_for, one_command
 from solver.progress import bar
 
-from . import content, trial
+from . import content, native_doctor, trial
 from .drive import DRIVES
 from .host import PYTHONS, TESTED
 from .interpreter import Interpreter, interpreter
@@ -83,6 +83,7 @@ class Archive:
     execution_tool: bool
     python: str
     inflow: str
+    fmi3: bool
 
 
 def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[Finding]:
@@ -93,6 +94,11 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     except _NoFMU as reason:
         return [Finding("file", FATAL, *reason.args)]
     findings = [Finding("file", OK, f"{len(archive.names)} files, {archive.size / 1024:.0f} kB, checksums right")]
+    if native_doctor.is_native(archive.names):
+        rows = native_doctor.rows(path, archive.names, archive.guid, archive.model, archive.fmi3)
+        findings += [*(Finding(*row) for row in rows), *_drive(archive)]
+        whole = not archive.fmi3 and all(finding.state == OK for finding in findings)
+        return findings + ([_trial(path, sys.executable, "report it, with this table")] if whole else [])
     findings.append(_made_here(path, archive))
     findings += [*_drive(archive), *_binaries(archive)]
     if archive.execution_tool:
@@ -105,7 +111,9 @@ def examine(fmu: str | os.PathLike[str], python: str = sys.executable) -> list[F
     findings += [*_python(where, archive.python), _numpy(where), *_host(where), *_paths(path)]
     if not any(finding.state == FATAL for finding in findings):
         known = any(finding.state == PROBLEM for finding in findings)
-        findings.append(_trial(path, where, "correct the problems above" if known else "report it, with this table"))
+        findings.append(
+            _trial(path, where.command, "correct the problems above" if known else "report it, with this table")
+        )
     return findings
 
 
@@ -155,19 +163,22 @@ def _archive(path: Path) -> Archive:
     except _UNREADABLE as error:
         raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
-    if root.tag != "fmiModelDescription" or root.get("fmiVersion") != "2.0" or simulation is None:
-        raise _NoFMU("is not an FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
+    if root.tag != "fmiModelDescription" or root.get("fmiVersion") not in ("2.0", "3.0") or simulation is None:
+        raise _NoFMU("is not an FMU for co-simulation by FMI 2.0 or 3.0", "build one with arterial-fmu build")
+    fmi3 = root.get("fmiVersion") == "3.0"
     model = simulation.get("modelIdentifier", "")
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")
     execution_tool = simulation.get("needsExecutionTool") in ("true", "1")
     host = root.find("VendorAnnotations/Tool[@name='arterial-fmu']/Host")
     python = "" if host is None else f"Python {host.get('python')} with {host.get('packages')}"
-    return Archive(names, path.stat().st_size, model, root.get("guid", ""), execution_tool, python, _inflow(root))
+    guid = root.get("instantiationToken" if fmi3 else "guid", "")
+    return Archive(names, path.stat().st_size, model, guid, execution_tool, python, _inflow(root), fmi3)
 
 
 def _inflow(root: ElementTree.Element) -> str:
     variable = root.find("ModelVariables/ScalarVariable[@name='inlet.drive']/Enumeration")
+    variable = root.find("ModelVariables/Enumeration[@name='inlet.drive']") if variable is None else variable
     start = "" if variable is None else variable.get("start", "")
     return dict(zip("12", DRIVES, strict=True)).get(start, "")
 
@@ -304,14 +315,14 @@ def _temporary() -> Path:
         return Path("/tmp")
 
 
-def _trial(path: Path, where: Interpreter, remedy: str) -> Finding:
+def _trial(path: Path, python: str, remedy: str) -> Finding:
     """One step in a new process; remedy : the remedy if it fails."""
     what = "one step"
     try:
         with unpacking_folder("doctor_") as folder:
             with zipfile.ZipFile(path) as file:
                 file.extractall(folder)
-            line = [where.command, os.fspath(Path(trial.__file__).resolve()), folder]
+            line = [python, os.fspath(Path(trial.__file__).resolve()), folder]
             done = subprocess.run(line, capture_output=True, cwd=folder, timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
         return Finding(what, PROBLEM, f"not done within {_PATIENCE:.0f} s", remedy)

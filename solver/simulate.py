@@ -248,7 +248,9 @@ class _Run:
         if start is None or start == "rest":
             return self.scheme.initial_state(self.model)
         if start == "periodic":
-            return self.scheme.periodic_state(self.model, self.drives, period, dt=self.dt)
+            return self.scheme.periodic_state(
+                self.model, self.drives, period, dt=self.dt, backend="auto" if self.backend.engine else "numpy"
+            )
         if not isinstance(start, Waveforms):
             raise InputError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:

@@ -65,7 +65,7 @@ class Wall:
 
     def shaped(self, shape: tuple[int, ...]) -> Wall:
         """The same walls with the last axis in this shape."""
-        return self._with(lambda array: np.ascontiguousarray(array.reshape(*array.shape[:-1], *shape)))
+        return self._with(lambda array: array.reshape(*array.shape[:-1], *shape).copy())
 
     def _with(self, change: Callable[[Array], Array]) -> Wall:
         held = {name: getattr(self, name) for name in _WALL_ARRAYS}

@@ -12,7 +12,7 @@ from recorded_walls import N, T, recording
 from scipy import stats
 from typer.testing import CliRunner
 
-from discrepancy.other_law import other_law
+from discrepancy.study import other_law
 from fitting.__main__ import app
 from fitting.bench import bench_network
 from fitting.cohort.file import Entry

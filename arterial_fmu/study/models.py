@@ -130,7 +130,7 @@ class NetworkModel:
         try:
             beat = repeating_beat(
                 self.network, self.flow, self.T, parameters=parameters, settings=self.settings,
-                tolerance=self.tolerance, resolved=self.tolerance, max_beats=MAX_BEATS,
+                tolerance=self.tolerance, resolved=self.tolerance, max_beats=MAX_BEATS, backend="auto",
             )  # fmt: skip
         except BROKEN as error:
             if n == 1:

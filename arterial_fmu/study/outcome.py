@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.provenance import software
+from fitting.provenance import engine, software
 from solver.legible import number
 
 from .plan import Plan
@@ -91,6 +91,7 @@ def summary(study: Study) -> dict[str, Any]:
     return {
         "model": plan.model.name,
         "software": software(),
+        "engine": engine(),
         "sets": plan.size,
         "base": plan.base,
         "seed": plan.seed,

@@ -12,9 +12,9 @@ import numpy as np
 from discrepancy import thresholds
 from discrepancy.asked import TIME_LIMIT
 from discrepancy.intervals import stated
+from discrepancy.scoring import Named
 from discrepancy.study import Study, Unusable, judge
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
 from fitting.inference.places import Place
 from fitting.inference.simulator import Runs
