@@ -215,7 +215,9 @@ def test_edited_files_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inpu
     ):
         (tmp_path / file).write_text("edited")
         done = run(*line)
-        assert done.exit_code == ExitCode.BAD_INPUT and f"{file}: is there already" in done.stderr, done.output
+        assert done.exit_code == ExitCode.BAD_INPUT and f"{file}: exists and may have been edited" in done.stderr, (
+            done.output
+        )
         assert (tmp_path / file).read_text() == "edited"
         assert run(*line, "--force").exit_code == 0
         assert (tmp_path / file).read_text() != "edited"
