@@ -4,7 +4,8 @@
 
 Sheep network, viscoelastic and elastic, a smooth inflow, batches of 1, 4, 16, 32 and 64 moduli. CPU time of one thread,
 the best of several calls in one run; the first of the engine, which records, is not among them. The error is that of a
-run in steps of 2.5 ms by NumPy, relative to the balance, of the worst harmonic of P, Q and R at the ten sites. Nothing here is asserted: see tests/test_harmonics.py.
+run in steps of 2.5 ms by NumPy, relative to the balance, of the worst harmonic of P, Q and R at the ten sites. Nothing
+here is asserted: see tests/test_harmonics.py and tests/test_native_balance.py.
 """
 
 from __future__ import annotations
@@ -45,9 +46,7 @@ def rows_of(name: str, network: Network, batches: tuple[int, ...]) -> list[Row]:
     found = []
     for B in batches:
         moduli = {"CA.E": 4e6 * np.linspace(0.9, 1.1, B)}
-        X, native = (
-            beat_harmonics(network, NAMES, K, inflow, parameters=moduli, backend=b) for b in ("numpy", "auto")
-        )
+        X, native = (beat_harmonics(network, NAMES, K, inflow, parameters=moduli, backend=b) for b in ("numpy", "auto"))
         beat = repeating_beat(network, inflow, parameters=moduli, settings=STEPS)
         run = np.stack([np.fft.rfft(beat[n][:, :-1], norm="forward")[:, : K + 1] for n in NAMES], axis=-1)
         error = float((np.abs(run - X) / np.abs(X[:, 1:]).max(axis=1, keepdims=True)).max())
