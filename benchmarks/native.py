@@ -2,8 +2,9 @@
 
     python benchmarks/native.py [--json FILE] [--small]
 
-How far the two are apart, too. One thread; the best of several stretches of a beat, NumPy's and the engine's by turns. Recording is what the first
-model of a kind costs, binding what each further one does. Nothing here is asserted: see the tests.
+How far the two are apart, too. One thread; the best of several stretches of a beat, NumPy's and the engine's by
+turns. Recording is what the first model of a kind costs, binding what each further one does. Nothing here is
+asserted: see the tests.
 """
 
 from __future__ import annotations
