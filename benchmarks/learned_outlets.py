@@ -5,9 +5,9 @@
 Records of the sheep by the generator of tests/truth, the first of the tuning plan of group outside_walls (networks,
 every wall off by itself) in which a reflection swings with time over the beat, R_t + s sin 2π(t/T - p), with a d' of 30
 or more. Of each a source map is made, and from it what `discover` offers where nothing of the catalogue explains it: a
-law of the outlet's state if one is worth its price, and tables. Gaps to held-out beats are whitened RMS: through the FMU
-by the noise of the sensors, and (held out) by all noise, that of the inflow too, of which 1 is what the true law, an R_t
-that swings, would leave. Nothing is asserted.
+law of the outlet's state if one is worth its price, and tables. Gaps to held-out beats are whitened RMS: through the
+FMU by the noise of the sensors, and (held out) by all noise, that of the inflow too, of which 1 is what the true law,
+an R_t that swings, would leave. Nothing is asserted.
 """
 
 from __future__ import annotations
