@@ -13,7 +13,7 @@ from fitting.inference.fit import Fit
 from fitting.inference.hierarchy import with_widths
 from fitting.inference.network import NetworkProblem
 from fitting.inference.unknown import quantile
-from fitting.provenance import software
+from fitting.provenance import engine, software
 from fitting.records.record import Record
 from fitting.records.sensors import UnusableRecord
 from solver.network import Network
@@ -140,6 +140,7 @@ def summary(record: Record, model: str | os.PathLike[str], study: Study, naming:
             "gap_as_given": pair_json(shown.given.gap.total),
             "thresholds": decided(),
             "software": software(),
+            "engine": engine(),
         },
     )  # fmt: skip
 

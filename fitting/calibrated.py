@@ -15,7 +15,7 @@ from solver.units import SIGNAL_UNITS
 
 from .inference.unknown import Unknown, quantile
 from .parameter_set import ParameterSet, Value, unit_of
-from .provenance import software
+from .provenance import engine, software
 from .records.noise import degrees_of_freedom
 
 Array = np.ndarray
@@ -56,8 +56,8 @@ class Calibration:
     values, ci95 : SI, by FMU variable name, common to the recordings. shrinkage : posterior over prior standard
     deviation, None without a prior. chi2, dof : of the data, by their noise alone. model_errors : of means and of
     harmonics, relative to each channel's pulsation (rms; :mod:`fitting.inference.calibration`), 0 if the model explains
-    the record; the covariance includes them. singular_values : of the whitened Jacobian in prior units, largest first, 0
-    below its own error. report : undetermined parameters, active bounds, misfit, one sentence each.
+    the record; the covariance includes them. singular_values : of the whitened Jacobian in prior units, largest first,
+    0 below its own error. report : undetermined parameters, active bounds, misfit, one sentence each.
     history : cost after each iteration of both searches. simulations : number of simulated parameter sets. others : the
     network's fixed parameters [SI]. Intervals are Student's t with 4 (beats - 1) degrees of freedom per recording, from
     the estimate of the noise.
@@ -165,6 +165,7 @@ class Calibration:
             **({"recordings": {each.label: _plain(each) for each in self.recordings}} if more else {}),
             "report": list(self.report),
             "software": software(),
+            "engine": engine(),
         }  # fmt: skip
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 
