@@ -29,9 +29,9 @@ from rich.table import Table
 from benchmarks.learned import fmu_of, record_of
 from discrepancy.described import described
 from discrepancy.learning import learnt, stands
+from discrepancy.scoring import weighed
 from discrepancy.study import prepare
 from discrepancy.verdict import Naming
-from discrepancy.weigh import weighed
 from fitting.inference.added import extended
 from fitting.inference.network import NetworkProblem
 from fitting.inference.simulator import Runs

@@ -1,9 +1,10 @@
-"""The compiled engine against NumPy: CPU time of a step with its outputs, in one run, and how far the two are apart.
+"""The compiled engine against NumPy: CPU time of a step with its outputs, in one run, and the difference of the
+results.
 
     python benchmarks/native.py [--json FILE] [--small]
 
-One thread; the best of several stretches of a beat, NumPy's and the engine's by turns. Recording is what the first
-model of a kind costs, binding what each further one does. Nothing here is asserted: see the tests.
+One thread; the best of several stretches of a beat, NumPy and the engine alternately. Recording is the cost of the
+first model of a kind, binding that of each further one. Nothing here is asserted: see the tests.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class Ends:
         return numbers
 
     def load(self, wall: Wall, tau: float) -> Load:
-        """The condition over an implicit stage of length tau [s], with what effects let out beside it."""
+        """The condition over an implicit stage of length tau [s], plus the flow that effects add to it."""
         load = self.kind.load(self.numbers, wall, tau)
         for effect, values in self.outflows:
             load = load.beside(partial(effect.outflow, values=values))
@@ -211,7 +211,7 @@ def coefficients(
 
 
 def changes(effect: Effect, hook: str) -> bool:
-    """Whether an effect has a hook of its own."""
+    """Whether an effect overrides a hook."""
     return getattr(type(effect), hook, None) is not getattr(Effect, hook, None)
 
 

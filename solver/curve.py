@@ -64,7 +64,7 @@ class Curve:
             raise InputError(f"interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
         if self.interpolation != "fourier":
             if self.harmonics:
-                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; leave it out.")
+                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; omit it.")
             return
         most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
         if not 1 <= self.harmonics <= most:

@@ -56,7 +56,7 @@ class Wall:
     learned: Array | None = None
     moment: Moment | None = None
 
-    # which counts the members of a batch, where it is not the first
+    # the axis of the members of a batch, if it is not the first
     MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"tau": 1, "share": 1, "learned": 1}
 
     def at(self, index: Array | slice) -> Wall:

@@ -147,8 +147,9 @@ class Programs:
         key = (tau, tuple(looked.kind), tuple(looked.classes))
         found = self.kept.pop(key, None)
         if found is None:
-            leaves = Leaves(Recorder())
-            found = record(leaves.recorder, leaves.of(own), leaves)
+            recorder = Recorder()
+            leaves = Leaves(recorder)
+            found = record(recorder, leaves.of(own), leaves)
             found.classes = tuple(looked.classes)
         while len(self.kept) >= _KEPT:
             self.kept.pop(next(iter(self.kept)), None)
