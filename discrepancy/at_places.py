@@ -25,9 +25,8 @@ from solver.effect import ALL_PLACES, CHANNEL, WALL
 from solver.errors import InputError
 
 from . import thresholds as at
-from .compare import Compared, exact
-from .outliers import implausible
-from .weigh import names_of, promised
+from .animal import implausible
+from .scoring import Compared, exact, names_of, promised, there
 
 Array = np.ndarray
 
@@ -238,9 +237,9 @@ def refitted(
     white = wide.target.whiten(found.J)
     known = {u.name: column for u, column in zip(found.unknowns, white.T, strict=True)}
     members = [_member(problem, found, laws) for laws in hypotheses]
-    seen = [f for f in wide.searched_from(members, runs, known) if f is not None]
+    seen = there(wide.searched_from(members, runs, known))
     seen = [f for f in seen if not explaining or is_noise(f.chi2, len(f.z))]
-    return [f for f in problem.relaxed(problem.restated(seen, wide), runs) if f is not None]
+    return there(problem.relaxed(problem.restated(seen, wide), runs))
 
 
 def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...], runs: Runs) -> Iterator[Compared]:
@@ -283,8 +282,9 @@ def _also_promising(result: Compared, columns: Mapping[str, Array], runs: Runs) 
     near = [t for k, (score, t) in enumerate(gained) if k < at.FEW or score < gained[0][0] + at.RULED_OUT]
     worth = {t.label for score, t in gained if score < best - at.FIRST}
     chosen = [t for t in near if t.label in worth - tried]
-    fits = result.problem.refit([(t,) for t in chosen], base, runs, columns) if chosen else []
-    return result.joined_by([f for f in fits if f is not None]).polished(runs) if chosen else result
+    if not chosen:
+        return result
+    return result.joined_by(result.problem.refit([(t,) for t in chosen], base, runs, columns)).polished(runs)
 
 
 def _of_the_file(result: Compared, found: SourceMap, runs: Runs) -> Compared:
@@ -337,13 +337,13 @@ def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], ru
     first, problem = result.best.fit, result.problem
     if len(first.terms) >= at.MOST_EFFECTS or (found.explains and len(found.places) == 1 and not result.best.explains):
         return []
-    there = {t.label for t in first.terms}
-    able = [t for t in result.sought if t.label not in there and not t.rewires and joins(t, first.terms)]
+    labels = {t.label for t in first.terms}
+    able = [t for t in result.sought if t.label not in labels and not t.rewires and joins(t, first.terms)]
     others = [t for t in able if any(acts_at(t, place) or in_segment(t, place) for place in left)]
     columns = problem.columns(first, others, runs)
     best, gained = promised(first, others, columns)
     both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
-    return [f for f in problem.refit(both, first, runs, columns) if f is not None] if both else []
+    return there(problem.refit(both, first, runs, columns)) if both else []
 
 
 def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
@@ -363,7 +363,7 @@ def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
                 own = x | dict(zip((u.name for u in fit.terms[0].unknowns), _own(fit), strict=True))
                 unknowns = problem.hypothesis(terms)
                 members.append(Member(terms, unknowns, np.array([own.get(u.name, 0.0) for u in unknowns])))
-    return [f for f in problem.searched_from(members, runs, best.columns) if f is not None] if members else []
+    return there(problem.searched_from(members, runs, best.columns)) if members else []
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:
@@ -376,4 +376,4 @@ def _refined(result: Compared, runs: Runs) -> list[Fit]:
                 hypotheses.append((*first.terms[:i], finer, *first.terms[i + 1 :]))
                 if len(first.terms) > 1:  # the other one may have stood in for it
                     hypotheses.append((finer,))
-    return [f for f in problem.refit(hypotheses, first, runs) if f is not None] if hypotheses else []
+    return there(problem.refit(hypotheses, first, runs)) if hypotheses else []

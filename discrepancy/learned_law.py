@@ -10,6 +10,8 @@ from fitting.estimate import Estimate
 from solver import effects
 from solver.network import Network
 
+from .recorded import pair_json
+
 
 @dataclass(frozen=True)
 class LearnedLaw:
@@ -50,7 +52,6 @@ class LearnedLaw:
 def law_json(law: LearnedLaw) -> dict[str, Any]:
     """The plain content of verdict.json."""
     state = "pressure" if law.of_outlet else "strain"
-    before, after = ({"fit": pair[0], "held_out": pair[1]} for pair in (law.before, law.after))
     return {
         "name": law.name,
         "explains": law.explains,
@@ -60,5 +61,5 @@ def law_json(law: LearnedLaw) -> dict[str, Any]:
         "seen": {s: {state: [low, high], "rate": rate} for s, (low, high, rate) in law.seen.items()},
         "beside": law.beside,
         "instead": law.instead,
-        "gap": {"before": before, "after": after},
+        "gap": {"before": pair_json(law.before), "after": pair_json(law.after)},
     }

@@ -40,13 +40,12 @@ from solver.network import Network, Site
 from solver.simulate import BROKEN
 
 from . import thresholds as at
-from .confirm import agreement
 from .described import Runner, described, with_network
 from .learned_law import LearnedLaw
-from .show import Run, fall, gap
+from .scoring import there, weighed
+from .show import Run, agreement, fall, gap
 from .study import Study
 from .verdict import Naming
-from .weigh import weighed
 
 Array = np.ndarray
 
@@ -144,9 +143,7 @@ def in_range(problem: Forward, ranges: Mapping[str, float]) -> Forward:
 
 def _again(problem: Forward, fit: Fit, runs: Runs) -> list[Fit]:
     """A fit searched on from where it is under the weights of this problem."""
-    network = problem.site is None
-    found = problem.refine([fit], runs) if network else problem.refit([fit.terms], fit, runs)
-    return [f for f in found if f is not None]
+    return there(problem.refit([fit.terms], fit, runs) if problem.site else problem.refine([fit], runs))
 
 
 @dataclass(frozen=True)
@@ -252,8 +249,8 @@ def _places(naming: Naming, effect: Effect, problem: Forward) -> list[str]:
     if naming.map is None:
         return []
     near = [p for r in naming.map.rivals if r.above < at.RULED_OUT for p in r.places]
-    there, kinds = effect.where(problem.network), {effect.source, OUTFLOW if effect.source == OUTLET else ""}
-    found = [p.name for p in (*naming.map.places, *near) if p.kind in kinds and p.name in there]
+    places, kinds = effect.where(problem.network), {effect.source, OUTFLOW if effect.source == OUTLET else ""}
+    found = [p.name for p in (*naming.map.places, *near) if p.kind in kinds and p.name in places]
     return list(dict.fromkeys([*found, ALL_PLACES])) if found else []
 
 

@@ -47,7 +47,7 @@ _ERRORS = (NonPhysicalState, NotPeriodic, RunFailed, HostDied)  # further errors
 Law = Annotated[
     str | None,
     typer.Option(
-        help="Elastic law: beta (the paper's network) or regression (the paper's fit); default: both, weighed."
+        help="Elastic law: beta (the paper's network) or regression (the paper's fit); default: both, by evidence."
     ),
 ]
 
@@ -66,7 +66,7 @@ def fit_command(
     law: Law = None,
     eta: Annotated[float, typer.Option(help="Poisson's ratio.")] = 0.5,
     period: Period = None,
-    lag: Annotated[bool, typer.Option("--lag", help="Fit a time lag between P and R, too.")] = False,
+    lag: Annotated[bool, typer.Option("--lag", help="Also fit a time lag between P and R.")] = False,
     replicates: Annotated[int, typer.Option("--bootstrap", help="Bootstrap replicates; 0: none.")] = 200,
     out: Annotated[Path | None, typer.Option(help="Write the parameter set: .json or .ssv.")] = None,
     figure: Annotated[
@@ -264,7 +264,7 @@ def _objection(kept: WallFit, beats: Beats, options: dict[str, Any]) -> list[str
         if kept.evidence is None:
             best = fit(beats, kept.site, kept.h, kept.model.name, **options)
             if best.evidence is not None and best.evidence.decided and best.model.elastic != kept.model.elastic:
-                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record speaks for {best.law}."]
+                return [f"{kept.site}: --law {kept.model.elastic} was given, but the record favours {best.law}."]
     return []
 
 

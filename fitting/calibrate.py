@@ -114,7 +114,7 @@ def _weighted(problem: Problem, near: Ended) -> tuple[Problem, list[str]]:
         try:
             errors[-1] = solver_error(batch[0], finer.simulate(x[part.which][None])[0], pulse)
         except BROKEN:
-            unmeasured = ["with shorter elements no beat was found, so that the solver's own error is not measured"]
+            unmeasured = ["no beat was found with shorter elements, so the solver's own error was not measured"]
     return problem.with_targets(x, errors), unmeasured
 
 
@@ -282,6 +282,6 @@ def _misfit(ratio: float, dof: float, recordings: Sequence[Recording], errors: A
     weighed = f"weighed as if harmonics were off by {rest} of each channel's pulsation (rms), means by {means} (sd)"
     return [
         f"the network does not explain the record to its noise: chi2/dof = {ratio:.3g}, worst in {where} "
-        f"({one.channels[worst]:.3g} times its noise); rms of what is left{there}: {sizes(one.rms, one.channels)}; "
+        f"({one.channels[worst]:.3g} times its noise); rms residual{there}: {sizes(one.rms, one.channels)}; "
         + (weighed if errors.any() else f"the intervals are widened by {math.sqrt(ratio):.3g}")
     ]

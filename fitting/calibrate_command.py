@@ -44,7 +44,9 @@ from .records.record import read_record
 
 Varies = Annotated[
     list[str] | None,
-    typer.Option(help='What of --free has a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'),
+    typer.Option(
+        help='Unknowns of --free with a value for each recording, repeatable: "*.outlet.R2", "all.outlet.R2".'
+    ),
 ]
 
 
@@ -56,7 +58,7 @@ def calibrate_command(
     free: Annotated[
         list[str],
         typer.Option(
-            help='What to find, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
+            help='Unknowns to fit, repeatable: "all.E", "CA.phi0:0.1" (prior sd), "CA+FA.E:none", "all.outlet.R_t".'
         ),
     ],
     out: Annotated[

@@ -15,7 +15,7 @@ from solver.units import SIGNAL_UNITS
 
 from .inference.unknown import Unknown, quantile
 from .parameter_set import ParameterSet, Value, unit_of
-from .provenance import software
+from .provenance import engine, software
 from .records.noise import degrees_of_freedom
 
 Array = np.ndarray
@@ -165,6 +165,7 @@ class Calibration:
             **({"recordings": {each.label: _plain(each) for each in self.recordings}} if more else {}),
             "report": list(self.report),
             "software": software(),
+            "engine": engine(),
         }  # fmt: skip
         return ParameterSet(name or f"{self.network} calibrated", values, self.laws, provenance)
 

@@ -181,7 +181,7 @@ def check(
 def _plan(
     parameters: ParameterSet, fmu: FMU, record: Record
 ) -> tuple[str, str, str, tuple[str, ...], dict[str, float | str]]:
-    """Mode, input that is driven, channel that drives it, channels to compare, start values."""
+    """Mode, driven input, driving channel, channels to compare, start values."""
     starts = parameters.start_values()
     further = [name for name in fmu.inputs if name.endswith((".inlet.Q", ".inlet.P"))]
     if further:

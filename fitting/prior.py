@@ -55,11 +55,11 @@ def read_prior(path: str | os.PathLike[str], network: Network) -> Prior:
     if not Path(path).is_file():
         raise InputError(f"{path}: there is no such file; {_AGAIN}.")
     if Path(path).suffix.lower() != ".json":  # an .ssv file has values alone
-        raise InputError(f"{path}: is no .json file, and other files hold no covariance; {_AGAIN}.")
+        raise InputError(f"{path}: is not a .json file, and other files contain no covariance; {_AGAIN}.")
     found = read_set(path)
     origin = found.provenance
     if origin.get("method") != "network calibration":
-        raise InputError(f"{path}: is no result of a calibration of a network, and has no covariance; {_AGAIN}.")
+        raise InputError(f"{path}: is not the result of a calibration of a network, and has no covariance; {_AGAIN}.")
     if origin.get("network") != network.name:
         raise InputError(
             f"{path}: is the calibration of network {origin.get('network')}, not of {network.name}; give the network "

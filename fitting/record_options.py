@@ -45,8 +45,8 @@ Mapped = Annotated[
         "--map",
         metavar="TITLE=VARIABLE",
         is_eager=True,
-        help='Which column is what, by title or number, repeatable: "Druck=AA.P [mmHg]", "2=inlet.Q [mL/s]", '
-        '"Q.csv:2=…" of one file of several; "ECG=" leaves one out.',
+        help='Assign a column to a variable, by title or number, repeatable: "Druck=AA.P [mmHg]", "2=inlet.Q [mL/s]", '
+        '"Q.csv:2=…" for one file of several; "ECG=" ignores one.',
     ),
 ]
 Beside = Annotated[
@@ -70,11 +70,11 @@ Decimal = Annotated[
     str | None, typer.Option("--decimal", is_eager=True, help="Decimal mark: comma or point; default: found.")
 ]
 AsMeasured = Annotated[
-    bool, typer.Option("--as-measured", help="Take values that no artery has as they are: a phantom, a vein.")
+    bool, typer.Option("--as-measured", help="Accept values that no artery has, as of a phantom or a vein.")
 ]
 Period = Annotated[str | None, typer.Option(help='Period of the beat, e.g. "0.5 s"; default: found.')]
 Columns = Annotated[
-    bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and end; with --json, too.")
+    bool, typer.Option("--columns", callback=_look, help="Show the columns of the record and exit; also with --json.")
 ]
 
 
@@ -86,7 +86,7 @@ Further = Annotated[
 ]
 HeldOutFiles = Annotated[
     list[Path] | None,
-    typer.Option("--hold-out", metavar="FILE", help="A recording that is not fitted but judged by, repeatable."),
+    typer.Option("--hold-out", metavar="FILE", help="A held-out recording for validation, repeatable."),
 ]
 
 
@@ -99,7 +99,7 @@ def check_one(beside: Sequence[object] | None, recordings: int) -> None:
 def not_judged(path: str | os.PathLike[str], error: Exception) -> str:
     """The sentence for a held-out recording that cannot be used; the result stands without it."""
     source = os.fspath(path)
-    return f"{source}: it was held out and is not judged: {str(error).removeprefix(f'{source}: ')}"
+    return f"{source}: it was held out and cannot be compared: {str(error).removeprefix(f'{source}: ')}"
 
 
 def seconds(text: str | None, name: str) -> float | None:

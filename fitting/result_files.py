@@ -18,7 +18,7 @@ def check_unmixed(folder: Path, command: str) -> None:
     """Raise ValueError if a folder contains the results of another command."""
     for other, names in _SIGNS.items():
         if other != command and any((folder / name).exists() for name in names):
-            raise InputError(f"{folder}: it holds the results of {other}; give {command} another folder (--out).")
+            raise InputError(f"{folder}: it contains the results of {other}; give {command} another folder (--out).")
 
 
 def json_text(content: Any, indent: int = 2) -> str:

@@ -88,10 +88,10 @@ class Starts:
         settled = [each for each in others if each.settled]
         said += [self._other(each) for each in settled[:_SHOWN]]
         if len(settled) > _SHOWN:
-            said.append(f"{len(settled) - _SHOWN} more ends with higher cost are in the parameter set")
+            said.append(f"{len(settled) - _SHOWN} further minima with higher cost are in the parameter set")
         lost = sum(len(each.starts) for each in others if not each.settled)
         if lost:
-            said.append(f"{lost} of {self.starts} starts did not settle anywhere")
+            said.append(f"{lost} of {self.starts} starts did not converge")
         if self.failures:
             (why, _), *_ = Counter(self.failures.values()).most_common(1)
             said.append(f"{len(self.failures)} of {self.starts} starts could not be simulated: {why.rstrip('.')}")
@@ -105,7 +105,7 @@ class Starts:
         return (
             f"{len(other.starts)} of {self.starts} starts settled elsewhere, with cost {cost:.4g} instead of "
             f"{lowest:.4g}: {values} (SI)"
-            + ("; the record does not tell the two apart" if cost - lowest < _ALIKE else "")
+            + ("; the record cannot distinguish the two" if cost - lowest < _ALIKE else "")
         )
 
     def plain(self) -> dict[str, Any]:

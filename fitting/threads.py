@@ -17,7 +17,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 ENVIRONMENT = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-"""What makes a process of its own do the same."""
+"""Environment that does the same for a new process."""
 
 
 def single_threaded(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -128,7 +128,7 @@ class Workers:
     # --- in the thread of a process ---------------------------------------------------------------------------------
 
     def _begin(self, module: str) -> None:
-        """Start a process that has imported a module; without one, what is asked of it fails."""
+        """Start a process that has imported a module; if it does not start, its tasks fail."""
         self._mine.process = None
         paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
         command = [sys.executable, "-P", "-m", __name__, module]
@@ -141,7 +141,7 @@ class Workers:
                     env={**os.environ, **ENVIRONMENT, "PYTHONPATH": paths},
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
-                    stderr=subprocess.DEVNULL,  # what goes wrong there is said here
+                    stderr=subprocess.DEVNULL,  # this process reports errors there
                     process_group=0,  # so that Ctrl-C comes here alone, and all that it starts can be ended with it
                 )
             except OSError:

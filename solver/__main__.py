@@ -94,7 +94,7 @@ def _settings(
     for option, value in ({"--element-length": element_length} if muscl else volumes).items():
         if value is not None:
             whose = "staggered" if muscl else "muscl"
-            raise InputError(f"{option} belongs to --scheme {whose}; ask for that, or leave {option} out.")
+            raise InputError(f"{option} belongs to --scheme {whose}; select that scheme, or omit {option}.")
     if not muscl:
         return Settings(dt, typed_quantity(element_length or "5 cm", "m", "--element-length"))
     own, length = MusclSettings(), typed_quantity(cell or "5 mm", "m", "--cell")

@@ -40,7 +40,8 @@ class Term:
         """(n,) where it is active in any member of the batch."""
         neutral, how = self.effect.neutral, (*self.effect.how, *self.effect.along)
         switches = {key: value for key, value in self.values.items() if key not in how}
-        return np.any([np.any(value != neutral[key], axis=0) for key, value in switches.items()], axis=0)
+        each = [np.any(value != neutral[key], axis=0) for key, value in switches.items()]
+        return np.any(np.stack(each), axis=0)
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Ends:
         return numbers
 
     def load(self, wall: Wall, tau: float) -> Load:
-        """The condition over an implicit stage of length tau [s], with what effects let out beside it."""
+        """The condition over an implicit stage of length tau [s], plus the flow that effects add to it."""
         load = self.kind.load(self.numbers, wall, tau)
         for effect, values in self.outflows:
             load = load.beside(partial(effect.outflow, values=values))
@@ -164,11 +165,13 @@ def batch_size(parameters: Parameters) -> int | None:
     return sizes[first][0] if sizes else None
 
 
-def coefficients(network: Network, parameters: Parameters | None = None, *, checked: bool = True) -> Coefficients:
+def coefficients(
+    network: Network, parameters: Parameters | None = None, *, checked: bool = True, every: bool = False
+) -> Coefficients:
     """The coefficients of a network with some parameters replaced by numbers or by arrays of B numbers.
 
     checked : whether the parameters must be allowed: then raises ValueError for an unknown name, a value out of range,
-    or arrays of different lengths.
+    or arrays of different lengths. every : whether effects that the network holds count as on where they are neutral.
     """
     parameters = parameters or {}
     if checked:
@@ -176,9 +179,10 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
     size = batch_size(parameters)
     numbers = _Numbers(network, parameters, size or 1)
     segments, fluid = numbers.owners["segment"], numbers.owners["fluid"]
-    terms = tuple(term for term in map(numbers.term, effects.ALL) if term is not None and term.on.any())
+    held = (term for term in map(numbers.term, effects.ALL) if term is not None)
+    terms = tuple(term for term in held if every or term.on.any())
     rho, nu = numbers.of(fluid, "rho"), numbers.of(fluid, "nu")
-    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones((numbers.size, 1))
+    C_f, alpha = numbers.of(fluid, "friction") * np.pi * nu, np.ones_like(rho)
     junctions: Mapping[str, Array] = {"k": np.zeros((numbers.size, len(network.junctions)))}
     for term in terms:
         if term.effect.owner == "fluid":
@@ -187,7 +191,7 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
         if term.effect.owner == "junction":
             junctions = term.effect.junction(junctions, term.values)
     outlets = _outlets(numbers, tuple(term for term in terms if term.effect.owner == "outlet"))
-    P_venous = np.empty((numbers.size, len(network.outlets)))
+    P_venous = np.empty_like(rho, shape=(numbers.size, len(network.outlets)))
     for ends in outlets:
         P_venous[:, ends.index] = ends.numbers["P_venous"]
     return Coefficients(
@@ -207,7 +211,7 @@ def coefficients(network: Network, parameters: Parameters | None = None, *, chec
 
 
 def changes(effect: Effect, hook: str) -> bool:
-    """Whether an effect has a hook of its own."""
+    """Whether an effect overrides a hook."""
     return getattr(type(effect), hook, None) is not getattr(Effect, hook, None)
 
 
@@ -216,13 +220,14 @@ class _Numbers:
 
     def __init__(self, network: Network, parameters: Parameters, size: int) -> None:
         self.network, self.parameters, self.size = network, parameters, size
+        self.like = next(iter(parameters.values()), 0.0)  # of the kind of array that numbers are
         self.owners: dict[str, list[tuple[str, Any]]] = defaultdict(list)
         for prefix, owner in network.owners():
             self.owners[owner.OWNER].append((prefix, owner))
 
     def of(self, owners: Sequence[tuple[str, Any]], key: str, otherwise: float | None = None) -> Array:
         """(B, n): the number behind a key of every owner, ``otherwise`` if an owner does not have it."""
-        values = np.empty((self.size, len(owners)))
+        values = np.empty_like(self.like, float, shape=(self.size, len(owners)))
         for i, (prefix, owner) in enumerate(owners):
             values[:, i] = self.parameters.get(f"{prefix}.{key}", _number(owner, key, otherwise))
         return values

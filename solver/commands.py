@@ -80,9 +80,9 @@ def import_csv(
         check_destinations(out, given=[table])
         sections = read_sheet(table)
         if set(sections["inlet"]) == {"segment"}:
-            half_sine = "the table says nothing of the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
+            half_sine = "the table does not define the inlet, which gets a half-sine of 55 mL/s in 0.5 s"
             lines = '# inlet.Q_max = "90 mL/s" and # inlet.T = "0.8 s", or # inlet.Q = "flow.csv"'
-            say_notes([f"{half_sine}; for another write above the table {lines}."], aside=as_json)
+            say_notes([f"{half_sine}; to define another, write above the table {lines}."], aside=as_json)
         folder = (out or Path()).parent
         _write(_seen_from(folder, sections, table.parent), table, out, force, as_json, folder)
 

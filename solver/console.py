@@ -48,7 +48,7 @@ def faults() -> Iterator[None]:
     except Exception:
         traceback.print_exc()
         complain(
-            "This is a fault of the program, not of what you gave it: please report it, with your command and the "
+            "This is a bug in the program, not an error in your input: please report it, with your command and the "
             "lines above. No file was left half written."
         )
         raise SystemExit(ExitCode.FAULT) from None

@@ -64,7 +64,7 @@ class Curve:
             raise InputError(f"interpolation = {self.interpolation!r}: must be {' or '.join(INTERPOLATIONS)}.")
         if self.interpolation != "fourier":
             if self.harmonics:
-                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; leave it out.")
+                raise InputError(f"harmonics = {self.harmonics}: only a Fourier series has them; omit it.")
             return
         most = min(_MOST_HARMONICS, (len(self.t) - 2) // 2)
         if not 1 <= self.harmonics <= most:
@@ -149,8 +149,8 @@ class Curve:
         """The mean over a period: that of the straight pieces plus that of the cubic part, -h³ (M_i + M_{i+1})/24;
         a_0."""
         if self.interpolation == "fourier":
-            return float(self._coefficients[0].real)
-        t, y, M = self._numbers
+            return float(self.coefficients[0].real)
+        t, y, M = self.numbers
         h = np.diff(t)
         whole = 0.5 * h * (y[1:] + y[:-1]) - h**3 / 24.0 * (M[1:] + M[:-1])
         return float(whole.sum() / self.period)
@@ -159,8 +159,8 @@ class Curve:
         """Values at fractions of the period, any shape; the curve repeats beyond 1."""
         if self.interpolation == "fourier":
             turn = np.exp(2j * np.pi * np.mod(np.asarray(phase, float), 1.0))
-            return np.asarray(np.polyval(self._coefficients[::-1], turn).real)
-        t, y, M = self._numbers
+            return np.asarray(np.polyval(self.coefficients[::-1], turn).real)
+        t, y, M = self.numbers
         x = np.mod(np.asarray(phase, float), 1.0) * self.period
         i = np.clip(np.searchsorted(t, x, side="right") - 1, 0, len(t) - 2)
         h = t[i + 1] - t[i]
@@ -169,7 +169,7 @@ class Curve:
         return left * y[i] + right * y[i + 1] + cubic * h * h / 6.0
 
     @cached_property
-    def _numbers(self) -> tuple[Array, Array, Array]:
+    def numbers(self) -> tuple[Array, Array, Array]:
         """t, values and second derivatives M, the last equal to the first."""
         t, y = np.array(self.t), np.array(self.values)
         if self.interpolation == "linear":
@@ -190,7 +190,7 @@ class Curve:
         return _harmonics(np.array(self.t[:-1]) / self.period, self.harmonics)
 
     @cached_property
-    def _coefficients(self) -> Array:
+    def coefficients(self) -> Array:
         """a_k - i b_k : (K + 1,)."""
         K = self.harmonics
         found = np.linalg.lstsq(self._waves, np.array(self.values[:-1]), rcond=None)[0]

@@ -57,7 +57,7 @@ def _carried(fmu: str | os.PathLike[str]) -> str:
         with zipfile.ZipFile(fmu) as archive:
             return archive.read("resources/network.toml").decode("utf-8")
     except KeyError:
-        raise InputError(f"{fmu}: it carries no network of arteries; give the FMU of one, or a network file.") from None
+        raise InputError(f"{fmu}: it contains no network of arteries; give the FMU of one or a network file.") from None
     except OSError as error:
         raise InputError(f"{fmu}: cannot be read ({error.strerror}); check the path.") from None
     except (zipfile.BadZipFile, zlib.error, UnicodeDecodeError):
@@ -74,7 +74,7 @@ def loads(text: str, name: str, folder: Path | None = None) -> Network:
     except ValueError as error:  # TOMLDecodeError, or an integer of thousands of digits
         if text.lstrip("\ufeff").startswith("time"):
             raise InputError(
-                f"{name}: not a network file but a recording (CSV); give the network that it is of."
+                f"{name}: not a network file but a recording (CSV); give the network of this recording."
             ) from None
         if not isinstance(error, tomllib.TOMLDecodeError):
             raise InputError(f"{name}: not valid TOML: an integer of thousands of digits; correct it.") from None
@@ -179,7 +179,7 @@ def _further_inlet(segment: str, table: Mapping[str, Any], folder: Path | None, 
     """A further inlet, which shares the period T [s] of the first one."""
     where = f"{segment}.inlet"
     if "segment" in table:
-        raise InputError(f"{where}.segment: the name of the section says it; leave it out.")
+        raise InputError(f"{where}.segment: the name of the section defines it; omit it.")
     period = {} if inlet_curves.signals(table) else {"T": T}
     return _inlet({**period, **table, "segment": segment}, folder, where)
 
@@ -190,7 +190,7 @@ def _inlet(table: Mapping[str, Any], folder: Path | None, where: str = "inlet") 
     numbers = _numbers(Inlet, where, {key: table[key] for key in quantities(Inlet) if key in table})
     segment, signals = _text(table, "segment", where), inlet_curves.signals(table)
     for other in (*signals[1:], *(["Q_max"] if signals and "Q_max" in table else [])):
-        raise InputError(f"{where}: {signals[0]} and {other} each say what is given there; keep one of them.")
+        raise InputError(f"{where}: {signals[0]} and {other} both prescribe the inlet; keep one of them.")
     curve = inlet_curves.read(table, where, folder, numbers.get("T"))
     given = "flow" if curve is None else CAUSALITY[curve.signal]
     causality = _text({"causality": given, **table}, "causality", where)

@@ -46,7 +46,7 @@ def read(table: Mapping[str, Any], where: str, folder: Path | None, period: floa
     found = signals(table)
     for key in _OF_TABLES:
         if key in table and not any(signal in CAUSALITY for signal in found):
-            raise InputError(f"{where}.{key}: it belongs to a table; give Q or P too.")
+            raise InputError(f"{where}.{key}: it belongs to a table; also give Q or P.")
     if not found:
         return None
     made = _of_table(found[0], table, where, folder) if found[0] in CAUSALITY else None
@@ -96,7 +96,7 @@ def _of_table(signal: str, table: Mapping[str, Any], where: str, folder: Path | 
     if "t" in table:
         raise InputError(f"{where}.t: the times are in the table; leave t out.")
     if folder is None and not Path(given).is_absolute():
-        raise InputError(f"{name} = {given!r}: text has no folder to look in; read the network from its file.")
+        raise InputError(f"{name} = {given!r}: text has no folder for tables; read the network from its file.")
     return read_signal(signal, (folder or Path()) / given)
 
 

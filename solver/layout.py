@@ -68,7 +68,7 @@ def lanes(network: Network) -> list[Lane]:
     for i, node in enumerate(start):
         leaving.setdefault(node, []).append(i)
 
-    # walk the tree depth first, with a stack of its own: (segment that led here, segments still to follow, node)
+    # walk the tree depth first, with an explicit stack: (segment that led here, segments still to follow, node)
     y: dict[int, float] = {}
     lane = count()
     left: dict[int, None] = {}  # nodes in the order in which the walk left them: the reverse is downstream order

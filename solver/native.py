@@ -110,7 +110,7 @@ class Bound:
         )  # fmt: skip
         self.program = p  # which the pointers need
         self.c = Program(*pointers, *counts, tuple(p.address.get(name, 0) for name in PLACES))
-        self.work = np.zeros(p.n_work + STAGES * layout.size + n_Q + n_H)
+        self.work = np.zeros(p.n_work + STAGES * layout.size + 2 * n_Q + n_H)
         self.fixed = np.zeros((model.coefficients.B, p.n_fixed))
         for rows, place in zip(arrays, recorded.places, strict=True):
             if place >= 0:

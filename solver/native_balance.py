@@ -6,19 +6,19 @@ A member that the engine does not solve is left to NumPy, with the rest of its b
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .balance import LONG, taus_of
+from .balance import LONG, Waves, taus_of
 from .native import Bound, NoEngine, Program, check_backend, library, refuse_without
 from .scheme.model import Model
 from .scheme.sdirk import GAMMA
 from .scheme.stage import loads_of
-from .scheme.step import initial_state
+from .scheme.step import State, initial_state
 from .scheme.tables import NoTables
 from .sources import NO_FORCING, Forcing
 from .tracing.balance import PLACES, Sizes, recorded
@@ -72,6 +72,15 @@ def engine_for(model: Model, backend: str) -> BalanceEngine | None:
         return None
 
 
+def waves_by(backend: str, model: Model, *balance: Any) -> tuple[State, Waves] | None:
+    """As :meth:`BalanceEngine.waves`; None where NumPy must make them."""
+    engine = engine_for(model, backend)
+    try:
+        return None if engine is None else engine.waves(*balance)
+    except Unsolved:
+        return None
+
+
 class BalanceEngine:
     """The balances of a model. Raises NoEngine where it cannot make them."""
 
@@ -121,16 +130,16 @@ class BalanceEngine:
             raise Unsolved("nothing determines waves of some frequency")
         return held
 
-    def to_sources(self, taus: Array, mean: Array, momentum: Array, nodes: Array) -> tuple[Array, Array, Array, Array]:
-        """y and H of the steady state of the one member, and as :meth:`~solver.balance.Response.to_sources`, of stages
-        of lengths taus : (K+1,), momentum : (S, n_e, N+1) and ΣQ at the nodes : (S, n_nodes). Raises Unsolved."""
+    def to_sources(self, taus: Array, mean: Array, momentum: Array, nodes: Array) -> tuple[State, Array, Array]:
+        """The steady state of the one member, y and H of waves about it as :meth:`~solver.balance.Response.to_sources`,
+        of stages of lengths taus : (K+1,). Raises Unsolved."""
         y, H = self.steady(0, mean)
         held, S = self.held(0, taus, y, H), len(nodes)
         sources = np.concatenate([momentum.reshape(S, -1), nodes], axis=1)
         found = np.empty((len(taus), S, 2, len(y) + len(H)))
         self._run("arterial_answer", self._bound.fixed[0], self._bound.work, held, sources, len(taus), S, found)
         waves = found[:, :, 0] + 1j * found[:, :, 1]
-        return y, H, waves[..., : len(y)], waves[..., len(y) :]
+        return self.resting([y], [H]), waves[..., : len(y)], waves[..., len(y) :]
 
     # --- all ------------------------------------------------------------------------------------------------------
 
@@ -162,6 +171,19 @@ class BalanceEngine:
             if observe and not self._run("arterial_observed", period, *own, X, scratch, found):
                 found = None
             yield Beat(y, H, X, last.value), None if found is None else found[:, 0] + 1j * found[:, 1]
+
+    def waves(self, drive: Array, T: float, tolerance: float, most: int, forcing: Forcing) -> tuple[State, Waves]:
+        """The steady state, and the waves about it, as :meth:`beats`."""
+        n = self.model.layout.size
+        beats = [beat for beat, _ in self.beats(drive, T, tolerance, most, forcing=forcing, observe=False)]
+        X = np.stack([beat.waves[:, 0] + 1j * beat.waves[:, 1] for beat in beats], axis=1)
+        omega = 2.0 * np.pi / T * np.arange(len(drive))
+        return self.resting([b.y for b in beats], [b.H for b in beats]), Waves(omega, X[..., :n], X[..., n:])
+
+    def resting(self, y: Sequence[Array], H: Sequence[Array]) -> State:
+        """The steady state of all members, of what :meth:`steady` found."""
+        begins = initial_state(self.model)
+        return replace(begins, y=np.stack(y), H=np.stack(H), A_t=np.zeros_like(begins.A_t))
 
     def _forced(self, forcing: Forcing, n: int) -> tuple[list[Array] | None, list[Array] | None]:
         """Of every member what sources leave over, (n, 2, n_left), and what they let out before outlets, (n, 2,

@@ -31,11 +31,11 @@ NetworkName = Annotated[
     typer.Argument(help="A network file (TOML), a bundled network (see list), or an FMU.", autocompletion=networks_for),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no tables and no notes.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there and may have been edited.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing file that may have been edited.")]
 Json = Annotated[
     bool,
     typer.Option(
-        "--json", is_eager=True, help="Print the result as one JSON object; all else goes to the error stream."
+        "--json", is_eager=True, help="Print the result as one JSON object; everything else goes to the error stream."
     ),
 ]
 

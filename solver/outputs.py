@@ -107,7 +107,7 @@ def volume_weights(model: Model) -> Array:
 
     Only inflow and outflow change this volume.
     """
-    weights = np.zeros((model.coefficients.B, model.layout.size))
+    weights = np.zeros_like(model.kinetic, shape=(model.coefficients.B, model.layout.size))
     lengths = -model.mesh.element.w_gauss / model.minus_J_inverse
     weights[:, model.layout.places["A"]] = lengths.reshape(len(weights), -1)
     P_C = model.layout.part(weights, "P_C")

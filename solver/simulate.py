@@ -248,11 +248,13 @@ class _Run:
         if start is None or start == "rest":
             return self.scheme.initial_state(self.model)
         if start == "periodic":
-            return self.scheme.periodic_state(self.model, self.drives, period, dt=self.dt)
+            return self.scheme.periodic_state(
+                self.model, self.drives, period, dt=self.dt, backend="auto" if self.backend.engine else "numpy"
+            )
         if not isinstance(start, Waveforms):
             raise InputError(f"start = {start!r}: must be {' or '.join(map(repr, STARTS))} or an earlier result.")
         if start.end is None:
-            raise InputError("start: this result does not hold the state it ended in; give one of simulate_periodic.")
+            raise InputError("start: this result does not contain its last state; give one of simulate_periodic.")
         if not start.end.mesh.same_as(self.model.mesh) or abs(start.end.dt - self.dt) > 1e-12 * self.dt:
             raise InputError(
                 f"start: it was run on another mesh or with another step than dt = {self.dt:g} s; "

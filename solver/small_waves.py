@@ -8,7 +8,6 @@ direction of a search, not for its answer.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from .native_balance import BalanceEngine, Unsolved, engine_for
 from .network import Network
 from .outputs import reporter
 from .scheme.model import Model, Settings, build
-from .scheme.step import State, initial_state
+from .scheme.step import State
 from .sources import Source, shown
 
 Array = np.ndarray
@@ -60,9 +59,7 @@ def _waves(
     if engine is None or not engine.checked:  # a balance of such a model was not yet compared with NumPy's
         rest = steady(model, mean)
         return rest, *Response.about(model, taus, rest).to_sources(momentum, nodes)
-    y_rest, H_rest, y, H = engine.to_sources(np.array(taus, complex), mean[0], momentum, nodes)
-    rest = initial_state(model)
-    return replace(rest, y=y_rest[None], H=H_rest[None], A_t=np.zeros_like(rest.A_t)), y, H
+    return engine.to_sources(np.array(taus, complex), mean[0], momentum, nodes)
 
 
 def _unit(model: Model, sources: Sequence[Source]) -> tuple[Array, Array]:

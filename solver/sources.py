@@ -29,7 +29,7 @@ _GAUSS = legendre.leggauss(6)  # of the overlap of an element and a stretch: exa
 
 
 class Meshed(Protocol):
-    """What sources ask of a model."""
+    """The interface of a model that sources use."""
 
     @property
     def network(self) -> Described: ...
@@ -71,7 +71,7 @@ class WallPressure(Source):
     unit = "Pa"
 
     def shape(self, x: Array) -> Array:
-        """Of x/L."""
+        """P_n at x/L."""
         return legendre.legval(2.0 * x - 1.0, np.eye(self.degree + 1)[self.degree])
 
     def momentum(self, model: Meshed) -> Array:
@@ -210,7 +210,7 @@ class Forcing(NamedTuple):
         )  # fmt: skip
 
     def part(self, harmonics: slice, members: slice) -> Forcing:
-        """That of some harmonics and, where they differ, members of a batch."""
+        """The contribution for some harmonics and, if they differ, some members of a batch."""
 
         def of(x: Array | float) -> Array | float:
             if not isinstance(x, np.ndarray):

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .balance import Drive, Waves, balanced, spectrum, steady, storable
+from .native_balance import waves_by
 from .scheme.guards import NonPhysicalState, check
 from .scheme.model import Model
 from .scheme.sdirk import SDIRK3
@@ -24,19 +25,24 @@ _CORRECTIONS = 6
 _SMALL = 1e-4  # of the waves: a smaller correction is the last
 
 
-def periodic_state(model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None) -> State:
+def periodic_state(
+    model: Model, drive: Drive, T: float, t: float = 0.0, dt: float | None = None, backend: str = "numpy"
+) -> State:
     """A state at time t [s] near the periodic state under the drive of the inlet.
 
     drive : Q(t) [m³/s] for an array of times, or P(t) [Pa] if the inlet's causality is pressure; (n,) or per member
     (n, B); for several inlets (n, n_inlets) or (n, n_inlets, B). T : its period [s]. dt : the next step [s], default
-    the settings'.
+    the settings'. backend : what makes the balance, as of :func:`~solver.beat_harmonics`.
     Raises ValueError if the network has no steady state with the mean of the drive.
     """
     harmonics = spectrum(model, drive, T, int(np.clip(storable(model), _FEWEST, _MOST)), t)
+    forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
     with np.errstate(all="ignore"):
-        rest = steady(model, harmonics[0].real)
-        forcing = Forcing.of(model, *model.tables.beside((), None, T, len(harmonics), t), len(harmonics))
-        waves, _ = balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)
+        found = waves_by(backend, model, harmonics, T, _SMALL, _CORRECTIONS, forcing)
+        if found is None:
+            rest = steady(model, harmonics[0].real)
+            found = rest, balanced(model, rest, harmonics, T, _SMALL, _CORRECTIONS, forcing=forcing)[0]
+        rest, waves = found
         return _state(model, waves, rest, t, dt or model.settings.dt)
 
 

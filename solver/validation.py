@@ -160,7 +160,7 @@ def _check_topology(network: Described) -> None:
     roots = [name for name, at in starts.items() if not at]
     if roots:
         raise InputError(
-            f"segment {roots[0]}: its upstream end is joined to nothing, which makes a second root beside "
+            f"segment {roots[0]}: its upstream end is not joined, which makes a second root beside "
             f"{network.inlet.segment}; let a junction flow into it, give it an inlet [inlets.{roots[0]}] or remove it."
         )
     for name, at in ends.items():
@@ -209,7 +209,7 @@ def check_parameters(network: Described, values: Mapping[str, Any]) -> None:
     known = network.parameter_quantities()
     for name, value in values.items():
         if name not in known:
-            inflow = "the inflow stands under [inlet] in the network file; change it there."
+            inflow = "the inflow is under [inlet] in the network file; change it there."
             hint = inflow if name.startswith("inlet.") else suggest(name, known)
             raise InputError(f"{name}: not a parameter of network {network.name}; {hint}")
         try:

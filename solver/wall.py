@@ -56,7 +56,7 @@ class Wall:
     learned: Array | None = None
     moment: Moment | None = None
 
-    # which counts the members of a batch, where it is not the first
+    # the axis of the members of a batch, if it is not the first
     MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"tau": 1, "share": 1, "learned": 1}
 
     def at(self, index: Array | slice) -> Wall:
@@ -65,7 +65,7 @@ class Wall:
 
     def shaped(self, shape: tuple[int, ...]) -> Wall:
         """The same walls with the last axis in this shape."""
-        return self._with(lambda array: np.ascontiguousarray(array.reshape(*array.shape[:-1], *shape)))
+        return self._with(lambda array: array.reshape(*array.shape[:-1], *shape).copy())
 
     def _with(self, change: Callable[[Array], Array]) -> Wall:
         held = {name: getattr(self, name) for name in _WALL_ARRAYS}

@@ -55,7 +55,7 @@ class Waveforms(Shown, Mapping[str, Array]):
         """Notes on the run, in sentences; usually none."""
         if not self.halved:
             return ()
-        return (f"steps that did not converge were cut into halves ({self.halved} times); a smaller dt avoids that.",)
+        return (f"steps that did not converge were halved ({self.halved} times); a smaller dt avoids this.",)
 
     def __getitem__(self, name: str) -> Array:
         try:

@@ -94,7 +94,7 @@ def check_destinations(*paths: Path | None, given: Iterable[Name | None] = (), f
             continue
         _check_regular(path)
         if path.exists() and any(path.samefile(each) for each in read):
-            raise InputError(f"{path}: was given to be read, and would be replaced; give another name or folder.")
+            raise InputError(f"{path}: is an input file and would be replaced; give another name or folder.")
         place = path.resolve().parent if path.is_symlink() else path.parent
         if not folders and not place.is_dir():
             raise InputError(f"{path}: cannot be written (no folder {place}); make the folder or give another.")
@@ -112,7 +112,7 @@ def check_new(files: Mapping[Path, Content], force: bool) -> None:
     for path, content in files.items():
         if not force and path.is_file():
             if path.read_bytes() != (content.encode("utf-8") if isinstance(content, str) else content):
-                raise InputError(f"{path}: is there already and may have been edited; give another name, or --force.")
+                raise InputError(f"{path}: exists and may have been edited; give another name, or --force.")
 
 
 def _check_regular(path: Path) -> None:

@@ -22,6 +22,7 @@ RUNS = {
     "balance": (["--small"], "elastic, batch of 1, in time"),
     "size": (["10", "20"], "a step of 20 segments, comb"),
     "native": (["--small"], "measure"),  # or why it does not
+    "native_fmu": (["--small"], "measure"),  # or why it does not
     "fmu": (["--small"], "doStep of 1 ms where ports are read"),
     "fit_speed": (["--small"], "network: 10 unknowns, P, Q, R at 7 sites"),
     "wall_fits": (["--seeds", "2"], "CA"),

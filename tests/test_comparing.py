@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discrepancy.compare import Compared
 from discrepancy.intervals import _lower
 from discrepancy.outcome import NamedEffect, OwnNumber, Walls
+from discrepancy.scoring import Compared, Named, ranked, shares
 from discrepancy.show import Gap
 from discrepancy.summary import _bent, sentence
 from discrepancy.verdict import Naming, _said, decided
-from discrepancy.weigh import Named, ranked, shares
 from fitting.estimate import Estimate
 from fitting.inference.fit import Fit
 from fitting.inference.terms import Term

@@ -270,7 +270,7 @@ def test_interrupted_is_exit_code_130(found: Callable[[Any], None]) -> None:
         ),
         (
             ("virtual_AA.csv", "--model", "sheep", "--out", "o", "--prior", "bench.toml"),
-            "bench.toml: is no .json file, and other files hold no cov",
+            "bench.toml: is not a .json file, and other files contain no cov",
         ),
         (("no.csv", "--model", "sheep", "--out", "."), "no.csv"),
         (("isolability", "nosuch", "--channels", "AA.P"), "nosuch"),

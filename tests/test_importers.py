@@ -304,5 +304,5 @@ def test_a_table_of_another_folder(tmp_path: Path) -> None:
         path = tmp_path / "out" / f"{name}.toml"
         done = CliRunner().invoke(app, ["import", "csv", str(tmp_path / "in" / f"{name}.csv"), "--out", str(path)])
         assert done.exit_code == 0, done.output
-        assert ("the table says nothing of the inlet" in " ".join(done.output.split())) == (name == "without")
+        assert ("the table does not define the inlet" in " ".join(done.output.split())) == (name == "without")
         assert read_network(path).inlet.T == pytest.approx(0.8 if name == "with" else 0.5)

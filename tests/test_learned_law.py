@@ -27,11 +27,11 @@ from discrepancy.learned_law import LearnedLaw, law_json
 from discrepancy.learned_text import DESCRIBED, MODEL, TABLE, law_text, learned_files, with_law
 from discrepancy.learning import Learnt, in_range, learns, learnt, stands
 from discrepancy.outcome import Outcome, verdict_json
+from discrepancy.scoring import weighed
 from discrepancy.show import Run, compared
 from discrepancy.shown_map import beat_of
 from discrepancy.study import Study, prepare
 from discrepancy.verdict import Naming
-from discrepancy.weigh import weighed
 from fitting.estimate import Estimate
 from fitting.inference.bench import Bench
 from fitting.inference.network_record import network_problem

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from forked import NETWORK, SETTINGS, exact, record
 from hypothesis import Phase, given, settings
 from test_native import TOYS, branching, elastic, engine, networks, values_of
 from test_several_inlets import fork
 from test_toy import Orifice
 
 import solver.harmonics
+import solver.native_balance
+from fitting.calibrate import calibrate
 from solver import (
     InputError,
     Network,
@@ -28,6 +31,7 @@ from solver import (
 from solver.curve import Curve
 from solver.effect import Array, Effect
 from solver.files import bundled_names
+from solver.native import NoEngine
 from solver.native_balance import BalanceEngine, Unsolved
 from solver.outlets import OUTLETS, Outlet
 from solver.small_waves import source_responses
@@ -150,19 +154,22 @@ def test_tables_of_sources(sheep: Network) -> None:
 def test_drawn_networks(drawn: tuple[Network, dict[str, Any]]) -> None:
     """Any of these: equal, or no steady state with the same sentence, or no balance of the same members.
 
-    Of short pieces the mean is found to 8e-10 only, by NumPy too: an inflow that is 1e-15 larger moves it as much.
+    The mean, a wave of 1e4 s, has rounding errors in short pieces: it may be ten times as far off as an inflow that is
+    1e-14 larger moves NumPy's own (3.6 times, of 120 networks).
     """
     network, parameters = drawn
     results: list[Any] = []
-    for backend in ("numpy", "native"):
+    for backend, flow in (("numpy", 1.0), ("native", 1.0), ("numpy", 1.0 + 1e-14)):
+        given = (network, names(network), K, lambda t, flow=flow: flow * network.inlet.Q(t))
         try:
-            results.append(beat_harmonics(network, names(network), K, parameters=parameters, backend=backend))
+            results.append(beat_harmonics(*given, parameters=parameters, backend=backend))
         except InputError as error:
             results.append(str(error))
-    if isinstance(results[0], str):
-        assert results[0] == results[1]
+    expected, found, moved = results
+    if isinstance(expected, str):
+        assert expected == found
     else:
-        assert off(network, results[1], results[0]) < 2e-9
+        assert off(network, found, expected) < EQUAL + 10.0 * off(network, moved, expected)
 
 
 def test_no_balance(sheep: Network) -> None:
@@ -235,3 +242,23 @@ def test_elements(sheep: Network) -> None:
     """Shorter elements and a coarse polynomial: other sizes of everything."""
     for options in (Settings(element_length=0.02), Settings(degree=1), Settings(degree=5)):
         assert both(sheep, settings=options) < EQUAL
+
+
+def test_a_calibration_does_not_depend_on_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noisy record of a fork, three unknowns: as found without it, to 5e-9 of their errors (1.4e-9); provenance says
+    which it was."""
+    noisy, found = record(exact(), 15, 0.01, 0), []
+    for which in ("native", "numpy: not here"):
+        fit = calibrate(noisy, NETWORK, ("all.E", "all.phi0", "C.outlet.R_t"), settings=SETTINGS)
+        assert fit.parameter_set().provenance["engine"] == which
+        found.append(fit)
+
+        def missing() -> Any:
+            raise NoEngine("not here")
+
+        for module in ("solver.native", "solver.native_balance", "fitting.provenance"):
+            monkeypatch.setattr(f"{module}.library", missing)
+        solver.native_balance._library.cache_clear()
+    solver.native_balance._library.cache_clear()
+    assert np.abs((found[0].x - found[1].x) / found[1].sd).max() < 5e-9
+    assert found[0].chi2 == pytest.approx(found[1].chi2, rel=1e-9)

@@ -194,7 +194,7 @@ def test_command_line(tmp_path: Path) -> None:
         (["sheep", "--set", "CA.phi=1"], "CA.phi: not a parameter"),
         (["sheep", "--set", "CA.phi0"], "must look like NAME=VALUE"),
         (["sheep", "--dt", "1 mm"], "does not convert"),
-        (["sheep", "--cell", "2cm"], "--cell belongs to --scheme muscl; ask for that"),
+        (["sheep", "--cell", "2cm"], "--cell belongs to --scheme muscl; select that scheme"),
         (["sheep", "--scheme", "muscl", "--element-length", "2cm"], "--element-length belongs to --scheme staggered"),
         (["sheep", "--duration", "soon"], "--duration"),
         (["sheep", "--max-beats", "2", "--dt", "5 ms"], "allow more beats"),

@@ -1,4 +1,4 @@
-"""The targets of the groups whose animals, sensors and beats are further from the model; all records synthetic."""
+"""The targets of the groups with more realistic animals, sensors and beats; all records are synthetic."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST, _LONGEST = 60.0, 300.0  # [s] of CPU time of nearly every record, and of 
 
 
 def walls(lines: Sequence[Line]) -> str:
-    """Every wall off by itself."""
+    """Individual walls."""
     t = Targets()
     nulls, seen = w.of(lines, "null"), w.of(lines, "single", 30.0)
     t.at_most("nothing hidden: false alarms", 0.03, share(nulls, w.detected))
@@ -81,7 +81,7 @@ def offcentre(lines: Sequence[Line]) -> str:
 
 
 def outside_walls(lines: Sequence[Line]) -> str:
-    """Effects that no catalogue has, in walls that are off by themselves."""
+    """Effects outside the catalogue, in individual walls."""
     t = Targets()
     for kind, own in _kinds(lines):
         t.outside(kind, own)
@@ -94,7 +94,7 @@ def outside_walls(lines: Sequence[Line]) -> str:
 
 
 def own(lines: Sequence[Line]) -> str:
-    """A number of one wall or end that is far off."""
+    """A parameter of one wall or outlet that is far off."""
     t = Targets()
     for least in (0.0, 30.0):
         named, radius = (w.of(lines, what, least) for what in ("single", "outside"))
@@ -108,7 +108,7 @@ def own(lines: Sequence[Line]) -> str:
 
 
 def elastic(lines: Sequence[Line]) -> str:
-    """Walls without viscosity, each off by itself."""
+    """Individual walls without viscosity."""
     t = Targets()
     seen = w.of(lines, "single", 30.0)
     t.at_least("one effect, d′ ≥ 30: right name in the class", 0.90, share(seen, w.in_class))
@@ -120,7 +120,7 @@ def elastic(lines: Sequence[Line]) -> str:
 
 
 def pairs(lines: Sequence[Line]) -> str:
-    """Two effects in walls that are off by themselves."""
+    """Two effects in individual walls."""
     t = Targets()
     _two(t, lines)
     _rest(t, lines)
@@ -128,7 +128,7 @@ def pairs(lines: Sequence[Line]) -> str:
 
 
 def three(lines: Sequence[Line]) -> str:
-    """One effect in individual walls, seen by the inflow and three pressures."""
+    """One effect in individual walls, observed by the inflow and three pressures."""
     t = Targets()
     for least in (12.0, 30.0):
         seen = w.of(lines, "single", least)
@@ -165,7 +165,7 @@ GROUPS: dict[str, Callable[[Sequence[Line]], str]] = {
 
 
 def _rest(t: Targets, lines: Sequence[Line]) -> None:
-    """What every group tells: the gap on held-out beats, parameters, confidence, time."""
+    """The targets of every group: the gap on held-out beats, parameters, confidence, time."""
     for kind, own in _kinds(lines):
         closed = [g["best"] / g["given"] for g in gaps(own) if g.get("given")]
         t.median_at_most(f"{kind}, gap on held-out beats where named right, after/before", 0.3, closed)

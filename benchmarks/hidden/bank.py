@@ -1,4 +1,4 @@
-"""A file of judged records, one JSON line each, appended as they finish: a run that is killed goes on where it was."""
+"""A file of diagnosed records, one JSON line each, appended as they finish, so that a killed run can be resumed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ JUDGED_BY = ("discrepancy", "fitting", "solver", "tests/truth")
 
 
 class NotThisBank(ValueError):
-    """The file holds records of another plan or of other sources; the message says what to do."""
+    """The file contains records of another plan or of other sources; the message gives the remedy."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def read(path: Path) -> list[Line]:
 
 
 def sources_hash(root: Path = ROOT) -> str:
-    """Hash of everything that makes or judges a record."""
+    """Hash of all code that makes or diagnoses a record."""
     digest = hashlib.sha256()
     for folder in JUDGED_BY:
         place = root / folder

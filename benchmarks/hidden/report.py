@@ -1,4 +1,4 @@
-"""The report of the bank, in Markdown: targets against what was measured, and the tables behind them."""
+"""The report of the bank, in Markdown: targets against measurements, and the tables behind them."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ BEGIN, END = "<!-- measured by benchmarks/hidden_effects.py -->\n", "<!-- end --
 
 
 def report(lines: Sequence[Line], network: Network, through: Sequence[Line] = ()) -> str:
-    """All tables that the lines have records for. network : whose junctions say what is adjacent. through : the lines
-    of a sample that went through the rebuilt FMUs."""
+    """All tables with records in the lines. network : its junctions define adjacency. through : the lines of a sample
+    that ran through the rebuilt FMUs."""
     made = w.judged(lines)
     groups = {name: [x for x in made if w.group(x) == name] for name in ("standard", *animals.GROUPS)}
     parts = [origin(lines)]
@@ -59,7 +59,7 @@ def _by_kind(group: str, lines: Sequence[Line], network: Network) -> list[str]:
 
 
 def _short(own: Sequence[Line]) -> Iterator[tuple[str, str]]:
-    """What a group other than the standard one shows besides its targets."""
+    """The results of a group other than the standard one, besides its targets."""
     if w.of(own, "single"):
         yield "Power", t.power(own)
         yield "By effect", t.by_effect(own)
@@ -88,7 +88,7 @@ def _sections(kind: str, own: Sequence[Line], network: Network) -> Iterator[tupl
 
 
 def origin(lines: Sequence[Line]) -> str:
-    """Which records these are."""
+    """A description of the records."""
     said = []
     for group, kind, seed in sorted({_plan(x) for x in lines}):
         own = [x for x in lines if _plan(x) == (group, kind, seed)]
@@ -108,7 +108,7 @@ def _hashes(lines: Sequence[Line]) -> list[str]:
 
 
 def write(text: str, page: Path) -> None:
-    """Put the tables where the page has its marks. Raises ValueError if it has none."""
+    """Insert the tables between the marks of the page. Raises ValueError if it has none."""
     before, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:

@@ -1,4 +1,4 @@
-"""One record of the bank: made, judged, and set beside its truth as plain data."""
+"""One record of the bank: generated, diagnosed, and compared with its truth as plain data."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from discrepancy import thresholds
 from discrepancy.asked import TIME_LIMIT
 from discrepancy.intervals import stated
+from discrepancy.scoring import Named
 from discrepancy.study import Study, Unusable, judge
 from discrepancy.verdict import Naming
-from discrepancy.weigh import Named
 from fitting.inference.fit import Fit
 from fitting.inference.places import Place
 from fitting.inference.simulator import Runs
@@ -75,7 +75,7 @@ def row(kind: str, seed: int, index: int, case: Case, group: str = "standard", l
 
 
 def verdict_of(study: Study, naming: Naming) -> Line:
-    """What was named, with the numbers behind it."""
+    """The named effects, with the numbers behind them."""
     return {
         "verdict": naming.verdict,
         "reason": naming.reason,
@@ -93,7 +93,7 @@ def verdict_of(study: Study, naming: Naming) -> Line:
 
 
 def _map(found: SourceMap) -> Line:
-    """Where something acts, and what cannot be told from it."""
+    """The places of the source map, and indistinguishable alternatives."""
     alike = [[_spot(p) for p in r.places] for r in found.rivals if r.above < thresholds.RULED_OUT]
     return {"places": [_spot(p) for p in found.places], "explains": found.explains, "alike": alike}
 
@@ -173,10 +173,10 @@ def parameters_of(made: Made, name: str) -> dict[str, float]:
 
 
 def log_odds(p: float) -> float | None:
-    """ln p/(1 - p), by which a confidence is calibrated; None where it is sure."""
+    """ln p/(1 - p), the scale for the calibration of a confidence; None for certainty."""
     return math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else None
 
 
 def finite(x: float) -> float | None:
-    """JSON has no infinity."""
+    """Replace infinity, which JSON does not support."""
     return x if math.isfinite(x) else None

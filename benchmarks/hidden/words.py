@@ -1,4 +1,4 @@
-"""What the bank counts, said of one line.
+"""The properties of a line that the bank counts.
 
 - **d'** of a hidden effect and its **separation** from the nearest rival are the generator's, from truth and noise.
 - **named right**: the truth tops the class. **single name**: verdict ``effect``, or ``partial`` with one name alone.
@@ -19,11 +19,11 @@ from tests.truth.hide import OUTSIDE, OUTSIDE_SENSOR, OUTSIDE_WALL
 Line = dict[str, Any]
 Where = tuple[str, ...]
 
-NOT_MADE, NOT_JUDGED = "not made", "not judged"  # without a periodic state; of less d' than was asked for
+NOT_MADE, NOT_JUDGED = "not made", "not judged"  # without a periodic state; below the required d'
 
 
 def judged(lines: Iterable[Line]) -> list[Line]:
-    """Those with a verdict, or a crash in place of one; not those that could not be made or were left out."""
+    """The lines with a verdict, or a crash instead; without records that could not be generated or were excluded."""
     return [x for x in lines if x["verdict"] not in (NOT_MADE, NOT_JUDGED)]
 
 
@@ -41,7 +41,7 @@ def hides(line: Line) -> str:
 
 
 def beyond(line: Line) -> str:
-    """What of a line is outside the catalogue."""
+    """The part of a line outside the catalogue."""
     return str(next(e["name"] for e in line["effects"] if e["name"] in OUTSIDE))
 
 
@@ -51,7 +51,7 @@ def of(lines: Iterable[Line], wanted: str, least: float = 0.0) -> list[Line]:
 
 
 def truths(line: Line) -> tuple[str, ...]:
-    """Names of what is hidden."""
+    """Names of the hidden effects."""
     return tuple(e["name"] for e in line["effects"])
 
 
@@ -71,7 +71,7 @@ def detected(line: Line) -> bool:
 
 
 def claims(line: Line) -> bool:
-    """Whether names were given: one, a class, or several, be it that more remains."""
+    """Whether names were given: one, a class, or several, even if more remains."""
     return line["verdict"] in ("effect", "ambiguous", "several", "partial")
 
 
@@ -91,7 +91,7 @@ def alarm(line: Line) -> bool:
 
 
 def top(line: Line) -> tuple[str, ...]:
-    """Names of what tops the class; of ``unknown`` what comes nearest; none otherwise."""
+    """Names of the first member of the class; for ``unknown`` the nearest hypothesis; none otherwise."""
     if detected(line) and line.get("top"):
         return tuple(t["name"] for t in line["top"][0]["terms"])
     return ()
@@ -109,7 +109,7 @@ def committed(line: Line) -> bool:
 
 
 def named_right(line: Line) -> bool:
-    """The one true name tops the class."""
+    """The one true name is the first member of the class."""
     return line["verdict"] in ("effect", "ambiguous", "partial") and top(line) == truths(line)
 
 
@@ -129,7 +129,7 @@ def in_class(line: Line) -> bool:
 
 
 def both_named(line: Line) -> bool:
-    """Two names top the class, and they are all that is hidden."""
+    """Two names are the first member of the class, and they are exactly the hidden effects."""
     return claims(line) and len(top(line)) == 2 and sorted(top(line)) == sorted(truths(line))
 
 

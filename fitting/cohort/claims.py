@@ -189,7 +189,7 @@ class _Part:
 
 
 def _parts(values: Cells, logarithm: bool = False) -> list[_Part]:
-    """The mean of each site's values (or of their logarithms) with the standard error of its own scatter."""
+    """The mean of each site's values (or of their logarithms) with the standard error of their scatter."""
     parts = []
     for site in _sites(values):
         x = np.array([v for (_, s), v in values.items() if s == site])

@@ -67,7 +67,7 @@ def _sentence(cohort: Cohort) -> str:
     alone = [each.evidence for each in cohort.recordings if each.evidence is not None]
     own = sum(each.decided and each.kept == cohort.elastic for each in alone)
     against = sum(each.decided and each.kept != cohort.elastic for each in alone)
-    counted = f"; by itself, {own} of {len(alone)} recordings speak for it and {against} against it" if alone else ""
+    counted = f"; individually, {own} of {len(alone)} recordings favour it and {against} another law" if alone else ""
     return f"{cohort.law[0].upper()}{cohort.law[1:]}{counted}."
 
 

@@ -59,10 +59,10 @@ def network_file(
 ) -> str:
     """TOML with all of it. windkessels : R1, C, R2 by stretch [SI]."""
     lines = [
-        f"# A first model of {source.record}, to be edited: it is where a calibration begins, not its result.",
-        "# Found in the recording, with one standard deviation and the way:",
+        f"# A first model of {source.record}, for editing: the start of a calibration, not its result.",
+        "# Estimates from the recording, with one standard deviation and the method:",
         *(f"#   {each.name} = {value(each)} {error(each)}: {each.how}" for each in found),
-        f"# Not in it: thickness and viscosity of the walls, of {source.typical}.",
+        f"# Not from the recording: thickness and viscosity of the walls, from {source.typical}.",
         *(f"# Doubtful: {note}" for note in notes),
         "",
         'name = "first"',
@@ -91,10 +91,10 @@ def network_file(
             *_lines(
                 Segment,
                 L=(tube.L, "wave speed times that time"),
-                R0=(tube.R0, "from c and Z_c over its part of the flow"),
-                h=(tube.h, "as typical a part of R0"),
-                E=(tube.E, "from c, R0 and h; only E h is told"),
-                phi0=(tube.phi0, "as typical a part of E"),
+                R0=(tube.R0, "from c and Z_c over its share of the flow"),
+                h=(tube.h, "a typical fraction of R0"),
+                E=(tube.E, "from c, R0 and h; the recording determines only E h"),
+                phi0=(tube.phi0, "a typical fraction of E"),
             ),
         ]
     heads: dict[str, list[str]] = {}
@@ -110,9 +110,9 @@ def network_file(
             *_lines(
                 Windkessel,
                 R1=(R1, "the impedance of the tube: no reflection of steep waves"),
-                C=(C, "its part of the compliance that is not in tubes"),
-                R2=(R2, "the rest of its part of the resistance"),
-                P_venous=(source.P_venous, "stated, not found"),
+                C=(C, "its share of the compliance outside the tubes"),
+                R2=(R2, "the rest of its share of the resistance"),
+                P_venous=(source.P_venous, "given, not estimated"),
             ),
         ]
     places = [(source.root, tubes[0].stretch.name, 0.0)] if source.root else []

@@ -9,11 +9,11 @@ from ..records.spectral import coefficients, derivative, resample, without_high
 
 Array = np.ndarray
 
-_POINTS = 2048  # a beat, so that a foot is told to less than a millisecond
+_POINTS = 2048  # a beat, to resolve a foot to less than a millisecond
 _HIGHEST = 40  # harmonic
-_NOISE, _SMALL = 3.0, 0.01  # standard deviations, and part of the largest harmonic: what is below does not count
-_BACK = 0.3  # of the period before the steepest rise: where the end of diastole is
-_EARLY = (0.1, 0.3)  # of the rise: the part that is drawn back to the foot
+_NOISE, _SMALL = 3.0, 0.01  # standard deviations, and fraction of the largest harmonic: thresholds for a harmonic
+_BACK = 0.3  # of the period before the steepest rise: search range for the end of diastole
+_EARLY = (0.1, 0.3)  # of the rise: the part extrapolated to the foot
 
 
 def heard(beats: Beats, name: str, small: float = _SMALL) -> Array:

@@ -93,18 +93,14 @@ def estimates(
     nominal, quantities = whole.parameters(), whole.parameter_quantities()
     found: dict[str, Estimate] = {}
     for unknown in term.unknowns:
+        below, above = known[unknown.name]
         of = {
-            v: interval(fit.unknowns, v, nominal[v], quantities[v], fit.x, fit.covariance, _along(known, unknown, step))
+            v: interval(fit.unknowns, v, nominal[v], quantities[v], fit.x, fit.covariance,
+                        (below, above) if step >= 0.0 else (above, below))
             for v, step in unknown.moves
-        }
+        }  # fmt: skip
         found |= of if term.place != ALL_PLACES else _everywhere(network, fit, unknown, of, known[unknown.name])
     return found
-
-
-def _along(known: Mapping[str, Reach], unknown: Unknown, step: float) -> Reach:
-    """How far the interval of a variable goes that an unknown moves by ``step``."""
-    below, above = known[unknown.name]
-    return (below, above) if step >= 0.0 else (above, below)
 
 
 def _everywhere(

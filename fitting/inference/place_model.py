@@ -98,10 +98,9 @@ class PlaceModel:
 
     def _forced(self, active: Sequence[Active], g: Array) -> NetworkProblem:
         """The problem with sources in it."""
-        sized = g * self.units[self.columns_of(active)]
-        return with_signals(
-            self.problem, [(a.place, sized[:, own]) for a, own in zip(active, slices(active), strict=True)]
-        )
+        g = g * self.units[self.columns_of(active)]
+        signals = [(a.place, g[:, own]) for a, own in zip(active, slices(active), strict=True)]
+        return with_signals(self.problem, signals)
 
     def residual(self, active: Sequence[Active], x: Array, g: Array) -> Array | None:
         """D : (K+1, m); None without balance."""

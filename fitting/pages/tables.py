@@ -71,7 +71,9 @@ def sensitivity_table(fitted: WallFit, bootstrapped: Mapping[str, tuple[float, f
     moved = ("moved by P\n1 ms late", "by ignoring\nnoise of R")
     told = fitted.model.elastic if fitted.evidence is None or fitted.evidence.decided else "either"
     columns = ("95 % interval", *(["bootstrap"] if bootstrapped else []), *moved)
-    table = Table("", *map(right, columns), title=f"How sure: {fitted.model.name} model of {fitted.site}, {told} law")
+    table = Table(
+        "", *map(right, columns), title=f"Uncertainty: {fitted.model.name} model of {fitted.site}, {told} law"
+    )
     for name in fitted.model.free:
         label, factor = SHOWN[name]
         row = [label, _ends(fitted.ci95(name), factor)]

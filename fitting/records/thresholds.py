@@ -42,7 +42,7 @@ FEWEST_SAMPLES = 8  # of a beat, and of a record
 SHORTEST, LONGEST = 0.1, 1.0 / 0.3  # that are looked for [s]: heart rates of 10 and 0.3 Hz
 FASTEST_HEART = 0.2  # [s]; hearts of rabbits and larger animals beat at 300 a minute at most
 SCREENED = 64.0  # [s] of the record that the search looks at
-WANDER = (1.0 - ELASTIC) / LONGEST  # [Hz]; slower than any heart
+WANDER = 0.25  # [Hz]; slower than any heart
 # correlations, of those of the best lag, after which so much of the power goes on alike
 GOES_ON = math.sqrt(0.75)  # a lag to judge
 SAME = math.sqrt(0.9)  # beats that alternate, if they do; less is another part of a beat

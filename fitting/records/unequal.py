@@ -132,8 +132,7 @@ def _likeness(x: Array, at: Array, length: float) -> float:
 def _usual(intervals: Array) -> float:
     """The interval that most others are near to."""
     near = np.abs(intervals[:, None] / intervals[None, :] - 1.0) <= limit.NEAR
-    best = int(near.sum(axis=0).argmax())
-    return float(np.median(intervals[near[:, best]]))
+    return float(np.median(intervals[near[:, near.sum(axis=0).argmax()]]))
 
 
 def _odd(channels: Mapping[str, Array], whole: Whole) -> Array:
@@ -165,8 +164,7 @@ def _said(edges: Array, near: Array, odd: Array, alike: Array, dt: float) -> tup
             begin = ", ".join(f"{times[i]:.4g}" for i in which[: limit.NAMED])
             begin += " …" if len(which) > limit.NAMED else ""
             said.append(f"beats left out ({len(which)}, {begin} s after the record's start): {why}.")
-    outside = len(lengths) - (last - first)
-    if outside:
+    if outside := len(lengths) - (last - first):
         said.append(
             f"used from {times[first]:.4g} to {times[last]:.4g} s after the record's start, the longest stretch with a "
             f"steady heart rate; beats before and after it left out ({outside})."

@@ -194,7 +194,7 @@ def _outlet(vessel: Mapping[str, Any], rho: float, as_run: bool) -> dict[str, An
         R2 = R1 + R2 - Z
         R1 = R1 if as_run and not matched else Z
         if not R2 > 0.0:
-            raise InputError(f"{where}: R1 leaves nothing behind the impedance {Z:.4g} Pa s/m^3 of its end; check R1.")
+            raise InputError(f"{where}: R1 does not exceed the impedance {Z:.4g} Pa s/m^3 of its end; check R1.")
         R1, R2 = (float(f"{each:.8g}") for each in (R1, R2))
     texts = {"R1": f"{R1!r} Pa*s/m^3", "C": f"{C!r} m^3/Pa", "R2": f"{R2!r} Pa*s/m^3"}
     P = _number(vessel, "Pout", where, 0.0)

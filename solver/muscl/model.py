@@ -102,7 +102,7 @@ def _refuse_what_is_lacking(network: Network, c: Coefficients) -> None:
 def _lacking(network: Network, term: Term) -> str:
     neutral = ", ".join(f"{key} = {value:g}" for key, value in term.effect.neutral.items() if key in term.values)
     return (
-        f"network {network.name}: scheme 'muscl' does not have the effect {term.effect.name}; "
+        f"network {network.name}: scheme 'muscl' does not support the effect {term.effect.name}; "
         f"switch it off ({neutral}) or use the default scheme."
     )
 

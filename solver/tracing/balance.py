@@ -163,9 +163,10 @@ class _Recording(Recording):
             self.leave("charged", response.charge * let_out)
         self.leave("scaled", response.scale * self.given_complex("enters", "scaled", self.n_H))
 
-    def given_complex(self, name: str, phase: str, *shape: int) -> Complex:
+    def given_complex(self, name: str, phase: str, *shape: int) -> Any:
         x = self.take(name, phase, 2, *shape)
         return Complex(x[:, 0], x[:, 1])
 
-    def leave(self, name: str, x: Complex) -> None:
+    def leave(self, name: str, x: Any) -> None:
+        """Leave complex numbers."""
         self.out[name] = np.concatenate([x.re.reshape(-1), x.im.reshape(-1)])

@@ -161,7 +161,8 @@ class _Places:
                 group.add(each.out, self._width(each, units), self._grouped(each, units))
             else:
                 code += self._elementwise(each) if each.name in ELEMENTWISE else self._other(each)
-            for slot in {each.out, *(o.slot for o in each.operands)}:
+            # in order, so that the same network has the same program
+            for slot in dict.fromkeys((each.out, *(o.slot for o in each.operands))):
                 if last[slot] == i and slot.phase != CONSTANT and slot not in self.lasting:
                     self.free[slot.size].append(self.address[slot])
         return code + group.encoded()

@@ -74,6 +74,11 @@ class Recorder:
         data = np.ascontiguousarray(value, float).ravel()
         return self._constants.setdefault(data.tobytes(), Slot(data.size, CONSTANT, data))
 
+    def look(self, x: View, kind: str = "truth") -> Array:
+        """The numbers behind an array that code asks for: a "truth", "any" of them, or a "number". Here there are
+        none."""
+        raise Untraceable("a number is asked for that depends on the state")
+
     # --- operands -------------------------------------------------------------------------------------------------
 
     def operand(self, x: Any, shape: tuple[int, ...]) -> Operand:

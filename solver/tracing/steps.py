@@ -147,8 +147,9 @@ class Programs:
         key = (tau, tuple(looked.kind), tuple(looked.classes))
         found = self.kept.pop(key, None)
         if found is None:
-            leaves = Leaves(Recorder())
-            found = record(leaves.recorder, leaves.of(own), leaves)
+            recorder = Recorder()
+            leaves = Leaves(recorder)
+            found = record(recorder, leaves.of(own), leaves)
             found.classes = tuple(looked.classes)
         while len(self.kept) >= _KEPT:
             self.kept.pop(next(iter(self.kept)), None)
@@ -177,13 +178,18 @@ class Recording:
 
     def all(self, leaves: Leaves, walls: Any) -> Recorded:
         """The program; walls : at the sites."""
+        self.steps(walls)
+        return self.recorded(leaves)
+
+    def steps(self, walls: Any) -> tuple[State, Any]:
+        """All phases of steps; the state at their start, and P_venous."""
         state, venous = self.prepare()
         stage = self.start(venous)
         self.correct(stage, "correct", "", self.o.at_rest)
         self.refresh(stage)
         self.end(stage)
         self.report(state, walls)
-        return self.recorded(leaves)
+        return state, venous
 
     def recorded(self, leaves: Leaves, held: int | None = None) -> Recorded:
         """The program of all that is given and left; held : the phase whose numbers are kept apart."""
