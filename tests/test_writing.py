@@ -150,7 +150,7 @@ def test_told_before_the_work(name: str, inputs: Path, monkeypatch: pytest.Monke
     for where in (
         "solver.__main__._run", "build_fmu.build_model", "fmu_src.run.run_fmu", "fitting.cohort.virtual.virtual_cohort",
         "fitting.__main__.fit", "fitting.cohort.fits.fit_cohort", "fitting.starts.calibrate_from",
-        "fitting.check.check", "discrepancy.workflow.prepare", "discrepancy.sensor_plan.plan_sensors",
+        "fitting.check.check", "discrepancy.recordings.prepare", "discrepancy.sensor_plan.plan_sensors",
         "arterial_fmu.study.command.run",
     ):  # fmt: skip
         monkeypatch.setattr(where, work)
