@@ -4,7 +4,8 @@
 
 Sheep network, viscoelastic and elastic, a smooth inflow, batches of 1, 4, 16, 32 and 64 moduli. CPU time of one thread,
 the best of several calls in one run; the first of the engine, which records, is not among them. The error is that of a
-run in steps of 2.5 ms by NumPy, relative to the balance, of the worst harmonic of P, Q and R at the ten sites. Nothing here is asserted: see tests/test_harmonics.py.
+run in steps of 2.5 ms by NumPy, relative to the balance, of the worst harmonic of P, Q and R at the ten sites. Nothing
+here is asserted: see tests/test_harmonics.py and tests/test_native_balance.py.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from solver.errors import InputError
 
 from . import thresholds as at
 from .animal import implausible
-from .scoring import Compared, exact, promised, there
+from .scoring import Compared, exact, names_of, promised, there
 
 Array = np.ndarray
 
@@ -269,6 +269,8 @@ def named_at(problem: NetworkProblem, found: SourceMap, terms: tuple[Term, ...],
         result = result.at_minimum(runs)
         more = [*_refined(result, runs), *_with_one_more(result, found, left, runs)]
         yield (result := result.joined_by(more).polished(runs))
+    if alike := _one_replaced(result, runs):
+        yield (result := result.joined_by(alike).polished(runs))
     yield result.at_minimum(runs)
 
 
@@ -342,6 +344,25 @@ def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], ru
     best, gained = promised(first, others, columns)
     both = [(*first.terms, t) for score, t in gained[: at.FEW] if score < best - at.SECOND]
     return there(problem.refit(both, first, runs, columns)) if both else []
+
+
+def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
+    """The best two laws with one of them replaced by another law of its place that was found alone: of two that look
+    alike the more flexible one was the better while the other effect was missing, which it made up for."""
+    best, problem, members = result.best.fit, result.problem, list[Member]()
+    assert isinstance(problem, NetworkProblem)
+    tried = {n.key for n in result.ranked}
+    x = dict(zip((u.name for u in best.unknowns), best.x, strict=True))
+    single = [n.fit for n in result.ranked if len(n.fit.terms) == 1 and not n.fit.terms[0].rewires]
+    for i, t in enumerate(best.terms if len(best.terms) > 1 else ()):
+        rest = (*best.terms[:i], *best.terms[i + 1 :])
+        for fit in (f for f in single if f.terms[0].place == t.place and joins(f.terms[0], rest)):
+            terms = (*rest, *fit.terms)
+            if names_of(terms) not in tried:
+                own = x | dict(zip((u.name for u in fit.terms[0].unknowns), _own(fit), strict=True))
+                unknowns = problem.hypothesis(terms)
+                members.append(Member(terms, unknowns, np.array([own.get(u.name, 0.0) for u in unknowns])))
+    return there(problem.searched_from(members, runs, best.columns)) if members else []
 
 
 def _refined(result: Compared, runs: Runs) -> list[Fit]:

@@ -163,9 +163,9 @@ def _archive(path: Path) -> Archive:
     except _UNREADABLE as error:
         raise _NoFMU(f"cannot be unpacked ({type(error).__name__}: {error})") from None
     simulation = root.find("CoSimulation")
-    if root.tag != "fmiModelDescription" or root.get("fmiVersion") not in ("2.0", "3.0") or simulation is None:
-        raise _NoFMU("is not an FMU for co-simulation by FMI 2.0 or 3.0", "build one with arterial-fmu build")
-    fmi3 = root.get("fmiVersion") == "3.0"
+    fmi3 = root.get("fmiVersion") == "3.0" and native_doctor.is_native(names)
+    if root.tag != "fmiModelDescription" or not (fmi3 or root.get("fmiVersion") == "2.0") or simulation is None:
+        raise _NoFMU("is not an FMU for co-simulation by FMI 2.0", "build one with arterial-fmu build")
     model = simulation.get("modelIdentifier", "")
     if not model or any(letter in model for letter in "/\\\0"):
         raise _NoFMU("modelDescription.xml has no usable modelIdentifier")

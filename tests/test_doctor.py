@@ -106,7 +106,7 @@ def test_the_command_line_works(fmus: dict[str, Path], c_host: CHost, tmp_path: 
         (lambda name, text: text.replace(b'guid="{', b'guid="{0'), "contents", "changed after the FMU was built"),
         (lambda name, text: text.replace(b'"UTF-8"', b'"bTF-8"'), "file", "unknown encoding"),
         (
-            lambda name, text: text.replace(b'Version="2.0"', b'Version="3.0"'),
+            lambda name, text: text.replace(b'Version="2.0"', b'Version="1.0"'),
             "file",
             "is not an FMU for co-simulation",
         ),

@@ -18,7 +18,7 @@ from native_fmus import apart, elastic, half_sine, needs_compiler, pair, rows
 from test_toy import TissueSupport
 
 from build_fmu import build, build_native
-from fmu_src import binaries
+from fmu_src import binaries, doctor
 from solver import effects, load, simulate
 from solver.errors import InputError
 
@@ -192,6 +192,34 @@ def test_a_fat_library() -> None:
     assert made[1 << 14 : (1 << 14) + 5] == b"x" * 5
     assert made[2 << 14 : (2 << 14) + 20000] == b"a" * 20000
     assert int.from_bytes(made[16:20], "big") == 1 << 14 and int.from_bytes(made[36:40], "big") == 2 << 14
+
+
+def test_doctor(native: Path, tmp_path: Path) -> None:
+    """Whole, without Python, and one step made; FMI 3.0, too, without the step; a change is found by the GUID."""
+    found = {finding.what: finding for finding in doctor.examine(native)}
+    assert {finding.state for finding in found.values()} == {doctor.OK}
+    assert found["Python"].found == "not needed by the host"
+    assert found["one step"].found == "loaded, initialized, stepped, read, freed"
+    three = doctor.examine(build_native(load("sheep"), tmp_path, COARSE, fmi=3))
+    assert doctor.state(three) == doctor.OK
+    changed = tmp_path / "changed.fmu"
+    with zipfile.ZipFile(native) as old, zipfile.ZipFile(changed, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name) + b" " * name.endswith("toml"))
+    assert doctor.state(doctor.examine(changed)) == doctor.FATAL
+
+
+def test_command(tmp_path: Path) -> None:
+    """build --native; the options of it alone are refused without it."""
+    line = [sys.executable, "-m", "arterial_fmu", "build", "sheep", "--out", os.fspath(tmp_path), "--fmi", "3"]
+    refused = subprocess.run(line, capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert "--fmi and --platforms: for FMUs that need no Python; add --native." in refused.stderr
+    done = subprocess.run([*line, "--native", "--set", "CA.E=2 MPa"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    description = fmpy.read_model_description(os.fspath(tmp_path / "sheep.fmu"))
+    starts = {v.name: v.start for v in description.modelVariables}
+    assert (description.fmiVersion, float(starts["CA.E"])) == ("3.0", 2e6)
 
 
 # --- states -------------------------------------------------------------------------------------------------------

@@ -110,8 +110,10 @@ def candidates(network: Network, channels: Sequence[str], site: str | None = Non
     found: list[Term | None] = []
     for effect in effects.ALL:
         if effect.owner != "channel" and (site is None or effect.search.local):
-            places = [place for place in effect.where(network) if site in (None, place)]
-            found += [term_at(network, effect, place) for place in places if not _alone(network, effect, place)]
+            where = effect.where(network)
+            one = len(effect.places) > 1 and len(where) == 2  # "all" is one place only, which then has its own name
+            places = [place for place in where if site in (None, place) and not (one and place == ALL_PLACES)]
+            found += [term_at(network, effect, place) for place in places]
     found += [term for channel in channels for term in sensor_terms(network, channel, site is not None)]
     return tuple(term for term in found if term is not None)
 
@@ -120,11 +122,6 @@ def sensor_terms(network: Network, channel: str, bench: bool = False) -> tuple[T
     """The measurement chain of one channel."""
     found = [term_at(network, effect, channel, bench) for effect in effects.ALL if effect.owner == "channel"]
     return tuple(term for term in found if term is not None)
-
-
-def _alone(network: Network, effect: Effect, place: str) -> bool:
-    """Whether "all" is one place only, which then has its own name."""
-    return place == ALL_PLACES and len(effect.places) > 1 and len(effect.where(network)) == 2
 
 
 def followers(network: Network, site: str | None, present: Sequence[Term]) -> tuple[Term, ...]:

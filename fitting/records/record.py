@@ -24,7 +24,7 @@ from solver.files import write_whole
 
 from . import thresholds as limit
 from .columns import Reading, choose
-from .sensors import KINDS, TIME, check_numbers, check_plateaus, check_ranges, constant_value, may_rest, refuse_constant
+from .sensors import KINDS, TIME, UnusableRecord, check_numbers, check_plateaus, check_ranges, constant_value, may_rest
 from .tables.kinds import read_table
 from .tables.table import Column, Place, Table
 from .time_axis import between, time_axis
@@ -136,7 +136,9 @@ def _one(table: Table, reading: Reading, sha256: str) -> Record:
             del channels[name]
             resting[name] = constant
         else:
-            refuse_constant(name, constant, title, place)
+            unit = KINDS[name.rpartition(".")[2]].unit
+            why = f"the channel is constant ({constant:g} {unit}), it does not pulsate; check the sensor, or remove"
+            raise UnusableRecord(f"{place}: column {title!r}: {why} the column.")
     channels = {name: axis.of(values) for name, values in channels.items()}
     return Record(place.source, sha256, axis.time, channels, resting, {**reading.told, **axis.told}, scales, axis.said)
 

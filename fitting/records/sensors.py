@@ -71,14 +71,6 @@ def may_rest(name: str) -> bool:
     return _kind(name).noun == "flow" and name != INFLOW
 
 
-def refuse_constant(name: str, value: float, title: str, place: Place) -> NoReturn:
-    """Raises the ValueError of a dead sensor, or of no pulsation to fit."""
-    raise UnusableRecord(
-        f"{place}: column {title!r}: the channel is constant ({value:g} {_kind(name).unit}), it does not pulsate; "
-        "check the sensor, or remove the column."
-    )
-
-
 def check_plateaus(values: Array, name: str, title: str, place: Place) -> None:
     """Refuses a channel whose sensor was saturated: it enters and leaves a plateau at its extreme steeply.
 

@@ -105,20 +105,26 @@ static int programs(resource *r)
         recorded *const one = &r->recorded[i];
         arterial_program *const p = &one->program;
         const int32_t at = PROGRAMS + PER_PROGRAM * i, *counts;
-        int32_t n;
+        int32_t n, n_begin, n_code;
         one->meta = array(r, at + PROGRAM_META, SOME_INTEGERS, &n);
-        p->code = array(r, at + CODE, SOME_INTEGERS, NULL);
-        p->begin = array(r, at + BEGIN, SOME_INTEGERS, NULL);
+        p->code = array(r, at + CODE, SOME_INTEGERS, &n_code);
+        p->begin = array(r, at + BEGIN, SOME_INTEGERS, &n_begin);
         p->index = array(r, at + INDEX, SOME_INTEGERS, NULL);
         p->constant = array(r, at + NUMBERS, SOME_NUMBERS, NULL);
         if (!one->meta || !p->code || !p->begin || !p->index || !p->constant) return 0;
         if (n != AT_PLACES + PLACES + FURTHER + r->n_inlets + 2 * one->meta[N_MARGINS]) return 0;
+        if (n_begin != SHOW + 2 || p->begin[SHOW + 1] != n_code) return 0;
         counts = one->meta + COUNTS;
         int32_t *const to[N_COUNTS] = {&p->n_fixed, &p->n_work, &p->n_y, &p->n_A, &p->n_Q,
                                        &p->at_Q, &p->n_H, &p->n_inlets, &p->n_outlets, &p->n_report};
         for (n = 0; n < N_COUNTS; n++) *to[n] = counts[n];
         memcpy(p->place, one->meta + AT_PLACES, PLACES * sizeof(int32_t));
         one->further = one->meta + AT_PLACES + PLACES;
+        for (n = 0; n < PLACES; n++) /* every place is one; but what no program reads, and margins that it has not */
+            if (p->place[n] < 0) return 0;
+        for (n = OUT_Y_REST; n < FURTHER; n++)
+            if (one->further[n] < 0 && (n < OUT_MARGINS + one->meta[N_MARGINS] || n >= OUT_MARGINS + MOST_MARGINS))
+                return 0;
         one->first = one->further + FURTHER;
         one->reasons = one->first + r->n_inlets;
     }

@@ -55,6 +55,8 @@ def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
     """The program of a network's component. bent : whether it holds nonlinear walls, as any may become.
     Raises Untraceable, which says what cannot be recorded.
     """
+    if network.sources:
+        raise Untraceable("tables of sources are not recorded")
     values = network.parameters()
     c = coefficients(network, values, every=True)
     mesh = build_mesh(network, c.L[0], settings.element_length, settings.degree, coefficients(network, values).cuts)
