@@ -102,6 +102,7 @@ def residual(s: Start, Q: Array, H: Array) -> Array:
     R += inertia(s, f)
     R += friction(s, f)
     s.force.add_to(R, f.Q, f.A_end)  # the drag of effects; nothing where there is none
+    s.model.damping.add_to(R, f.Q)  # of what elements do not resolve; nothing where walls do it
     R += ends(s, f, H)
     return R
 
@@ -115,6 +116,7 @@ def jacobian(s: Start, Q: Array) -> Array:
     K += d_inertia(s, f, d)
     K += d_friction(s, f, d)
     K += d_force(s, f, d)
+    K += s.model.damping.slope
     K += d_ends(s, f, d)
     return K
 
