@@ -78,15 +78,17 @@ EFFECTS = {
     "fluid.unsteady_scale": 1.0,
 }
 
+ELASTIC = {"CA.phi0": 0.0, "AA.phi0": 100.0}
+
 
 @pytest.mark.parametrize("law", ["beta", "regression"])
-@pytest.mark.parametrize("added", [{}, EFFECTS], ids=["plain", "effects"])
+@pytest.mark.parametrize("added", [{}, EFFECTS, ELASTIC], ids=["plain", "effects", "elastic"])
 def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[str, float]) -> None:
     """∂R/∂Q of the momentum in a developed flow against central differences: 1e-8 of its largest entry.
 
     As a whole, and term by term; without and with memory, a leak, a stenosis, a taper and a junction loss.
     """
-    sheep = sheep.with_terms({"CA.phiNL": -0.5 * sheep.segment("CA").phi0, **added})
+    sheep = sheep.with_terms({"CA.phiNL": -0.5 * sheep.segment("CA").phi0 * ("CA.phi0" not in added), **added})
     network = replace(
         sheep.with_parameters({"CA.ENL": 4e4, "fluid.alpha": 1.2}), elastic_law=law, viscous_law="monotone"
     )
@@ -106,6 +108,11 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
         s.force.add_to(R, f.Q, f.A_end)
         return R
 
+    def damping(f: terms.Flow) -> np.ndarray:
+        R = np.zeros_like(Q)
+        model.damping.add_to(R, f.Q)
+        return R
+
     pairs = (
         (terms.jacobian(s, Q), lambda f: terms.residual(s, f.Q, state.H)),
         (terms.d_pressure(s, f, d), lambda f: terms.pressure(s, f)),
@@ -113,6 +120,7 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
         (terms.d_inertia(s, f, d), lambda f: terms.inertia(s, f)),
         (terms.d_friction(s, f, d), lambda f: terms.friction(s, f)),
         (terms.d_force(s, f, d), force),
+        (np.broadcast_to(model.damping.slope, (*Q.shape, Q.shape[-1])), damping),
         (terms.d_ends(s, f, d), lambda f: terms.ends(s, f, state.H)),
     )
     for K, term in pairs:

@@ -153,7 +153,7 @@ def _lay_out(network: Network, parameters: Parameters, settings: Settings, c: Co
         friction=mass * c.C_f[..., None],
         kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
         end_kinetic=node_kinetic[:, mesh.outer_nodes] * mesh.outward,
-        damping=damping(el, wall, A_rest, 2.0 * J),
+        damping=damping(mesh, wall, A_rest, 2.0 * J),
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
         inlets=_inlets(network, wall, mesh, layout),
