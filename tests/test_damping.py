@@ -26,22 +26,40 @@ def test_high_degrees_alone_are_damped(N: int) -> None:
     assert np.linalg.eigvalsh(el.high_degrees).min() >= -1e-14
 
 
+def test_slope_by_differences() -> None:
+    """The derivative by central differences, to 1e-9; it takes power from any flow."""
+    random = np.random.default_rng(4)
+    Z, small, Q, dQ = (random.uniform(0.5, 2.0, (2, 5, 4)) for _ in range(4))
+    damping = HighDegrees(Z[..., :1].repeat(4, -1), small[..., :1].repeat(4, -1), element(3).high_degrees)
+    low, high, here = np.zeros((3, 2, 5, 4))
+    damping.add_to(low, Q - 1e-5 * dQ)
+    damping.add_to(high, Q + 1e-5 * dQ)
+    damping.add_to(here, Q)
+    np.testing.assert_allclose(np.einsum("beij,bej->bei", damping.slope(Q), dQ), (high - low) / 2e-5, atol=1e-9)
+    assert (np.sum(here * Q, axis=-1) > 0.0).all()
+
+
 def _of(network: Network, phi0: float | Array, length: float = 0.05, **more: float) -> Array:
     """Z of all elements, (B, n_e)."""
-    values = {f"{s.name}.phi0": phi0 for s in network.segments} | {name.replace("_", "."): x for name, x in more.items()}
+    values = {f"{s.name}.phi0": phi0 for s in network.segments} | {
+        name.replace("_", "."): x for name, x in more.items()
+    }
     damping = build(network, values, Settings(element_length=length)).damping
     return damping.Z[..., 0] if isinstance(damping, HighDegrees) else np.zeros((1, 1))
 
 
 def test_walls_that_damp_by_themselves(sheep: Network) -> None:
-    """Half of ρc/A in elastic walls; with ν of a wall's viscosity less 2 N (N + 1) ν/h; none in the paper's walls."""
+    """ρc/A in elastic walls; with ν of a wall's viscosity less 2 N (N + 1) ν/h; none in the paper's walls."""
     assert isinstance(build(sheep).damping, NoDamping)
     model = build(sheep, elastic(sheep.segments))
-    half = 0.5 * (model.wall.rho * model.wall.c0 / model.wall.A0)[..., 0]
-    np.testing.assert_allclose(_of(sheep, 0.0), half, rtol=1e-12)
-    nu = build(sheep, {f"{s.name}.phi0": 10.0 for s in sheep.segments}).wall.viscosity_area[..., 0] / model.wall.A0[..., 0]
+    wave = (model.wall.rho * model.wall.c0 / model.wall.A0)[..., 0]
+    np.testing.assert_allclose(_of(sheep, 0.0), wave, rtol=1e-12)
+    nu = (
+        build(sheep, {f"{s.name}.phi0": 10.0 for s in sheep.segments}).wall.viscosity_area[..., 0]
+        / model.wall.A0[..., 0]
+    )
     h = model.coefficients.L[:, model.mesh.segment] / model.mesh.parts
-    np.testing.assert_allclose(_of(sheep, 10.0), half - 24.0 * nu / h, rtol=1e-12)
+    np.testing.assert_allclose(_of(sheep, 10.0), wave - 24.0 * nu / h, rtol=1e-12)
     batch = _of(sheep, np.array([0.0, 10.0, 1e5]))
     np.testing.assert_array_equal(batch[:2], np.concatenate([_of(sheep, 0.0), _of(sheep, 10.0)]))
     assert not batch[2].any()
@@ -50,7 +68,9 @@ def test_walls_that_damp_by_themselves(sheep: Network) -> None:
 def test_a_stress_that_relaxes_damps_less(sheep: Network) -> None:
     """A viscosity that has relaxed at the frequency of the highest degree does not count: τ of 20 ms, elements of 1 mm."""
     lag = sheep.with_terms({"CA.tau": 0.02})
-    own = np.array([lag.segments[s].name == "CA" for s in build(lag, settings=Settings(element_length=1e-3)).mesh.segment])
+    own = np.array(
+        [lag.segments[s].name == "CA" for s in build(lag, settings=Settings(element_length=1e-3)).mesh.segment]
+    )
     relaxed = build(lag, settings=Settings(element_length=1e-3)).damping
     assert isinstance(relaxed, HighDegrees)
     assert (relaxed.Z[0, own, 0] > 0.99 * _of(lag, 0.0, 1e-3)[0, own]).all() and not relaxed.Z[0, ~own].any()

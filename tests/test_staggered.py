@@ -108,11 +108,6 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
         s.force.add_to(R, f.Q, f.A_end)
         return R
 
-    def damping(f: terms.Flow) -> np.ndarray:
-        R = np.zeros_like(Q)
-        model.damping.add_to(R, f.Q)
-        return R
-
     pairs = (
         (terms.jacobian(s, Q), lambda f: terms.residual(s, f.Q, state.H)),
         (terms.d_pressure(s, f, d), lambda f: terms.pressure(s, f)),
@@ -120,7 +115,6 @@ def test_jacobian_by_finite_differences(sheep: Network, law: str, added: dict[st
         (terms.d_inertia(s, f, d), lambda f: terms.inertia(s, f)),
         (terms.d_friction(s, f, d), lambda f: terms.friction(s, f)),
         (terms.d_force(s, f, d), force),
-        (np.broadcast_to(model.damping.slope, (*Q.shape, Q.shape[-1])), damping),
         (terms.d_ends(s, f, d), lambda f: terms.ends(s, f, state.H)),
     )
     for K, term in pairs:

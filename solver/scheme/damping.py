@@ -4,14 +4,17 @@ Junctions that keep the static pressure give ½ρU²Q to what flows into a vesse
 it; polynomials of high degree stay at the junction and grow, in elastic walls as soon as steps are too short to damp
 them. So the flow's polynomials of degree k > (N + 1)/2 meet a resistance, in the momentum of their element:
 
-    Σ_k Z s_k q_k v_k,     s_k = ((2k - N - 1)/(N - 1))²,     Z = ½ρc/A - 2 N (N + 1) ν/h where that is positive
+    Z e/(e + (δAc)²) Σ_k s_k q_k v_k,     e = Σ_k s_k q_k²,     s_k = ((2k - N - 1)/(N - 1))²
+    Z = ρc/A - 2 N (N + 1) ν/h where that is positive
 
-q_k, v_k : what of the Legendre polynomial P_k is in the flow and in the test function. Z [Pa·s/m³] : half the impedance
-of a wave, as in an upwind flux, less that of the wall's own viscosity ν = Re ∂P/∂(∂A/∂t) for P_N, at the frequency
-c N √(2(N + 1))/h at which that swings; h the length of the element. Tested with v = Q it takes the power Σ Z s_k q_k².
-It changes neither mass nor steady flow. A smooth flow has q_k = O(h^k): where there is damping, pressures are of order
-N (N = 2, 3) instead of N + 1. With N = 1 it would be of the size of a first-order error, and there is none; nor
-in networks without junctions. Method: spectral vanishing viscosity, E. Tadmor, SIAM J. Numer. Anal. 26 (1989) 30.
+q_k, v_k [m³/s] : what of the Legendre polynomial P_k is in the flow and in the test function. Z [Pa·s/m³] : the
+impedance of a wave, less that of the wall's own viscosity ν = Re ∂P/∂(∂A/∂t) for P_N, at the frequency
+c N √(2(N + 1))/h at which that swings; h the length of the element. Tested with v = Q it takes the power Z e²/(e + …)
+and never gives any; it changes neither mass nor steady flow. A smooth flow has q_k = O(h^k), and once that is less than
+δAc the resistance falls with its square: orders stay. What grows at a junction is held at some δc, half a millimetre per
+second. With N = 1 it would damp what is resolved, and there is none; nor in networks without junctions.
+Method: spectral vanishing viscosity, E. Tadmor, SIAM J. Numer. Anal. 26 (1989) 30; with a measure of what is not
+resolved as in P.-O. Persson, J. Peraire, AIAA 2006-112.
 """
 
 from __future__ import annotations
@@ -27,36 +30,50 @@ from .mesh import Mesh
 
 Array = np.ndarray
 
-_PART = 0.5  # of the impedance of a wave
+_SEEN = 1e-4  # δ: of the wave speed, velocities of high degree that are held to be not resolved
 
 
 @dataclass(frozen=True)
 class NoDamping:
     """All walls damp by themselves."""
 
-    slope = 0.0
-
     def add_to(self, R: Array, Q: Array) -> None:
         return None
+
+    def slope(self, Q: Array) -> float:
+        return 0.0
 
 
 @dataclass(frozen=True)
 class HighDegrees:
-    """The resistance against the high degrees. Z : (B, n_e, N+1), the same at all points. high : (N+1, N+1)."""
+    """The resistance against the high degrees.
+
+    Z, small : (B, n_e, N+1), the same at all points; small : (δAc)². high : (N+1, N+1), of
+    :attr:`~solver.scheme.element.Element.high_degrees`.
+    """
 
     Z: Array
+    small: Array
     high: Array
 
-    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"high": None}  # which counts a batch; of Z the first
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"high": None}  # which counts a batch; of the others the first
 
     def add_to(self, R: Array, Q: Array) -> None:
-        """Add it to the momentum R, for the flow Q, both (B, n_e, N+1)."""
-        R += self.Z * (Q @ self.high)
+        """Add it to the momentum R [Pa], for the flow Q [m³/s], both (B, n_e, N+1)."""
+        parts, size, all_of_it = self._sizes(Q)
+        R += self.Z * parts * (size / all_of_it)
 
-    @property
-    def slope(self) -> Array:
+    def slope(self, Q: Array) -> Array:
         """Its derivative by the flow, (B, n_e, N+1, N+1)."""
-        return self.Z[..., None] * self.high
+        parts, size, all_of_it = self._sizes(Q)
+        grows = 2.0 * self.Z * parts * self.small / all_of_it**2  # d(e/(e + small)) = small/(e + small)² 2 parts dQ
+        return (self.Z * size / all_of_it)[..., None] * self.high + grows[..., None] * parts[..., None, :]
+
+    def _sizes(self, Q: Array) -> tuple[Array, Array, Array]:
+        """Half the derivative of e by Q; e; and e + (δAc)²."""
+        parts = Q @ self.high
+        size = (Q * parts).sum(axis=-1)[..., None]
+        return parts, size, size + self.small
 
 
 Damping = NoDamping | HighDegrees
@@ -67,7 +84,8 @@ def damping(mesh: Mesh, wall: Wall, A: Array, h: Array) -> Damping:
     el, N, joined = mesh.element, mesh.element.N, mesh.topology.junctions
     c = wall.wave_speed(A)
     viscosity = wall.loss(A, c * N * np.sqrt(2.0 * (N + 1)) / h)
-    Z = (_PART * wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).mean(axis=-1, keepdims=True)
+    Z = (wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).mean(axis=-1, keepdims=True)
     if N == 1 or joined.start == joined.stop or not (Z > 0.0).any():
         return NoDamping()
-    return HighDegrees(np.repeat(np.maximum(Z, 0.0), N + 1, axis=-1), el.high_degrees)
+    small = ((_SEEN * A * c) ** 2).mean(axis=-1, keepdims=True)
+    return HighDegrees(*(np.repeat(x, N + 1, axis=-1) for x in (np.maximum(Z, 0.0), small)), el.high_degrees)

@@ -116,7 +116,7 @@ def jacobian(s: Start, Q: Array) -> Array:
     K += d_inertia(s, f, d)
     K += d_friction(s, f, d)
     K += d_force(s, f, d)
-    K += s.model.damping.slope
+    K += s.model.damping.slope(f.Q)
     K += d_ends(s, f, d)
     return K
 
