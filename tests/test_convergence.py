@@ -50,7 +50,7 @@ def test_order_in_space(sheep: Network, degree: int, expected: float) -> None:
 
 
 def test_orders_in_elastic_walls(sheep: Network) -> None:
-    """What damps waves that elements do not resolve leaves those that they do: 4 in space (4.02) and 3 in time, to 0.3."""
+    """Damping leaves what elements resolve: order 4 in space (4.02) and 3 in time, within 0.3."""
     walls = replace(sheep, segments=tuple(replace(s, phi0=0.0) for s in sheep.segments))
     fine = _run(walls, 1e-3, 0.0125, 5)
     orders = _orders([_error(SITES, _run(walls, 1e-3, length, 3), fine) for length in (0.05, 0.025)])
