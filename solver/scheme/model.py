@@ -126,8 +126,11 @@ def build(network: Network, parameters: Parameters | None = None, settings: Sett
     return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
 
 
-def lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh) -> Model:
-    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1)."""
+def lay_out(
+    network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh, every: bool = False
+) -> Model:
+    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1). every : whether the
+    damping of high degrees is there where it is 0."""
     el, ends = mesh.element, mesh.topology.outlet_segment
     wall = _walls(c, mesh, el.x_gauss)
     # full contiguous arrays: broadcasting over a last axis of length N is several times slower
@@ -155,7 +158,7 @@ def lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coe
         friction=mass * c.C_f[..., None],
         kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
         end_kinetic=node_kinetic[:, mesh.outer_nodes] * mesh.outward,
-        damping=damping(mesh, wall, A_rest, 2.0 * J),
+        damping=damping(mesh, wall, A_rest, 2.0 * J, every),
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
         inlets=_inlets(network, wall, mesh, layout),
