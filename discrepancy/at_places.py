@@ -348,8 +348,9 @@ def _with_one_more(result: Compared, found: SourceMap, left: Sequence[Place], ru
 
 def _one_replaced(result: Compared, runs: Runs) -> list[Fit]:
     """The best two laws with one of them replaced by another law of its place that was found alone: of two that look
-    alike the more flexible one was the better while the other effect was missing, which it made up for."""
-    best, problem, members = result.best.fit, result.problem, list[Member]()
+    alike the more flexible one was the better while the other effect was missing, which it made up for. The best, be it
+    one that is never named for what the record cannot show."""
+    best, problem, members = min(result.every, key=lambda n: n.score).fit, result.problem, list[Member]()
     assert isinstance(problem, NetworkProblem)
     tried = {n.key for n in result.ranked}
     x = dict(zip((u.name for u in best.unknowns), best.x, strict=True))
