@@ -158,6 +158,7 @@ class BalanceEngine:
         scratch, taus = np.empty(self._run("arterial_scratch", period)), np.array(taus_of(omega), complex)
         means, drives = np.broadcast_to(drive[0].real, (B, drive.shape[2])), _planes(drive + forcing.inlets, B)
         forced, let_out = self._forced(forcing, K + 1)
+        told = 0
         for b in range(B):
             y, H = self.steady(b, means[b])
             held = self.held(b, taus, y, H)
@@ -165,8 +166,9 @@ class BalanceEngine:
             X[0, 0] = np.concatenate([y, H])
             made = self._run("arterial_balanced", period, *own, held, drives[b], forced and forced[b],
                              let_out and let_out[b], tolerance, most, X, scratch, ctypes.byref(last))  # fmt: skip
-            for _ in range(made if tell else 0):
-                tell()  # type: ignore[misc]
+            while tell and told * B < made * (b + 1):  # as often as corrections of the whole batch at once, spread out
+                told += 1
+                tell()
             found = np.empty((K + 1, 2, self._size.observed - 1)) if observe else None
             if observe and not self._run("arterial_observed", period, *own, X, scratch, found):
                 found = None

@@ -188,6 +188,12 @@ class Wall:
         tau, share = self.elements
         return share[:, :, None] / (1.0 + iw * tau[:, :, None])
 
+    def loss(self, A: Array, omega: Array) -> Array:
+        """Re ∂P/∂(∂A/∂t) [Pa·s/m²] of small waves of frequency ω [1/s] about A, like A."""
+        tau, share = self.elements
+        found: Array = self.viscosity(A, np.zeros_like(A)) * (share / (1.0 + (omega * tau) ** 2)).sum(axis=0)
+        return found
+
     def differs(self, other: Wall) -> Array:
         """(n,) where two sets of n walls differ in any number."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in _WALL_ARRAYS)

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..network import Network
 from ..validation import check_parameters
 from ..wall import Wall
+from .damping import Damping, damping
 from .inlet import Inlets
 from .mesh import Layout, Mesh, build_mesh
 from .optional import DragForce, Force, Leaking, NoForce, Storage, Tight
@@ -76,6 +77,7 @@ class Model:
     friction: Array
     kinetic: Array
     end_kinetic: Array
+    damping: Damping
     force: Force
     storage: Storage
     inlets: Inlets
@@ -124,8 +126,11 @@ def build(network: Network, parameters: Parameters | None = None, settings: Sett
     return _possible(lay_out(network, dict(parameters or {}), settings, c, mesh))
 
 
-def lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh) -> Model:
-    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1)."""
+def lay_out(
+    network: Network, parameters: Parameters, settings: Settings, c: Coefficients, mesh: Mesh, every: bool = False
+) -> Model:
+    """Spread the numbers from segments (B, n_segments) to points (B, n_e, N) and (B, n_e, N+1). every : whether the
+    damping of high degrees is there where it is 0."""
     el, ends = mesh.element, mesh.topology.outlet_segment
     wall = _walls(c, mesh, el.x_gauss)
     # full contiguous arrays: broadcasting over a last axis of length N is several times slower
@@ -138,6 +143,7 @@ def lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coe
     node_kinetic[:, : mesh.topology.n_nodes] = 0.5 * c.rho * c.alpha
     node_kinetic[:, mesh.topology.junctions] = 0.5 * c.rho * (c.alpha - c.k)
     layout = _layout(c, mesh, wall, force)
+    A_rest = np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy()
     return Model(
         network=network,
         settings=settings,
@@ -152,11 +158,12 @@ def lay_out(network: Network, parameters: Parameters, settings: Settings, c: Coe
         friction=mass * c.C_f[..., None],
         kinetic=np.broadcast_to(0.5 * rho * alpha, gauss).copy(),
         end_kinetic=node_kinetic[:, mesh.outer_nodes] * mesh.outward,
+        damping=damping(mesh, wall, A_rest, 2.0 * J, every),
         force=force,
         storage=Leaking(wall.leakage, mesh.sink, wall, wall.A0) if wall.leaks else Tight(),
         inlets=_inlets(network, wall, mesh, layout),
         tables=Tables.of(network, mesh),
-        A_rest=np.broadcast_to(wall.area(c.P_0[..., None]), gauss).copy(),
+        A_rest=A_rest,
         flow_floor=_ROUND_OFF * np.min(wall.A0 * wall.c0, axis=(1, 2)),
         pressure_floor=_ROUND_OFF * np.max(np.abs(wall.K), axis=(1, 2)),
         impedance=np.min(wall.rho * wall.c0 / wall.A0, axis=(1, 2)),

@@ -109,6 +109,7 @@ def residual(s: Start, Q: Array, H: Array) -> Array:
     R += inertia(s, f)
     R += friction(s, f)
     s.force.add_to(R, f.Q, f.A_end)  # the drag of effects; nothing where there is none
+    s.model.damping.add_to(R, f.Q)  # of what elements do not resolve; nothing where walls do it
     R += ends(s, f, H)
     return R
 
@@ -121,6 +122,7 @@ def jacobian(s: Start, f: Flow) -> Array:
     K += d_inertia(s, f, d)
     K += d_friction(s, f, d)
     K += d_force(s, f, d)
+    K += s.model.damping.slope(f.Q)
     K += d_ends(s, f, d)
     return K
 

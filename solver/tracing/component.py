@@ -69,7 +69,8 @@ def whole(network: Network, settings: Settings, bent: bool = False) -> Whole:
         recorder.lenient = True
         recorder.numbers[given.buffer.slot] = np.array([_bent(name, value) for name, value in values.items()])
     made = coefficients(network, traced, checked=False, every=True)
-    m = replace(lay_out(network, traced, settings, made, mesh), mesh=replace(mesh, core=CORE), parameters={}, memo={})
+    m = lay_out(network, traced, settings, made, mesh, every=True)
+    m = replace(m, mesh=replace(mesh, core=CORE), parameters={}, memo={})
     step, length = array(recorder, 0, ()), array(recorder, 0, ())
     recorder.give(step, settings.dt)
     recorder.give(length, settings.element_length)

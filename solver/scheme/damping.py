@@ -1,0 +1,94 @@
+"""What damps the parts of the flow that elements do not resolve, where the wall does not do it itself.
+
+Junctions that keep the static pressure give ½ρU²Q to what flows into a vessel. Waves that are resolved run away with
+it; polynomials of high degree stay at the junction and grow, in elastic walls as soon as steps are too short to damp
+them. So the flow's polynomials of degree k > (N + 1)/2 meet a resistance, in the momentum of their element:
+
+    Z e/(e + (δAc)²) Σ_k s_k q_k v_k,     e = Σ_k s_k q_k²,     s_k = ((2k - N - 1)/(N - 1))²
+    Z = ρc/A - 2 N (N + 1) ν/h where that is positive
+
+q_k, v_k [m³/s] : what of the Legendre polynomial P_k is in the flow and in the test function. Z [Pa·s/m³] : the
+impedance of a wave, less that of the wall's own viscosity ν = Re ∂P/∂(∂A/∂t) for P_N, at the frequency
+c N √(2(N + 1))/h at which that swings; h the length of the element. Tested with v = Q it takes the power
+Z e²/(e + (δAc)²) and never gives any; it changes neither mass nor steady flow. A smooth flow has q_k = O(h^k); once
+that is less than δAc the resistance falls with its square, and orders stay. What grows at a junction is held at some
+δc, half a millimetre per second. With N = 1 it would damp what is resolved, and there is none; nor in networks without
+junctions.
+Method: spectral vanishing viscosity, E. Tadmor, SIAM J. Numer. Anal. 26 (1989) 30; with a measure of what is not
+resolved as in P.-O. Persson, J. Peraire, AIAA 2006-112.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..wall import Wall
+from .mesh import Mesh
+
+Array = np.ndarray
+
+_SEEN = 1e-4  # δ: of the wave speed, velocities of high degree that are held to be not resolved
+
+
+@dataclass(frozen=True)
+class NoDamping:
+    """All walls damp by themselves."""
+
+    def add_to(self, R: Array, Q: Array) -> None:
+        return None
+
+    def slope(self, Q: Array) -> float:
+        return 0.0
+
+
+@dataclass(frozen=True)
+class HighDegrees:
+    """The resistance against the high degrees.
+
+    Z, small : (B, n_e, N+1), the same at all points; small : (δAc)². high : (N+1, N+1), of
+    :attr:`~solver.scheme.element.Element.high_degrees`.
+    """
+
+    Z: Array
+    small: Array
+    high: Array
+
+    MEMBER_AXIS: ClassVar[Mapping[str, int | None]] = {"high": None}  # which counts a batch; of the others the first
+
+    def add_to(self, R: Array, Q: Array) -> None:
+        """Add it to the momentum R [Pa], for the flow Q [m³/s], both (B, n_e, N+1)."""
+        parts, size, all_of_it = self._sizes(Q)
+        R += self.Z * parts * (size / all_of_it)
+
+    def slope(self, Q: Array) -> Array:
+        """Its derivative by the flow, (B, n_e, N+1, N+1)."""
+        parts, size, all_of_it = self._sizes(Q)
+        grows = 2.0 * self.Z * parts * self.small / all_of_it**2  # d(e/(e + small)) = small/(e + small)² 2 parts dQ
+        return (self.Z * size / all_of_it)[..., None] * self.high + grows[..., None] * parts[..., None, :]
+
+    def _sizes(self, Q: Array) -> tuple[Array, Array, Array]:
+        """Half the derivative of e by Q; e; and e + (δAc)²."""
+        parts = Q @ self.high
+        size = (Q * parts).sum(axis=-1)[..., None]
+        return parts, size, size + self.small
+
+
+Damping = NoDamping | HighDegrees
+
+
+def damping(mesh: Mesh, wall: Wall, A: Array, h: Array, every: bool = False) -> Damping:
+    """The damping of elements of length h : (B, n_e, 1) [m], in walls at rest at A : (B, n_e, N) [m²]. every : whether
+    it is there although all walls damp enough themselves, and it is 0."""
+    el, N, joined = mesh.element, mesh.element.N, mesh.topology.junctions
+    c = wall.wave_speed(A)
+    viscosity = wall.loss(A, c * N * np.sqrt(2.0 * (N + 1)) / h)
+    Z = (wall.rho * c / A - 2.0 * N * (N + 1) / h * viscosity).sum(axis=-1)[..., None] / N
+    if N == 1 or joined.start == joined.stop or not (every or (Z > 0.0).any()):
+        return NoDamping()
+    small = ((_SEEN * A * c) ** 2).sum(axis=-1)[..., None] / N
+    Z, small = (np.broadcast_to(x, (*x.shape[:-1], N + 1)).copy() for x in (np.maximum(Z, 0.0), small))
+    return HighDegrees(Z, small, el.high_degrees)
